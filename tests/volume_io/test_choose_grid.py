@@ -1,0 +1,142 @@
+import json
+
+import numpy as np
+import pytest
+
+from tfm_cl import volume_io
+from tfm_cl.errors import VolumeError
+from tfm_cl.volume_io import FORMATS, choose_grid, open_grids, read_grid
+from tfm_cl.volume_io.grid import Grid
+
+
+@pytest.fixture
+def archive(tmp_path):
+    """Write an archive with grids of these names, each full of its own number 1, 2 …."""
+
+    def write(*names, **others):
+        path = tmp_path / "a.npz"
+        arrays = {name: np.full((2, 3, 4), 1 + i, np.float32) for i, name in enumerate(names)}
+        np.savez(path, **arrays, **others)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def described(tmp_path, monkeypatch):
+    """Pretend that a file holds these grids; fields not named are those of a sound one."""
+
+    def describe(*fields):
+        sound = {
+            "name": "density",
+            "grid_class": "fog volume",
+            "value_type": "float32",
+            "shape": (2, 3, 4),
+            "world_from_index": np.eye(4),
+            "has_transform": True,
+            "read": lambda: np.zeros((2, 3, 4), np.float32),
+        }
+        grids = [Grid(**(sound | changed)) for changed in fields]
+        monkeypatch.setattr(volume_io, "open_grids", lambda _: grids)
+        return tmp_path / "a.vdb"
+
+    return describe
+
+
+def test_the_grid_named_is_chosen(archive):
+    path = archive("density", "heat")
+    assert read_grid(path, choose_grid(path, "heat")).max() == 2
+
+
+def test_density_is_the_default(archive):
+    path = archive("heat", "density", "fuel")
+    assert read_grid(path, choose_grid(path)).max() == 2
+
+
+def test_the_only_grid_is_the_default(archive):
+    assert choose_grid(archive("smoke")).name == "smoke"
+
+
+def test_the_only_grid_that_can_be_rendered_is_the_default(archive):
+    path = archive("smoke", velocity=np.zeros((2, 3, 4), np.complex64), empty=np.zeros((0, 3, 4)))
+    assert choose_grid(path).name == "smoke"
+
+
+def test_several_grids_are_listed(archive):
+    with pytest.raises(VolumeError, match=r"'heat', 'fuel'\); choose one with --grid NAME"):
+        choose_grid(archive("heat", "fuel"))
+
+
+def test_unknown_names_list_the_known_ones(archive):
+    with pytest.raises(VolumeError, match=r"no grid named 'heta'; it has 'density', 'heat'"):
+        choose_grid(archive("density", "heat"), "heta")
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"grid_class": "level set"}, "is a level set .*sdfToFogVolume"),
+        ({"background": 0.5}, "has the background 0.5"),
+        ({"unsupported": "vec3s values"}, "cannot be rendered: vec3s values"),
+        (
+            {"shape": (2048, 2048, 2048)},
+            r"spans 2048×2048×2048 = 8,589,934,592 voxels; the limit is 2,147,483,648",
+        ),
+        ({"shape": (0, 3, 4)}, "is empty"),
+    ],
+)
+def test_grids_that_are_no_density(described, fields, message):
+    path = described(fields)
+    for name in (None, "density"):
+        with pytest.raises(VolumeError, match=f"a.vdb: grid 'density' {message}"):
+            choose_grid(path, name)
+
+
+def test_the_largest_grid_is_accepted(described):
+    assert choose_grid(described({"shape": (2048, 1024, 1024)})).name == "density"
+
+
+def test_a_level_set_beside_a_fog_volume_is_passed_over(described):
+    path = described({"name": "surface", "grid_class": "level set"}, {"name": "smoke"})
+    assert choose_grid(path).name == "smoke"
+
+
+def test_no_failure_while_reading_is_another_exception(described):
+    def read():
+        raise PermissionError(13, "Permission denied")
+
+    path = described({"read": read})
+    with pytest.raises(VolumeError, match=r"a\.vdb: cannot be read \(Permission denied\)"):
+        read_grid(path, choose_grid(path))
+
+
+def test_unknown_extension_lists_the_known(tmp_path):
+    with pytest.raises(
+        VolumeError, match=r"'\.obj'; known: \.nhdr \.npy \.npz \.nrrd \.nvdb \.raw \.vdb \.vol"
+    ):
+        open_grids(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_missing_files_and_directories(tmp_path, extension):
+    with pytest.raises(VolumeError, match="no such file"):
+        open_grids(tmp_path / f"a{extension}")
+    (tmp_path / f"a{extension}").mkdir()
+    with pytest.raises(VolumeError, match="is not a file"):
+        open_grids(tmp_path / f"a{extension}")
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize("content", [b"", b"\0" * 1000, b"\xff" * 1000, b"plain text\n" * 100])
+def test_files_of_another_kind(tmp_path, extension, content):
+    path = tmp_path / f"a{extension}"
+    path.write_bytes(content)
+    with pytest.raises(VolumeError, match=r"a\.") as caught:
+        open_grids(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_extensions_in_capitals(tmp_path):
+    (tmp_path / "A.RAW").write_bytes(bytes(24))
+    (tmp_path / "A.RAW.json").write_text(json.dumps({"shape": [2, 3, 4], "dtype": "uint8"}))
+    assert choose_grid(tmp_path / "A.RAW").shape == (2, 3, 4)

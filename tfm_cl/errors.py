@@ -1,0 +1,58 @@
+"""Every error that tfm_cl raises on purpose.
+
+::
+
+    TfmError
+    ├── InputError             wrong use or bad input          (exit code 2)
+    │   ├── VolumeError        a volume file or array that cannot be used
+    │   ├── SceneError         a scene file, setting or option that cannot be used
+    │   └── ImageError         an image file that cannot be read or written
+    └── DeviceError            the OpenCL side failed          (exit code 3)
+        ├── NoDeviceError      no OpenCL device, or none of that name
+        ├── DeviceMemoryError  more memory needed than the device allows
+        └── KernelBuildError   a kernel does not compile on the device
+
+A message is one line: which file or value, what was expected, what to do.
+"""
+
+
+class TfmError(Exception):
+    """Base class; ``exit_code`` is what the command line returns."""
+
+    exit_code = 1
+
+
+class InputError(TfmError):
+    """Wrong use or bad input."""
+
+    exit_code = 2
+
+
+class VolumeError(InputError):
+    """A volume file or array that cannot be used."""
+
+
+class SceneError(InputError):
+    """A scene file, a setting or an option that cannot be used."""
+
+
+class ImageError(InputError):
+    """An image file that cannot be read or written."""
+
+
+class DeviceError(TfmError):
+    """The OpenCL side failed."""
+
+    exit_code = 3
+
+
+class NoDeviceError(DeviceError):
+    """No OpenCL device at all, or none with the name asked for."""
+
+
+class DeviceMemoryError(DeviceError):
+    """More memory is needed than the device allows; the message gives both numbers."""
+
+
+class KernelBuildError(DeviceError):
+    """A kernel does not compile on this device; the message holds the compiler's log."""

@@ -1,0 +1,231 @@
+"""NumPy arrays: one in a ``.npy`` file, several in an ``.npz`` archive.
+
+Arrays are [z, y, x] of any real, integer or bool type, either byte order, C or Fortran order; integers
+keep their values. Pickled objects are never loaded.
+
+The array of a ``.npy`` file is the grid ``density``. In an ``.npz`` every 3-D array is a grid under its
+key, and these arrays, where present, place all of them: ``voxel_size`` (one number or x, y, z),
+``origin`` (x, y, z, the low corner of voxel 0, 0, 0), or ``world_from_index`` (4×4) instead of both.
+"""
+
+import math
+import tokenize
+import warnings
+import zipfile
+import zlib
+from functools import partial
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.volume_io.grid import Grid, world_from_index_of
+from tfm_cl.volume_io.raw import read_voxels
+
+EXTENSIONS = (".npy", ".npz")
+
+_PLACEMENT_KEYS = ("voxel_size", "origin", "world_from_index")
+_AXES = 3
+_MAX_ITEM_BYTES = 8
+_MAX_SIDE = 1 << 48
+_MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
+_ZIP_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError, OverflowError),
+    *(NotImplementedError, RuntimeError, ValueError),
+)
+
+
+class ArrayHeader(NamedTuple):
+    """What a ``.npy`` header declares."""
+
+    shape: tuple[int, ...]
+    order: Literal["C", "F"]
+    dtype: np.dtype[Any]
+    header_bytes: int
+
+    @property
+    def data_bytes(self) -> int:
+        """Size of the array's data."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def unsupported(self) -> str:
+        """Why the array cannot be densities; empty when it can."""
+        if self.dtype.hasobject:
+            return "pickled Python objects, which are never loaded"
+        if self.dtype.kind not in "fiub" or self.dtype.itemsize > _MAX_ITEM_BYTES:
+            return f"values of type {self.dtype.name}, not real numbers of at most 64 bits"
+        if len(self.shape) != _AXES:
+            return f"an array of shape {self.shape}; a volume is [z, y, x]"
+        return ""
+
+
+def read_header(stream: IO[bytes]) -> ArrayHeader:
+    """Parse the header of a ``.npy`` stream, and stop at its data.
+
+    Raises
+    ------
+    ValueError
+        Not a ``.npy`` header, or one of a kind that arrays of numbers do not have.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers written by Python 2, and of deprecated type names
+            version = np.lib.format.read_magic(stream)
+            if version == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+            elif version == (2, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
+            else:
+                raise ValueError(f"version {version} is for structured arrays")
+    except (TypeError, SyntaxError, tokenize.TokenError, RecursionError, MemoryError) as error:
+        raise ValueError(f"unreadable header: {error}") from error
+    if any(not 0 <= n < _MAX_SIDE for n in shape):
+        raise ValueError("impossible shape")
+    return ArrayHeader(shape, "F" if fortran else "C", dtype, stream.tell())
+
+
+def open_grids(path: Path) -> list[Grid]:
+    """List the 3-D arrays of a ``.npy`` or ``.npz`` file.
+
+    Raises
+    ------
+    VolumeError
+        Damaged file, sizes that are not the file's, or a placement that is not one.
+    """
+    if path.suffix.lower() == ".npz":
+        return _open_npz(path)
+    with path.open("rb") as stream:
+        header = _checked_header(stream, path.stat().st_size, str(path))
+    return [_grid("density", header, partial(_read_npy, path, header))]
+
+
+def _open_npz(path: Path) -> list[Grid]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            headers = {}
+            for member in dict.fromkeys(archive.namelist()):
+                if member.endswith(".npy"):
+                    headers[member.removesuffix(".npy")] = _member_header(archive, member, path)
+            world_from_index = _placement(archive, headers, path)
+    except _ZIP_ERRORS as error:
+        raise VolumeError(f"{path}: not a readable .npz archive ({_short(error)})") from error
+    grids = [
+        _grid(name, header, partial(_read_member, path, name, header), world_from_index)
+        for name, header in headers.items()
+        if name not in _PLACEMENT_KEYS
+    ]
+    volumes = [grid for grid in grids if min(grid.shape) > 0 or not grid.unsupported]
+    return volumes or grids
+
+
+def _grid(name: str, header: ArrayHeader, read: Any, world_from_index: Any = None) -> Grid:
+    z, y, x = header.shape if len(header.shape) == _AXES else (0, 0, 0)
+    return Grid(
+        name=name,
+        grid_class="unknown",
+        value_type=header.dtype.name,
+        shape=(z, y, x),
+        world_from_index=world_from_index_of((1, 1, 1), (0, 0, 0))
+        if world_from_index is None
+        else world_from_index,
+        has_transform=world_from_index is not None,
+        read=read,
+        unsupported=header.unsupported,
+    )
+
+
+def _checked_header(stream: IO[bytes], size: int, label: str) -> ArrayHeader:
+    """Read the header of a stream of ``size`` bytes; its array must fit."""
+    try:
+        header = read_header(stream)
+    except ValueError as error:
+        raise VolumeError(f"{label}: not a readable NumPy array ({_short(error)})") from error
+    if header.dtype.hasobject:
+        return header  # a pickle: its size cannot be told, and it is never read
+    if header.header_bytes + header.data_bytes > size:
+        raise VolumeError(
+            f"{label}: declares shape {header.shape} of {header.dtype.name}, {header.data_bytes:,} bytes, "
+            f"but holds {size - header.header_bytes:,}; the file is damaged"
+        )
+    return header
+
+
+def _member_header(archive: zipfile.ZipFile, member: str, path: Path) -> ArrayHeader:
+    info, label = archive.getinfo(member), f"{path}: array {member.removesuffix('.npy')!r}"
+    if info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+        raise VolumeError(f"{label}: compressed in a way NumPy does not write; save it with numpy.savez")
+    packed = min(info.compress_size, path.stat().st_size)
+    if info.file_size > packed * (_MAX_DEFLATE_RATIO if info.compress_type else 1):
+        raise VolumeError(f"{label}: {packed:,} bytes cannot hold {info.file_size:,}; the archive is damaged")
+    with archive.open(info) as stream:
+        return _checked_header(stream, info.file_size, label)
+
+
+def _read_npy(path: Path, header: ArrayHeader) -> NDArray[np.float32]:
+    with path.open("rb") as stream:
+        stream.seek(header.header_bytes)
+        return _read(stream, header, path)
+
+
+def _read_member(path: Path, name: str, header: ArrayHeader) -> NDArray[np.float32]:
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
+            stream.read(header.header_bytes)
+            return _read(stream, header, path)
+    except (KeyError, *_ZIP_ERRORS) as error:
+        raise VolumeError(f"{path}: array {name!r} cannot be read ({_short(error)})") from error
+
+
+def _read(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.float32]:
+    if header.unsupported:
+        raise VolumeError(f"{path}: holds {header.unsupported}")
+    shape = cast("tuple[int, int, int]", header.shape)
+    return read_voxels(stream, header.dtype, shape, path, order=header.order)
+
+
+def _placement(
+    archive: zipfile.ZipFile, headers: dict[str, ArrayHeader], path: Path
+) -> NDArray[np.float64] | None:
+    """World-from-index of all the grids of an archive, or None when it says nothing of it."""
+    found = {}
+    for key in _PLACEMENT_KEYS:
+        if key in headers:
+            found[key] = _small_array(archive, key, headers[key], path)
+    matrix = found.pop("world_from_index", None)
+    if matrix is not None:
+        if found:
+            raise VolumeError(
+                f"{path}: has both world_from_index and {' and '.join(found)}; keep one of them"
+            )
+        return matrix
+    if not found:
+        return None
+    sizes = np.broadcast_to(found.get("voxel_size", np.ones(1)).ravel(), 3)
+    if sizes.min() <= 0:
+        raise VolumeError(f"{path}: voxel_size is > 0; got {sizes.tolist()}")
+    (dx, dy, dz), (x, y, z) = sizes.tolist(), found.get("origin", np.zeros(3)).tolist()
+    return world_from_index_of((dx, dy, dz), (x, y, z))
+
+
+def _small_array(archive: zipfile.ZipFile, key: str, header: ArrayHeader, path: Path) -> NDArray[np.float64]:
+    shapes = {"voxel_size": ((), (1,), (3,)), "origin": ((3,),), "world_from_index": ((4, 4),)}[key]
+    if header.shape not in shapes or header.dtype.kind not in "fiu":
+        wanted = " or ".join(map(str, shapes))
+        raise VolumeError(
+            f"{path}: {key} is an array of numbers of shape {wanted}; got {header.shape} {header.dtype}"
+        )
+    with archive.open(f"{key}.npy") as stream:
+        stream.read(header.header_bytes)
+        values = np.frombuffer(stream.read(header.data_bytes), header.dtype).astype(np.float64)
+    if not np.isfinite(values).all():
+        raise VolumeError(f"{path}: {key} holds numbers that are not finite")
+    return values.reshape(header.shape, order=header.order)
+
+
+def _short(error: Exception) -> str:
+    """Message of an error of NumPy or zipfile, on one line: they quote what they could not read."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 120 else text[:120] + "…"  # noqa: PLR2004 - a line of a terminal

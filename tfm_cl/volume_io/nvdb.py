@@ -1,0 +1,523 @@
+"""NanoVDB files (``.nvdb``), library versions 32.3 and later of major version 32.
+
+A file is a row of segments, or (since 32.6) bare grids one behind the other. Little-endian::
+
+    segment     uint64  magic "NanoVDB0" or "NanoVDB2"     uint32  version: major << 21 | minor << 10 | patch
+                uint16  number of grids, codec: 0 none, 1 zlib, 2 Blosc
+                per grid: its file metadata, then its name (with a final zero)
+                per grid: the grid, packed as the codec says
+    metadata    0 uint64 size of the grid       8 uint64 size in the file (not trusted: writers differ)
+                16 uint64 hash of the name     24 uint64 active voxels    32 uint32 type, class
+                40 float64[6] world box        88 int32[6] index box     112 float64[3] voxel size
+                136 uint32 size of the name   140 uint32[7] node counts  168 uint16 codec, 0, uint32 version
+    packed      none: the bytes; zlib: uint64 size, stream; Blosc: the same for every GiB of the grid
+
+    grid        0 uint64 magic "NanoVDB0" or "NanoVDB1"    16 uint32 version    32 uint64 size of the grid
+                40 char[256] name            296 map: at 88 float64[9] matrix, at 232 float64[3] translation
+                632 uint32 class, type       672 tree
+    tree        0 uint64[4] where the leaf, lower, upper and root nodes begin, from the tree
+    root        24 uint32 number of tiles; background; statistics; padding to 32; tiles of 32 bytes
+    root tile   0 uint64 key x << 42 | y << 21 | z, each >> 12
+                8 int64 offset of the upper node from the root, or 0;  16 uint32 active;  value
+    upper node  32 bits[32³] active, bits[32³] has child; statistics; at 8256 the table, 8 bytes an entry:
+                the int64 offset of the lower node from this one, or the value of a tile
+    lower node  32 bits[16³] active, bits[16³] has child; statistics; at 1088 the table, offsets to leaves
+    leaf        0 int32[3] low corner of the active voxels, 12 uint8[3] extent, uint8 flags
+                16 bits[512] active; statistics; the 512 values, aligned to 32 bytes
+                Fp4, Fp8, Fp16, FpN: 80 float32 minimum, quantum; at 96 codes of 4, 8, 16 or
+                1 << (flags >> 5) bits; value = code · quantum + minimum
+
+`open_grids` describes the grids. `walk_topology` reads an unpacked grid's tree without its voxels,
+`walk_leaves` these in batches, so that they can go elsewhere than into a dense array.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.volume_io.binary import (
+    LEAF_VOXELS,
+    LOWER_EDGE,
+    ROOT_EDGE,
+    UPPER_EDGE,
+    Cursor,
+    Leaves,
+    Tiles,
+    Tree,
+    batches,
+    differs,
+    distinct_names,
+    fill_dense,
+    map_file,
+    offset_transform,
+    place_origins,
+    unblosc,
+    unzip,
+)
+from tfm_cl.volume_io.grid import Grid, GridClass
+
+__all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
+
+EXTENSIONS = (".nvdb",)
+
+_SEGMENT_MAGICS = (b"NanoVDB0", b"NanoVDB2")
+_GRID_MAGICS = (b"NanoVDB0", b"NanoVDB1")
+_MAJOR, _FIRST_MINOR = 32, 3
+_NO_CODEC, _ZLIB, _BLOSC = 0, 1, 2
+_BLOSC_CHUNK = 1 << 30
+_GRID_SIZE, _METADATA_SIZE = 672, 176
+_UPPER_SIZE, _UPPER_TABLE = 270400, 8256
+_LOWER_SIZE, _LOWER_TABLE = 33856, 1088
+
+_GRID_CLASSES: dict[int, GridClass] = {1: "level set", 2: "fog volume", 3: "staggered"}
+_UNSUPPORTED_TYPES = {
+    0: "unknown",
+    6: "vec3f",
+    7: "vec3d",
+    8: "mask",
+    11: "bool",
+    12: "rgba8",
+    17: "vec4f",
+    18: "vec4d",
+    19: "index",
+    20: "on-index",
+    21: "index mask",
+    22: "on-index mask",
+    23: "point index",
+    24: "vec3u8",
+    25: "vec3u16",
+    26: "uint8",
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the parts of a grid of one value type lie."""
+
+    name: str
+    value: np.dtype[Any]
+    """Type of a value (for quantised types: of background and tiles)."""
+    code_bits: int = 0
+    """Bits of a quantised voxel, 0 when voxels are plain values, -1 when each leaf has its own."""
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether values are aligned to 8 bytes."""
+        return self.value.itemsize == 8  # noqa: PLR2004 - bytes of a double
+
+    @property
+    def background_at(self) -> int:
+        """Byte of the root where the background lies."""
+        return 32 if self.is_wide else 28
+
+    @property
+    def root_size(self) -> int:
+        """Bytes of the root before its tiles."""
+        return 96 if self.is_wide else 64
+
+    @property
+    def root_tile(self) -> np.dtype[Any]:
+        """One tile of the root."""
+        return np.dtype(
+            {
+                "names": ["key", "child", "active", "value"],
+                "formats": ["<u8", "<i8", "<u4", self.value],
+                "offsets": [0, 8, 16, 24 if self.is_wide else 20],
+                "itemsize": 32,
+            }
+        )
+
+    @property
+    def leaf_values_at(self) -> int:
+        """Byte of a leaf where its voxels begin."""
+        return 128 if self.is_wide else 96
+
+    @property
+    def least_leaf_size(self) -> int:
+        """Bytes of a leaf; the least when leaves differ."""
+        bits = abs(self.code_bits) or 8 * self.value.itemsize
+        return self.leaf_values_at + LEAF_VOXELS // 8 * bits
+
+
+_LAYOUTS = {
+    1: Layout("float32", np.dtype("<f4")),
+    2: Layout("float64", np.dtype("<f8")),
+    3: Layout("int16", np.dtype("<i2")),
+    4: Layout("int32", np.dtype("<i4")),
+    5: Layout("int64", np.dtype("<i8")),
+    9: Layout("float16", np.dtype("<f2")),
+    10: Layout("uint32", np.dtype("<u4")),
+    13: Layout("fp4", np.dtype("<f4"), 4),
+    14: Layout("fp8", np.dtype("<f4"), 8),
+    15: Layout("fp16", np.dtype("<f4"), 16),
+    16: Layout("fpn", np.dtype("<f4"), -1),
+}
+
+
+@dataclass(frozen=True)
+class Topology:
+    """A tree without its voxels, and where these lie."""
+
+    tree: Tree
+    leaves_at: NDArray[np.int64]
+    """[n], byte of the grid where each leaf begins."""
+
+
+# ------------------------------------------------------------------------------------------- the file
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A grid as the file lists it."""
+
+    name: str
+    grid_type: int
+    grid_class: GridClass
+    size: int
+    """Bytes when unpacked."""
+    at: int
+    codec: int
+
+
+def open_grids(path: Path) -> list[Grid]:
+    """Describe the grids of a NanoVDB file.
+
+    The exact box of what a grid stores (its metadata know that of the active voxels only) and its transform
+    are in the packed grid, so grids are unpacked and their topology is walked; grids of a type that cannot
+    be read are only listed.
+
+    Raises
+    ------
+    VolumeError
+        Not a NanoVDB file, of an unknown version, or damaged.
+    """
+    file = Cursor(map_file(path), str(path))
+    entries = _list_entries(file)
+    names = distinct_names([entry.name for entry in entries])
+    return [_describe(file, path, replace(e, name=name)) for e, name in zip(entries, names, strict=True)]
+
+
+def _list_entries(file: Cursor) -> list[_Entry]:
+    """List the grids of all segments, or of a file of bare grids."""
+    magic = bytes(file.data[:8])
+    if magic not in (*_SEGMENT_MAGICS, *_GRID_MAGICS):
+        raise VolumeError(f"{file.source}: not a NanoVDB file: it does not begin with 'NanoVDB'")
+    is_bare = magic not in _SEGMENT_MAGICS or (
+        # The old magic serves both; a segment has its version behind it, a grid a checksum.
+        not _is_known(_version_at(file, 8)) and _is_known(_version_at(file, 16))
+    )
+    entries: list[_Entry] = []
+    while file.at < len(file.data):
+        entries += [_read_bare_grid(file)] if is_bare else _read_segment(file)
+    return entries
+
+
+def _version_at(file: Cursor, at: int) -> tuple[int, int]:
+    """Major and minor library version stored at a byte of the file."""
+    if len(file.data) < at + 4:
+        raise file.damaged("the header is cut short")
+    (version,) = struct.unpack_from("<I", file.data, at)
+    return version >> 21, version >> 10 & 0x7FF
+
+
+def _is_known(version: tuple[int, int]) -> bool:
+    return version[0] == _MAJOR and version[1] >= _FIRST_MINOR
+
+
+def _check_version(file: Cursor, at: int) -> None:
+    version = _version_at(file, at)
+    if not _is_known(version):
+        raise VolumeError(
+            f"{file.source}: NanoVDB version {version[0]}.{version[1]}; {_MAJOR}.{_FIRST_MINOR} and later "
+            f"{_MAJOR}.x can be read: convert the original again with a current nanovdb_convert"
+        )
+
+
+def _read_segment(file: Cursor) -> list[_Entry]:
+    """Read a segment's list of grids and step over their bytes."""
+    if bytes(file.take(8, "magic of a segment")) not in _SEGMENT_MAGICS:
+        raise file.damaged("no segment begins 8 bytes before")
+    _check_version(file, file.at)
+    _, count, codec = file.numbers("IHH", "header of a segment")
+    if codec not in (_NO_CODEC, _ZLIB, _BLOSC):
+        raise file.damaged(f"unknown codec {codec}")
+    listed = []
+    for _ in range(count):
+        metadata = file.take(_METADATA_SIZE, "metadata of a grid")
+        (size,) = struct.unpack_from("<Q", metadata)
+        grid_type, grid_class = struct.unpack_from("<2I", metadata, 32)
+        (name_size,) = struct.unpack_from("<I", metadata, 136)
+        name = _text(file.take(name_size, "name of a grid"))
+        listed.append((name, grid_type, _GRID_CLASSES.get(grid_class, "unknown"), size))
+    entries = []
+    for name, grid_type, grid_class, size in listed:
+        entries.append(_Entry(name, grid_type, grid_class, size, file.at, codec))
+        for _ in _chunks(file, size, codec):
+            pass
+    return entries
+
+
+def _read_bare_grid(file: Cursor) -> _Entry:
+    """Read a grid's own header and step over the grid."""
+    at = file.at
+    head = file.take(_GRID_SIZE, "header of a grid")
+    if bytes(head[:8]) not in _GRID_MAGICS:
+        raise file.damaged("no grid begins here")
+    _check_version(file, at + 16)
+    (size,) = struct.unpack_from("<Q", head, 32)
+    grid_class, grid_type = struct.unpack_from("<2I", head, 632)
+    file.at = at
+    file.take(max(size, _GRID_SIZE), "grid")
+    name = _text(head[40:296])
+    return _Entry(name, grid_type, _GRID_CLASSES.get(grid_class, "unknown"), size, at, _NO_CODEC)
+
+
+def _text(name: memoryview) -> str:
+    return bytes(name).partition(b"\0")[0].decode(errors="replace")
+
+
+def _chunks(file: Cursor, size: int, codec: int) -> Iterator[tuple[memoryview, int]]:
+    """Packed pieces of a grid of ``size`` bytes and their unpacked sizes; steps over the grid."""
+    step = _BLOSC_CHUNK if codec == _BLOSC else size
+    for start in range(0, size, max(step, 1)):
+        plain_size = min(step, size - start)
+        packed_size = file.numbers("Q", "size of a packed grid")[0] if codec else plain_size
+        yield file.take(packed_size, "grid"), plain_size
+
+
+def _unpack(file: Cursor, entry: _Entry) -> Cursor:
+    """Return the bytes of a grid, at its tree."""
+    chunks = list(_chunks(Cursor(file.data, file.source, entry.at), entry.size, entry.codec))
+    source = f"{file.source}: grid {entry.name!r}"
+    packed = Cursor(file.data, source, entry.at)
+    unpack = {_ZLIB: unzip, _BLOSC: unblosc}.get(entry.codec)
+    pieces = [data if unpack is None else unpack(data, size, packed) for data, size in chunks]
+    grid = Cursor(memoryview(pieces[0] if len(pieces) == 1 else b"".join(pieces)), source)
+    head = grid.take(_GRID_SIZE, "header of a grid")
+    _check_version(grid, 16)
+    (grid_type,) = struct.unpack_from("<I", head, 636)
+    if bytes(head[:8]) not in _GRID_MAGICS or grid_type != entry.grid_type:
+        raise packed.damaged(f"the grid begins wrongly, or is of type {grid_type}, not {entry.grid_type}")
+    return grid
+
+
+# -------------------------------------------------------------------------------------------- a grid
+
+
+def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
+    layout = _LAYOUTS.get(entry.grid_type)
+    if layout is None:
+        return _unsupported(path, entry)
+    grid = _unpack(file, entry)
+    topology = walk_topology(grid, layout)
+    low, shape = topology.tree.box()
+    world_from_tree = np.eye(4)
+    world_from_tree[:3, :3] = np.frombuffer(grid.data, "<f8", 9, 296 + 88).reshape(3, 3)
+    world_from_tree[:3, 3] = np.frombuffer(grid.data, "<f8", 3, 296 + 232)
+    return Grid(
+        name=entry.name,
+        grid_class=entry.grid_class,
+        value_type=layout.name,
+        shape=shape,
+        world_from_index=offset_transform(world_from_tree, low, grid),
+        has_transform=True,
+        read=partial(_read_dense, path, entry, layout, shape),
+        background=topology.tree.background,
+        active_voxels=topology.tree.active_voxels,
+    )
+
+
+def _unsupported(path: Path, entry: _Entry) -> Grid:
+    """Describe a grid that can be listed only."""
+    value_type = _UNSUPPORTED_TYPES.get(entry.grid_type, f"type {entry.grid_type}")
+
+    def refuse() -> NDArray[np.float32]:
+        raise VolumeError(f"{path}: grid {entry.name!r} cannot be read: {value_type} values")
+
+    return Grid(
+        name=entry.name,
+        grid_class=entry.grid_class,
+        value_type=value_type,
+        shape=(0, 0, 0),
+        world_from_index=np.eye(4),
+        has_transform=False,
+        read=refuse,
+        unsupported=f"{value_type} values",
+    )
+
+
+def _read_dense(
+    path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]
+) -> NDArray[np.float32]:
+    """Read a grid's voxels as `Grid.read` promises them."""
+    grid = _unpack(Cursor(map_file(path), str(path)), entry)
+    topology = walk_topology(grid, layout)
+    return fill_dense(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
+
+
+# ------------------------------------------------------------------------------------------- the tree
+
+
+def walk_topology(grid: Cursor, layout: Layout) -> Topology:
+    """Read a tree without the voxels of its leaves.
+
+    Parameters
+    ----------
+    grid
+        All bytes of the unpacked grid.
+    layout
+        Its value type's layout.
+
+    Raises
+    ------
+    VolumeError
+        The bytes cannot be a tree.
+    """
+    grid.at = _GRID_SIZE
+    *_, root_offset = grid.numbers("4Q", "header of the tree")
+    root_at = _GRID_SIZE + root_offset
+    grid.at = root_at
+    root = grid.take(layout.root_size, "root")
+    background = np.frombuffer(root, layout.value, 1, layout.background_at)
+    (tile_count,) = struct.unpack_from("<I", root, 24)
+    entries = grid.array(layout.root_tile, tile_count, "root tiles")
+    origins = _origins_of_keys(entries["key"])
+    if len(np.unique(origins, axis=0)) != tile_count:
+        raise grid.damaged("keys of the root repeat")
+    has_child = entries["child"] != 0
+
+    is_tile = ~has_child & differs(entries["value"], background)
+    walk = _Walk(grid, background)
+    walk.tiles.append(Tiles(ROOT_EDGE, origins[is_tile], entries["value"][is_tile]))
+    walk.active_voxels += int(np.count_nonzero(entries["active"][~has_child])) * ROOT_EDGE**3
+    upper_at = root_at + entries["child"][has_child]
+    lower_at, lower_origins = walk.below(upper_at, origins[has_child], UPPER_EDGE)
+    leaves_at, leaf_origins = walk.below(lower_at, lower_origins, LOWER_EDGE)
+    walk.check_nodes(leaves_at, layout.least_leaf_size)
+    walk.count_active(leaves_at)
+    tiles = [tiles for tiles in walk.tiles if len(tiles.origins)]
+    return Topology(Tree(float(background[0]), tiles, leaf_origins, walk.active_voxels), leaves_at)
+
+
+def _origins_of_keys(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Index coordinates [n, 3] that the root's keys stand for: 20 bits an axis, in units of 4096."""
+    shifts = np.array([42, 21, 0], np.uint64)
+    units = (keys[:, None] >> shifts & np.uint64(0xFFFFF)).astype(np.int64)
+    return ((units ^ 0x80000) - 0x80000) * ROOT_EDGE
+
+
+class _Walk:
+    """Goes down a tree level by level and gathers what it meets."""
+
+    def __init__(self, grid: Cursor, background: NDArray[Any]) -> None:
+        self.grid = grid
+        self.background = background
+        self.tiles: list[Tiles] = []
+        self.active_voxels = 0
+
+    def check_nodes(self, at: NDArray[np.int64], size: int) -> None:
+        """Refuse nodes outside the grid, and more than the grid has room for."""
+        room = len(self.grid.data)
+        if len(at) * size > room or ((at < _GRID_SIZE) | (at > room - size)).any():
+            raise self.grid.damaged(f"{len(at)} nodes of {size} bytes do not lie in the grid's {room}")
+
+    def below(
+        self, nodes_at: NDArray[np.int64], origins: NDArray[np.int64], edge: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Read upper or lower nodes; returns where their children begin and the children's origins."""
+        size, table_at = (_UPPER_SIZE, _UPPER_TABLE) if edge == UPPER_EDGE else (_LOWER_SIZE, _LOWER_TABLE)
+        self.check_nodes(nodes_at, size)
+        children_at = [np.empty(0, np.int64)]
+        children_origins = [np.empty((0, 3), np.int64)]
+        for at, origin in zip(nodes_at.tolist(), origins, strict=True):
+            table = np.frombuffer(self.grid.data, "<i8", (size - table_at) // 8, at + table_at)
+            active, has_child = np.unpackbits(
+                np.frombuffer(self.grid.data, np.uint8, len(table) // 4, at + 32), bitorder="little"
+            ).reshape(2, -1)
+            places = np.flatnonzero(has_child)
+            children_at.append(at + table[places])
+            children_origins.append(place_origins(origin, places, edge))
+
+            value_type = self.background.dtype
+            values = table.view(value_type)[:: 8 // value_type.itemsize]
+            is_tile = has_child == 0
+            self.active_voxels += int(np.count_nonzero(active[is_tile])) * edge**3
+            kept = np.flatnonzero(is_tile & differs(values, self.background))
+            self.tiles.append(Tiles(edge, place_origins(origin, kept, edge), values[kept]))
+        return np.concatenate(children_at), np.concatenate(children_origins)
+
+    def count_active(self, leaves_at: NDArray[np.int64]) -> None:
+        """Add the active voxels of the leaves."""
+        for batch in batches(leaves_at):
+            self.active_voxels += int(np.unpackbits(_rows(self.grid, batch + 16, 64)).sum())
+
+
+def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[Leaves]:
+    """Read the voxels of a tree in batches of leaves.
+
+    Parameters
+    ----------
+    grid, layout
+        As for `walk_topology`.
+    topology
+        What that made of them.
+
+    Raises
+    ------
+    VolumeError
+        A leaf does not lie in the grid.
+    """
+    origins = batches(topology.tree.leaf_origins)
+    for at, batch_origins in zip(batches(topology.leaves_at), origins, strict=True):
+        if layout.code_bits == 0:
+            rows = _rows(grid, at + layout.leaf_values_at, LEAF_VOXELS * layout.value.itemsize)
+            values = rows.view(layout.value)
+        else:
+            values = _decode_leaves(grid, at, layout)
+        yield Leaves(batch_origins, values.reshape(-1, 8, 8, 8))
+
+
+def _decode_leaves(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.float32]:
+    """Voxels [n, 512] of quantised leaves."""
+    values = np.empty((len(at), LEAF_VOXELS), np.float32)
+    flags = _rows(grid, at + 15, 1)[:, 0]
+    own_bits = 1 << (flags >> 5).astype(np.int64)
+    bits_of_leaf = own_bits if layout.code_bits < 0 else np.full(len(at), layout.code_bits)
+    if bits_of_leaf.max(initial=0) > 16:  # noqa: PLR2004 - the widest code
+        raise grid.damaged("a leaf claims codes of more than 16 bits")
+    minimum, quantum = _rows(grid, at + 80, 8).view("<f4").T[:, :, None]
+    for bits in np.unique(bits_of_leaf).tolist():
+        chosen = bits_of_leaf == bits
+        packed = _rows(grid, at[chosen] + layout.leaf_values_at, LEAF_VOXELS // 8 * bits)
+        codes = _unpack_codes(packed, bits)
+        with np.errstate(invalid="ignore", over="ignore"):  # statistics of a damaged file
+            values[chosen] = codes.astype(np.float32) * quantum[chosen] + minimum[chosen]
+    return values
+
+
+def _unpack_codes(packed: NDArray[np.uint8], bits: int) -> NDArray[Any]:
+    """Codes [n, 512] of ``bits`` each, lowest bits of a byte first."""
+    if bits == 16:  # noqa: PLR2004
+        return packed.view("<u2")
+    shifts = np.arange(0, 8, bits, dtype=np.uint8)
+    codes: NDArray[np.uint8] = packed[:, :, None] >> shifts & np.uint8((1 << bits) - 1)
+    return codes.reshape(len(packed), -1)
+
+
+def _rows(grid: Cursor, at: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
+    """Copy ``size`` bytes from each position: [n, size]."""
+    if len(at) and not 0 <= at.min() <= at.max() <= len(grid.data) - size:
+        raise grid.damaged("a leaf does not lie in the grid")
+    windows = sliding_window_view(np.frombuffer(grid.data, np.uint8), size)
+    rows: NDArray[np.uint8] = windows[at]
+    return rows

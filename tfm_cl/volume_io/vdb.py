@@ -1,0 +1,565 @@
+r"""OpenVDB files (``.vdb``), file versions 222 to 225.
+
+Layout, little-endian; a *string* is a uint32 length and its bytes::
+
+    int64   magic " BDV"                     uint32  file version, library major, library minor
+    uint8   has grid offsets                 char[36] UUID
+    metadata of the file                     int32   number of grids
+    per grid:
+        string  name, unique by a suffix "\x1e" number
+        string  tree type: Tree_<value type>_5_4_3, maybe with "_HalfFloat" (what counts is the grid's
+                metadata "is_saved_as_half_float", as in OpenVDB)
+        string  instance parent: unique name of the grid whose tree this one shares, else empty
+        int64   positions of the grid, of its leaf buffers, of its end (zeros without grid offsets)
+        uint32  compression: 1 zlib | 2 active mask | 4 Blosc
+        metadata; transform; topology; leaf buffers
+
+    metadata    uint32 count; per item: string name, string type, uint32 size, bytes
+    transform   string map type, then float64: ScaleMap and UniformScaleMap 5 vectors (the first is the
+                scale), ScaleTranslateMap and UniformScaleTranslateMap 6 (translation, scale), TranslationMap
+                1, AffineMap and UnitaryMap a 4×4 matrix for row vectors
+    topology    int32 1; value background; uint32 tiles, children of the root;
+                per root tile: int32[3] origin, value, uint8 active;
+                per root child: int32[3] origin, upper node
+    upper node  bits[32³] has child, bits[32³] active, block of 32³ values, then its lower nodes
+    lower node  bits[16³] has child, bits[16³] active, block of 16³ values, then per leaf: bits[512] active
+    leaf buffers, children of the root by ascending origin: bits[512] active again, block of 512 values
+                (bool leaves: bits[512] active, int32[3] origin, bits[512] values)
+    block       int8 kind; 0-2 value(s) for the inactive entries; maybe bits: which of the two; the values:
+                of all entries, or with an active mask (and kind < 6) of the active ones only.
+                Values are plain, or an int64 size and a compressed block of that size; a size ≤ 0 means
+                -size plain bytes. Of half floats none are no bytes, without a size.
+
+    kind 0  inactive are +background         kind 3  bits choose -background or +background
+    kind 1  inactive are -background         kind 4  bits choose the value stored or +background
+    kind 2  inactive are the value stored    kind 5  bits choose between the two values stored
+                                             kind 6  no inactive entry is left out
+
+`open_grids` describes the grids; `walk_topology` reads a tree without its voxels, `walk_leaves` its voxels
+in batches, so that they can go elsewhere than into a dense array.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.volume_io.binary import (
+    LEAF_VOXELS,
+    LOWER_EDGE,
+    ROOT_EDGE,
+    UPPER_EDGE,
+    Cursor,
+    Leaves,
+    Tiles,
+    Tree,
+    batches,
+    differs,
+    distinct_names,
+    fill_dense,
+    map_file,
+    offset_transform,
+    place_origins,
+    unblosc,
+    unzip,
+)
+from tfm_cl.volume_io.grid import Grid, GridClass
+
+__all__ = ["EXTENSIONS", "StoredTree", "Topology", "open_grids", "walk_leaves", "walk_topology"]
+
+EXTENSIONS = (".vdb",)
+
+_MAGIC = 0x56444220
+_VERSIONS = range(222, 226)
+_ZLIB, _ACTIVE_MASK, _BLOSC = 1, 2, 4
+_VALUE_TYPES: dict[str, np.dtype[Any]] = {
+    "float": np.dtype("<f4"),
+    "double": np.dtype("<f8"),
+    "half": np.dtype("<f2"),
+    "int32": np.dtype("<i4"),
+    "int64": np.dtype("<i8"),
+    "bool": np.dtype("u1"),
+}
+_GRID_CLASSES: dict[str, GridClass] = {
+    "fog volume": "fog volume",
+    "level set": "level set",
+    "staggered": "staggered",
+}
+
+
+@dataclass(frozen=True)
+class StoredTree:
+    """Where in a file a tree begins and how its values are stored."""
+
+    at: int
+    """Byte where the topology begins."""
+    value: np.dtype[Any]
+    """Type of a value; bool is uint8."""
+    stored: np.dtype[Any]
+    """Type in blocks: ``value``, or half floats."""
+    is_bool: bool
+    compression: int
+
+
+@dataclass(frozen=True)
+class Topology:
+    """A tree without its voxels, and what is needed to read these."""
+
+    tree: Tree
+    background: NDArray[Any]
+    """[1], of the type of the tree's values."""
+    leaf_masks: NDArray[np.uint8]
+    """[n, 64], bits of the active voxels."""
+    leaves_at: int
+    """Byte where the leaf buffers begin."""
+
+
+# ------------------------------------------------------------------------------------------- the file
+
+
+def open_grids(path: Path) -> list[Grid]:
+    """Describe the grids of an OpenVDB file; their topology is walked, their voxels are not read.
+
+    Raises
+    ------
+    VolumeError
+        Not an OpenVDB file, of an unknown version, or damaged.
+    """
+    file = Cursor(map_file(path), str(path))
+    has_offsets = _read_header(file)
+    _read_metadata(file)
+    (count,) = file.numbers("i", "number of grids")
+    trees: dict[str, _Found | str] = {}
+    described = {}
+    for behind in reversed(range(count)):
+        unique_name, grid = _read_grid(
+            file, path, trees, has_offsets=has_offsets, skip_leaves=behind > 0 and not has_offsets
+        )
+        if unique_name in described:
+            raise file.damaged(f"two grids have the unique name {unique_name!r}")
+        described[unique_name] = grid
+        if grid.unsupported and behind and not has_offsets:
+            # Without offsets the end of a grid is only found by reading it.
+            lost = f"{grid.unsupported}; {behind} grid(s) behind it cannot be reached"
+            described[unique_name] = replace(grid, unsupported=lost)
+            break
+    names = distinct_names([name.partition("\x1e")[0] for name in described])
+    return [replace(grid, name=name) for name, grid in zip(names, described.values(), strict=True)]
+
+
+def _read_header(file: Cursor) -> bool:
+    """Read up to the file's metadata; returns whether grids come with their positions."""
+    if len(file.data) < 8 or file.numbers("q", "magic") != (_MAGIC,):  # noqa: PLR2004 - bytes of the magic
+        raise VolumeError(f"{file.source}: not an OpenVDB file: it does not begin with ' BDV'")
+    version, _, _, has_offsets = file.numbers("IIIB", "header")
+    if version not in _VERSIONS:
+        raise VolumeError(
+            f"{file.source}: OpenVDB file version {version}; versions {_VERSIONS[0]} to {_VERSIONS[-1]} "
+            "can be read: save it again with a current OpenVDB"
+        )
+    file.take(36, "UUID")
+    return bool(has_offsets)
+
+
+def _read_metadata(file: Cursor) -> dict[str, bytes]:
+    """Read a metadata map; values stay as bytes, the last one of a name wins."""
+    (count,) = file.numbers("I", "number of metadata items")
+    items = {}
+    for _ in range(count):
+        name = file.text("metadata name")
+        file.text("metadata type")
+        (size,) = file.numbers("I", "metadata size")
+        items[name] = bytes(file.take(size, f"metadata {name!r}"))
+    return items
+
+
+# -------------------------------------------------------------------------------------------- a grid
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A tree met in the file, and what its topology says."""
+
+    stored: StoredTree
+    low: NDArray[np.int64]
+    """Index coordinates (x, y, z) of the low voxel of its box."""
+    shape: tuple[int, int, int]
+    background: float
+    active_voxels: int
+
+
+def _read_grid(
+    file: Cursor,
+    path: Path,
+    trees: dict[str, _Found | str],
+    *,
+    has_offsets: bool,
+    skip_leaves: bool,
+) -> tuple[str, Grid]:
+    """Read a grid's unique name and description; leaves the file where the grid ends.
+
+    ``trees`` holds the trees found so far by unique name (or why one is not supported), for instances.
+    Without offsets the end is known only behind the leaf buffers, which ``skip_leaves`` steps over.
+    """
+    unique_name = file.text("grid name")
+    tree_type = file.text("tree type")
+    parent = file.text("instance parent")
+    grid_at, _, end = file.numbers("3q", "grid positions")
+    if has_offsets:
+        if not file.at <= grid_at <= end <= len(file.data):
+            raise file.damaged(f"grid {unique_name!r} claims to lie at bytes {grid_at} to {end}")
+        file.at = grid_at
+    (compression,) = file.numbers("I", "compression")
+    if compression & ~(_ZLIB | _ACTIVE_MASK | _BLOSC):
+        raise file.damaged(f"unknown compression {compression:#x}")
+    metadata = _read_metadata(file)
+    world_from_tree = _read_transform(file)
+
+    if parent and parent not in trees:
+        raise file.damaged(f"grid {unique_name!r} shares the tree of {parent!r}, which is missing before it")
+    found: _Found | str
+    if parent:
+        found = trees[parent]
+    elif isinstance(world_from_tree, str):
+        found = world_from_tree
+    else:
+        is_half = any(metadata.get("is_saved_as_half_float", b""))
+        stored = _stored_tree(tree_type, compression, file.at, is_half=is_half)
+        found = stored if isinstance(stored, str) else _find_tree(file, stored, skip_leaves=skip_leaves)
+    trees[unique_name] = found
+    if has_offsets:
+        file.at = end
+
+    if isinstance(world_from_tree, str) or isinstance(found, str):
+        reason = found if isinstance(found, str) else str(world_from_tree)
+        value_type = tree_type.removeprefix("Tree_").partition("_")[0]
+        return unique_name, _unsupported(path, unique_name.partition("\x1e")[0], value_type, reason, metadata)
+    grid = Grid(
+        name=unique_name,
+        grid_class=_grid_class(metadata),
+        value_type="bool" if found.stored.is_bool else found.stored.stored.name,
+        shape=found.shape,
+        world_from_index=offset_transform(world_from_tree, found.low, file),
+        has_transform=True,
+        read=partial(_read_dense, path, found.stored, found.shape),
+        background=found.background,
+        active_voxels=found.active_voxels,
+    )
+    return unique_name, grid
+
+
+def _find_tree(file: Cursor, stored: StoredTree, *, skip_leaves: bool) -> _Found:
+    """Walk the tree that begins here; leaves the file behind its topology, or its leaf buffers."""
+    topology = walk_topology(file, stored)
+    if skip_leaves:
+        _skip_leaves(file, stored, topology)
+    tree = topology.tree
+    return _Found(stored, *tree.box(), tree.background, tree.active_voxels)
+
+
+def _stored_tree(tree_type: str, compression: int, at: int, *, is_half: bool) -> StoredTree | str:
+    """How the tree's values are stored, or why it is not supported."""
+    match = re.fullmatch(r"Tree_(\w+?)_5_4_3(?:_HalfFloat)?", tree_type)
+    if match is None:
+        return f"trees of type {tree_type!r}"
+    value = _VALUE_TYPES.get(match[1])
+    if value is None:
+        return f"{match[1]} values"
+    stored = np.dtype("<f2") if is_half and value.kind == "f" else value
+    return StoredTree(at, value, stored, match[1] == "bool", compression)
+
+
+def _unsupported(path: Path, name: str, value_type: str, reason: str, metadata: dict[str, bytes]) -> Grid:
+    """Describe a grid that can be listed only."""
+
+    def refuse() -> NDArray[np.float32]:
+        raise VolumeError(f"{path}: grid {name!r} cannot be read: {reason}")
+
+    return Grid(
+        name=name,
+        grid_class=_grid_class(metadata),
+        value_type=value_type,
+        shape=(0, 0, 0),
+        world_from_index=np.eye(4),
+        has_transform=False,
+        read=refuse,
+        unsupported=reason,
+    )
+
+
+def _grid_class(metadata: dict[str, bytes]) -> GridClass:
+    return _GRID_CLASSES.get(metadata.get("class", b"").decode(errors="replace"), "unknown")
+
+
+def _read_transform(file: Cursor) -> NDArray[np.float64] | str:
+    """World-from-index of the tree's own coordinates, or why the transform is not supported."""
+    map_type = file.text("transform type")
+    vectors = {
+        "ScaleMap": 5,
+        "UniformScaleMap": 5,
+        "ScaleTranslateMap": 6,
+        "UniformScaleTranslateMap": 6,
+        "TranslationMap": 1,
+    }
+    matrix = np.eye(4)
+    if map_type in ("AffineMap", "UnitaryMap"):
+        return file.array(np.dtype("<f8"), 16, map_type).reshape(4, 4).T.astype(np.float64)
+    if map_type not in vectors:
+        return "frustum transform" if map_type == "NonlinearFrustumMap" else f"transform {map_type!r}"
+    numbers = file.array(np.dtype("<f8"), 3 * vectors[map_type], map_type)
+    if map_type.endswith(("TranslateMap", "TranslationMap")):
+        matrix[:3, 3] = numbers[:3]
+        numbers = numbers[3:]
+    if len(numbers):
+        matrix[range(3), range(3)] = numbers[:3]
+    return matrix
+
+
+def _read_dense(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Read a grid's voxels as `Grid.read` promises them."""
+    file = Cursor(map_file(path), str(path), stored.at)
+    topology = walk_topology(file, stored)
+    return fill_dense(topology.tree, walk_leaves(file, stored, topology), shape, file)
+
+
+# ------------------------------------------------------------------------------------------- the tree
+
+
+def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
+    """Read a tree without the voxels of its leaves.
+
+    Parameters
+    ----------
+    file
+        At ``stored.at``; left behind the topology.
+    stored
+        The tree's place and types.
+
+    Raises
+    ------
+    VolumeError
+        The bytes cannot be a tree.
+    """
+    (buffers,) = file.numbers("i", "number of buffers")
+    if buffers != 1:
+        raise file.damaged(f"the tree should have 1 buffer, it claims {buffers}")
+    background = file.array(stored.value, 1, "background")
+    tile_count, child_count = file.numbers("2I", "number of root entries")
+    tile_type = np.dtype([("origin", "<i4", 3), ("value", stored.value), ("active", "u1")])
+    root = file.array(tile_type, tile_count, "root tiles")
+    active_voxels = int(np.count_nonzero(root["active"])) * ROOT_EDGE**3
+    kept = root[differs(root["value"], background)]
+    tiles = [Tiles(ROOT_EDGE, kept["origin"].astype(np.int64), kept["value"])]
+
+    children: dict[tuple[int, ...], _Branch] = {}
+    for _ in range(child_count):
+        origin = file.array(np.dtype("<i4"), 3, "origin of a root child").astype(np.int64)
+        children[tuple(origin.tolist())] = _walk_upper(file, stored, background, origin)
+    root_origins = np.array([*children, *root["origin"].tolist()], np.int64).reshape(-1, 3)
+    if len(root) + child_count != len(np.unique(root_origins, axis=0)) or (root_origins % ROOT_EDGE).any():
+        raise file.damaged("origins at the root repeat or are no multiples of 4096")
+
+    # Their leaf buffers follow in this order, whatever the order of the children.
+    branches = [children[origin] for origin in sorted(children)]
+    for edge in (UPPER_EDGE, LOWER_EDGE):
+        at_edge = [tiles for branch in branches for tiles in branch.tiles if tiles.edge == edge]
+        if at_edge:
+            origins, values = ([getattr(t, name) for t in at_edge] for name in ("origins", "values"))
+            tiles.append(Tiles(edge, np.concatenate(origins), np.concatenate(values)))
+    leaf_origins = [origins for branch in branches for origins in branch.leaf_origins]
+    leaf_masks = [masks for branch in branches for masks in branch.leaf_masks]
+    tree = Tree(
+        background=float(background[0]),
+        tiles=[t for t in tiles if len(t.origins)],
+        leaf_origins=np.concatenate([np.empty((0, 3), np.int64), *leaf_origins]),
+        active_voxels=active_voxels + sum(branch.active_voxels for branch in branches),
+    )
+    all_masks = np.concatenate([np.empty((0, 64), np.uint8), *leaf_masks])
+    return Topology(tree, background, all_masks, file.at)
+
+
+@dataclass
+class _Branch:
+    """What is found below one child of the root."""
+
+    tiles: list[Tiles]
+    leaf_origins: list[NDArray[np.int64]]
+    leaf_masks: list[NDArray[np.uint8]]
+    active_voxels: int = 0
+
+
+def _walk_upper(
+    file: Cursor, stored: StoredTree, background: NDArray[Any], origin: NDArray[np.int64]
+) -> _Branch:
+    """Read an upper node and all below it, down to the masks of the leaves."""
+    branch = _Branch([], [], [])
+    for lower_origin in _read_internal(file, stored, background, origin, UPPER_EDGE, branch):
+        leaves = _read_internal(file, stored, background, lower_origin, LOWER_EDGE, branch)
+        masks = file.array(np.dtype(np.uint8), 64 * len(leaves), "leaf masks").reshape(-1, 64)
+        branch.leaf_origins.append(leaves)
+        branch.leaf_masks.append(masks)
+        branch.active_voxels += int(np.unpackbits(masks).sum())
+    return branch
+
+
+def _read_internal(
+    file: Cursor,
+    stored: StoredTree,
+    background: NDArray[Any],
+    origin: NDArray[np.int64],
+    edge: int,
+    branch: _Branch,
+) -> NDArray[np.int64]:
+    """Read an upper or lower node without its children; returns their origins [n, 3]."""
+    size = 32**3 if edge == UPPER_EDGE else 16**3
+    has_child, active = (_bits(file.take(size // 8, "node mask")) for _ in range(2))
+    block = _read_block(file, stored, background, int(active.sum()), size)
+    values = _unpack_blocks([block], active[None], stored, file)[0]
+    active_tiles = int(np.count_nonzero(active & ~has_child))
+    branch.active_voxels += active_tiles * edge**3
+    kept = np.flatnonzero(~has_child & differs(values, background))
+    if len(kept):
+        branch.tiles.append(Tiles(edge, place_origins(origin, kept, edge), values[kept]))
+    return place_origins(origin, np.flatnonzero(has_child), edge)
+
+
+def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterator[Leaves]:
+    """Read the voxels of a tree in batches of leaves.
+
+    Parameters
+    ----------
+    file
+        The tree's file, anywhere.
+    stored, topology
+        The tree, and what `walk_topology` made of it.
+
+    Raises
+    ------
+    VolumeError
+        The bytes are not that tree's leaves.
+    """
+    file.at = topology.leaves_at
+    all_origins = batches(topology.tree.leaf_origins)
+    for masks, origins in zip(batches(topology.leaf_masks), all_origins, strict=True):
+        if stored.is_bool:
+            values = _read_bool_leaves(file, masks)
+        else:
+            blocks = list(_read_leaf_blocks(file, stored, topology.background, masks))
+            values = _unpack_blocks(blocks, _bits(masks), stored, file)
+        yield Leaves(origins, values.reshape(-1, 8, 8, 8))
+
+
+def _skip_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> None:
+    """Step over the leaf buffers, which begin here, without decompressing them."""
+    for masks in batches(topology.leaf_masks):
+        if stored.is_bool:
+            _read_bool_leaves(file, masks)
+        else:
+            for _ in _read_leaf_blocks(file, stored, topology.background, masks):
+                pass
+
+
+def _read_bool_leaves(file: Cursor, masks: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Read leaves of a bool tree: [n, 512] of 0 and 1."""
+    leaf = np.dtype([("active", "u1", 64), ("origin", "<i4", 3), ("values", "u1", 64)])
+    leaves = file.array(leaf, len(masks), "bool leaves")
+    if not np.array_equal(leaves["active"], masks):
+        raise file.damaged("active voxels of a leaf are not those of the topology")
+    return _bits(leaves["values"]).view(np.uint8)
+
+
+# ---------------------------------------------------------------------------------- blocks of values
+
+
+class _Block(NamedTuple):
+    """The values of a node as stored."""
+
+    is_complete: bool
+    """All entries are stored, not the active ones only."""
+    inactive: bytes
+    """Two values for entries not stored; the second where ``choice`` is set."""
+    choice: memoryview | None
+    """Bits of the entries, or none are set."""
+    codec: int
+    """0, or the codec of ``packed``."""
+    size: int
+    """Bytes when unpacked."""
+    packed: memoryview
+
+
+def _read_leaf_blocks(
+    file: Cursor, stored: StoredTree, background: NDArray[Any], masks: NDArray[np.uint8]
+) -> Iterator[_Block]:
+    for mask, count in zip(masks, _bits(masks).sum(axis=1).tolist(), strict=True):
+        if file.take(64, "leaf mask") != mask.data:
+            raise file.damaged("active voxels of a leaf are not those of the topology")
+        yield _read_block(file, stored, background, count, LEAF_VOXELS)
+
+
+def _read_block(file: Cursor, stored: StoredTree, background: NDArray[Any], active: int, size: int) -> _Block:
+    """Read the values of a node with ``size`` entries, ``active`` of them active; nothing is unpacked."""
+    kind = file.take(1, "kind of a block")[0]
+    if kind > 6:  # noqa: PLR2004 - the module's docstring lists them
+        raise file.damaged(f"a block of values is of the unknown kind {kind}")
+    value_size = stored.value.itemsize
+    plus = background.tobytes()
+    if kind in (2, 4):
+        inactive = bytes(file.take(value_size, "inactive value")) + plus
+    elif kind == 5:  # noqa: PLR2004
+        inactive = bytes(file.take(2 * value_size, "inactive values"))
+    else:
+        minus = np.logical_not(background) if stored.is_bool else np.negative(background)
+        inactive = plus + plus if kind == 0 else minus.astype(stored.value).tobytes() + plus
+    choice = file.take(size // 8, "choice of inactive values") if kind in (3, 4, 5) else None
+    is_complete = kind == 6 or not stored.compression & _ACTIVE_MASK  # noqa: PLR2004
+    plain_size = (size if is_complete else active) * stored.stored.itemsize
+    codec = stored.compression & (_BLOSC | _ZLIB)
+    if plain_size == 0 and stored.stored != stored.value:
+        codec = 0  # no half floats are stored as nothing at all, not as an empty compressed block
+    packed_size = plain_size
+    if codec:
+        (packed_size,) = file.numbers("q", "size of a compressed block")
+        if packed_size <= 0:
+            codec, packed_size = 0, -packed_size
+            if packed_size != plain_size:
+                raise file.damaged(f"a plain block should have {plain_size} bytes, it claims {packed_size}")
+    return _Block(is_complete, inactive, choice, codec, plain_size, file.take(packed_size, "values"))
+
+
+def _unpack_blocks(
+    blocks: list[_Block], active: NDArray[np.bool_], stored: StoredTree, file: Cursor
+) -> NDArray[Any]:
+    """Values of nodes of one size, [node, entry], from their blocks and active entries [node, entry]."""
+    values = np.empty(active.shape, stored.value)
+    inactive = np.frombuffer(b"".join(block.inactive for block in blocks), stored.value).reshape(-1, 2)
+    values[:] = inactive[:, :1]
+    for row, block in enumerate(blocks):
+        if block.choice is not None:
+            values[row, _bits(block.choice)] = inactive[row, 1]
+    is_stored = active | np.array([block.is_complete for block in blocks])[:, None]
+    plain = b"".join(_unpack(block, file) for block in blocks)
+    with np.errstate(invalid="ignore"):  # a signalling half stays a NaN
+        values[is_stored] = np.frombuffer(plain, stored.stored)
+    return values
+
+
+def _unpack(block: _Block, file: Cursor) -> bytes | memoryview:
+    if block.size == 0:
+        return b""  # Blosc wraps even nothing
+    if block.codec & _BLOSC:
+        return unblosc(block.packed, block.size, file)
+    return unzip(block.packed, block.size, file) if block.codec else block.packed
+
+
+def _bits(masks: NDArray[np.uint8] | memoryview) -> NDArray[np.bool_]:
+    """Bits of masks [..., bytes] as booleans [..., bits], lowest first."""
+    unpacked = np.unpackbits(np.asarray(masks, np.uint8), axis=-1, bitorder="little")
+    return unpacked.view(np.bool_)
