@@ -1,0 +1,21 @@
+"""The discrete cosine transform of the weighted transmittance: the paper's basis.
+
+With u in [0, 1] the position on the light ray between its entry into the medium's bounds and its exit,
+and f(u) = T(u)^{1/α} the density-weighted transmittance (TFM eq. 19) of the density alone (eq. 13):
+
+    c_0 = ∫ f du,   c_j = 2 ∫ f cos(jπu) du,   f ≈ Σ_j c_j cos(jπu)      (eq. 8–10, normalised)
+
+The paper's equations lack the normalisation (the cosines are orthogonal, not orthonormal): taken
+literally they give (T + mean T)/2. On M midpoints u = (x + ½)/M the cosine is eq. 10's
+cos(jπ(2x + 1)/2M). For T = e^{-τu}: c_0 = (1 - e^{-τ})/τ, c_j = 2τ(1 - (-1)^j e^{-τ})/(τ² + j²π²).
+
+Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011.
+"""
+
+from tfm_cl.bases.base import Basis
+
+DCT = Basis(
+    name="dct",
+    header="basis/dct.h",
+    summary="cosines of the density-weighted transmittance (TFM eq. 8–10)",
+)

@@ -1,0 +1,78 @@
+"""The perspective camera."""
+
+from typing import Annotated, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, model_validator
+
+from tfm_cl.model import Model, Vec3, check_different
+
+MAX_PIXELS = 1 << 28
+"""Largest image: 16384 × 16384."""
+
+
+def _resolution(value: object) -> tuple[int, int]:
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 2  # noqa: PLR2004 - width, height
+        or not all(isinstance(item, int) and not isinstance(item, bool) for item in value)
+    ):
+        raise ValueError("should be two whole numbers [width, height]")
+    width, height = value
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise ValueError(f"should be at least 1×1 and at most {MAX_PIXELS:,} pixels")
+    return width, height
+
+
+class Camera(Model):
+    """A pinhole camera anywhere: outside, inside the medium, inside a light's cone.
+
+    Camera space: x to the right, y up, z into the scene. Pixel (0, 0) is the top left one; a ray goes
+    through each pixel's centre.
+    """
+
+    SECTION: ClassVar[str] = "camera"
+
+    from_: Vec3 = Field(alias="from", description="position, world units")
+    to: Vec3 = Field(description="point looked at, world units")
+    up: Vec3 = Field((0.0, 1.0, 0.0), description="direction that is up in the image")
+    fov: float = Field(40.0, gt=0, lt=180, description="vertical full angle, degrees")
+    res: Annotated[tuple[int, int], BeforeValidator(_resolution)] = Field(
+        (1280, 720), description="width and height, pixels"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_frame(self) -> Self:
+        check_different(self.from_, self.to, "from and to")
+        forward = np.subtract(self.to, self.from_)
+        sine = np.linalg.norm(np.cross(forward, self.up)) / (
+            np.linalg.norm(forward) * max(float(np.linalg.norm(self.up)), 1e-30)
+        )
+        if sine < 1e-6:  # noqa: PLR2004 - parallel within float32
+            raise ValueError(f"up {list(self.up)} is zero or along the view direction; choose another")
+        return self
+
+    @property
+    def world_from_camera(self) -> NDArray[np.float64]:
+        """4×4; columns are right, up, forward and the position."""
+        return look_at(self.from_, self.to, self.up)
+
+    @property
+    def ndc_from_camera(self) -> NDArray[np.float64]:
+        """4×4 perspective: after the divide x, y in [-1, 1] span the image (y up), depth is 1/z."""
+        width, height = self.res
+        scale = 1.0 / np.tan(np.radians(self.fov) / 2)
+        rows = [[scale * height / width, 0, 0, 0], [0, scale, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
+        return np.array(rows, dtype=np.float64)
+
+
+def look_at(origin: Vec3, target: Vec3, up: Vec3) -> NDArray[np.float64]:
+    """World-from-local frame with z towards ``target``, y as near to ``up`` as can be, x = y-right."""
+    forward = np.subtract(target, origin)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack([right, np.cross(right, forward), forward, origin])
+    return matrix

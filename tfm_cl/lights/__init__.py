@@ -1,0 +1,31 @@
+"""Lights: one module each.
+
+To add one, write a module with a `Light` subclass and its kernel header, and list the class in
+``LIGHTS``.
+"""
+
+from typing import Any
+
+from tfm_cl.errors import SceneError
+from tfm_cl.lights.base import Light, LightFrame
+from tfm_cl.lights.spot import SpotLight
+from tfm_cl.model import unknown_key
+
+LIGHTS: dict[str, type[Light]] = {cls.model_fields["type"].default: cls for cls in (SpotLight,)}
+"""Name in scene files -> class."""
+
+__all__ = ["LIGHTS", "Light", "LightFrame", "SpotLight", "parse_light"]
+
+
+def parse_light(values: dict[str, Any]) -> Light:
+    """Make a light from a scene file's table; ``type`` is ``spot`` when left out.
+
+    Raises
+    ------
+    SceneError
+        Unknown type, unknown key or impossible value.
+    """
+    name = values.get("type", "spot")
+    if name not in LIGHTS:
+        raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
+    return LIGHTS[name](**values)

@@ -1,0 +1,40 @@
+"""The spot light."""
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from tfm_cl.camera import look_at
+from tfm_cl.lights.base import Light, LightFrame
+from tfm_cl.model import Vec3, check_different
+
+
+class SpotLight(Light):
+    """A cone of light from a point; its map is the square around the cone (TFM section 4)."""
+
+    HEADER: ClassVar[str] = "light/spot.h"
+
+    type: Literal["spot"] = "spot"
+    from_: Vec3 = Field(alias="from", description="position, world units")
+    to: Vec3 = Field(description="point on the axis, world units")
+    cone: float = Field(25.0, gt=0, lt=90, description="half angle, degrees")
+    blend: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="part of the half angle over which the edge softens (smoothstep); 0 is a hard edge",
+    )
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> Self:
+        check_different(self.from_, self.to, "from and to")
+        return self
+
+    def frame(self) -> LightFrame:
+        """Apex at the origin, axis along z; shape = tan(cone), cone, blend."""
+        axis = np.subtract(self.to, self.from_)
+        # Any up will do that is not along the axis; this one keeps the map's rows horizontal.
+        up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)
+        cone = np.radians(self.cone)
+        return LightFrame(look_at(self.from_, self.to, up), (float(np.tan(cone)), float(cone), self.blend))

@@ -1,0 +1,125 @@
+"""The base of everything a scene file can say: frozen, checked on construction, one-line errors."""
+
+import difflib
+import reprlib
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from tfm_cl.errors import SceneError
+
+LARGEST_COORDINATE = 1e15
+"""Its square is far from float32's limit."""
+LARGEST_COLOUR = 1e25
+"""Likewise its product with densities and phase functions."""
+
+
+class Model(BaseModel):
+    """One section of a scene file, and at the same time the library's class for it.
+
+    Raises
+    ------
+    SceneError
+        On an unknown key (the nearest valid one is named), a wrong type or an impossible value.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, populate_by_name=True, allow_inf_nan=False
+    )
+    SECTION: ClassVar[str] = ""
+    """What messages call it: the section's name in a scene file."""
+
+    def __init__(self, /, **values: Any) -> None:  # "self" may be a key of a file
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise SceneError(self._one_line(error)) from None
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with other values, checked like new ones."""
+        return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
+
+    @classmethod
+    def keys(cls) -> dict[str, str]:
+        """Scene-file keys of this section and the attribute each one sets."""
+        return {field.alias or name: name for name, field in cls.model_fields.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the section as a scene file writes it."""
+        return {key: _plain(getattr(self, name)) for key, name in self.keys().items()}
+
+    @classmethod
+    def _one_line(cls, error: ValidationError) -> str:
+        first = error.errors(include_url=False)[0]
+        known = cls.keys()
+        parts = [str(part) for part in first["loc"] if str(part) in known or isinstance(part, int)]
+        key = ".".join([cls.SECTION, *parts] if cls.SECTION else parts)
+        if first["type"] == "extra_forbidden":
+            return unknown_key(str(first["loc"][0]), list(known), cls.SECTION)
+        if first["type"] == "missing":
+            return f"{cls.SECTION}.{first['loc'][0]} is missing"
+        message = first["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
+        if not key or (first["type"] == "value_error" and not parts):
+            return f"{cls.SECTION}: {message}"
+        return f"{key} = {reprlib.repr(first['input'])}: {message}"
+
+
+def unknown_key(key: str, known: list[str], section: str = "") -> str:
+    """One line about an unknown name: where, what, and the nearest valid name."""
+    where = f" in [{section}]" if section else ""
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? known" if near else "known"
+    return f"unknown key {key!r}{where}; {hint}: {', '.join(known)}"
+
+
+def _plain(value: Any) -> Any:
+    """Turn a field into what TOML and JSON can hold."""
+    if isinstance(value, Model):
+        return value.to_dict()
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[float, float, float]:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 3  # noqa: PLR2004 - x, y, z
+        or not all(isinstance(item, int | float | np.number) and not isinstance(item, bool) for item in value)
+    ):
+        raise ValueError("should be three numbers [x, y, z]")
+    if not all(abs(item) <= largest for item in value):  # NaN is not
+        raise ValueError(f"should be three finite numbers, at most {largest:g}")
+    x, y, z = (float(item) for item in value)
+    return x, y, z
+
+
+def _colour(value: Any) -> tuple[float, float, float]:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        value = (value, value, value)
+    try:
+        rgb = _three_numbers(value, LARGEST_COLOUR)
+    except ValueError as error:
+        raise ValueError(
+            f"should be one number (grey) or three [r, g, b], at most {LARGEST_COLOUR:g}"
+        ) from error
+    if min(rgb) < 0:
+        raise ValueError("should be ≥ 0 in every channel")
+    return rgb
+
+
+Vec3 = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
+"""A point or vector in world units; lists, tuples and arrays are accepted."""
+
+RGB = Annotated[tuple[float, float, float], BeforeValidator(_colour)]
+"""Three channels ≥ 0, scene-linear Rec. 709; one number means grey."""
+
+
+def check_different(one: Vec3, other: Vec3, what: str) -> None:
+    """Raise `ValueError` when two points give no direction."""
+    distance = float(np.linalg.norm(np.subtract(one, other)))
+    if distance <= 1e-9 * max(1e-30, float(np.abs([one, other]).max())):
+        raise ValueError(f"{what} are the same point {list(one)}: no direction")

@@ -1,0 +1,38 @@
+"""What a phase function is to the rest of the project."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from tfm_cl.model import Model
+
+
+class Phase(Model):
+    """A phase function p(μ) that integrates to 1 over the sphere.
+
+    μ is the cosine between the direction in which the light travels and the direction towards the
+    camera: 1 is forward scattering.
+    """
+
+    SECTION: ClassVar[str] = "medium.phase"
+    HEADER: ClassVar[str]
+    """Kernel header, below ``kernels/``, with ``float phase_eval(__constant const Params *, float)``."""
+
+    type: str = Field(description="name of the phase function")
+
+    def kernel_parameters(self) -> tuple[float, ...]:
+        """Up to four numbers that the kernel finds in ``params->phase``."""
+        return ()
+
+    def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
+        """p(μ) per steradian, in double precision: the reference of the kernel header."""
+        raise NotImplementedError
+
+    @classmethod
+    def from_text(cls, text: str) -> "Phase":
+        """Make one from what follows the colon of ``--phase name:text``."""
+        if text:
+            raise ValueError(f"takes no parameter; got '{text}'")
+        return cls()  # type: ignore[call-arg]  # every subclass has a default type

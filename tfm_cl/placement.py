@@ -1,0 +1,112 @@
+"""Camera, light and optical depth for a volume that comes without: a good picture by itself."""
+
+import itertools
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfm_cl.camera import Camera
+from tfm_cl.lights import Light, parse_light
+from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
+
+if TYPE_CHECKING:
+    from tfm_cl.volume import Volume
+
+TOWARDS_CAMERA = (0.35, 0.18, 1.0)
+"""From the volume to the camera: in front, a little to the right and above (y is up)."""
+TOWARDS_LIGHT = (-0.75, 0.9, 0.35)
+"""From the volume to the light: above, to the left, slightly in front: shape by half shadow."""
+LIGHT_DISTANCE = 4.0
+"""Radii of the bounding sphere between its centre and the light."""
+INTENSITY = 15.0
+"""An isotropic, white, dense medium returns about 1/4π of the light: this brings it near white."""
+WIDEST_CONE = 60.0
+"""Degrees."""
+FILL = 0.92
+"""Part of the frame that the occupied bounds may fill."""
+OPTICAL_DEPTH = 10.0
+"""τ along the denser axis-aligned lines of sight (90th percentile of those that meet the medium)."""
+
+
+def camera_for(volume: "Volume", /, **given: Any) -> Camera:
+    """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame."""
+    centre, radius = _sphere(volume)
+    given.setdefault("to", _point(centre, radius))
+    if "from" not in given:
+        # Any place serves to check the other keys and learn the angle of view.
+        camera = Camera(**{"up": (0, 1, 0), **given, "from": np.add(_vector(given["to"]), TOWARDS_CAMERA)})
+        width, height = camera.res
+        tangent = FILL * np.tan(np.radians(camera.fov) / 2)
+        # Each corner of the bounds, in camera axes, has to stay within the frame's sides.
+        corners = _corners(volume) - _vector(given["to"])
+        right, up, forward = (corners @ camera.world_from_camera[:3, :3]).T
+        with np.errstate(over="ignore"):  # an angle of nearly 0: as far away as can be
+            distance = np.maximum(np.abs(right) * height / width, np.abs(up)) / tangent - forward
+        away = min(float(distance.max()), LARGEST_COORDINATE)
+        given["from"] = _along(_vector(given["to"]), TOWARDS_CAMERA, away, radius)
+    return Camera(**given)
+
+
+def light_for(volume: "Volume", camera: Camera, /, **given: Any) -> Light:
+    """Make a light from the keys given: a spot above and to the left whose cone holds the medium."""
+    centre, radius = _sphere(volume)
+    right, up, forward = camera.world_from_camera[:3, :3].T
+    left_up_front = TOWARDS_LIGHT[0] * right + TOWARDS_LIGHT[1] * up - TOWARDS_LIGHT[2] * forward
+    given.setdefault("to", _point(centre, radius))
+    given.setdefault("from", _along(centre, left_up_front, LIGHT_DISTANCE * radius, radius))
+    given.setdefault("intensity", INTENSITY)
+    distance = float(np.linalg.norm(centre - _vector(given["from"])))
+    # From inside the sphere no cone holds it: take a wide one.
+    half_angle = np.degrees(np.arcsin(radius / distance)) + 0.5 if distance > radius else WIDEST_CONE
+    given.setdefault("cone", round(min(float(half_angle), WIDEST_CONE), 1))
+    return parse_light(given)
+
+
+def density_scale_for(volume: "Volume", sigma_t: float) -> float:
+    """Scale the density to an optical depth that shows both body and detail (`OPTICAL_DEPTH`).
+
+    Parameters
+    ----------
+    sigma_t
+        Largest extinction coefficient of the medium at density 1, per world unit.
+    """
+    depths = []
+    for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True):
+        columns = volume.data.sum(axis=axis, dtype=np.float64) * voxel
+        depths.append(columns[columns > 0])
+    lines = np.concatenate(depths)
+    if lines.size == 0 or sigma_t <= 0:
+        return 1.0
+    typical = sigma_t * float(np.percentile(lines, 90))
+    # Two digits are enough, and read better where the choice is printed.
+    return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
+
+
+def _corners(volume: "Volume") -> np.ndarray:
+    return np.array(list(itertools.product(*volume.occupied_bounds.T)))
+
+
+def _sphere(volume: "Volume") -> tuple[np.ndarray, float]:
+    low, high = volume.occupied_bounds
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+
+
+def _vector(value: Any) -> np.ndarray:
+    """Three numbers, or zeros for what the camera or the light will refuse with its own words."""
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(3)
+    return vector if vector.shape == (3,) and (np.abs(vector) <= LARGEST_COORDINATE).all() else np.zeros(3)
+
+
+def _along(centre: np.ndarray, direction: Vec3 | np.ndarray, distance: float, extent: float) -> Vec3:
+    return _point(centre + distance * np.asarray(direction) / np.linalg.norm(direction), extent)
+
+
+def _point(position: np.ndarray, extent: float) -> Vec3:
+    # Four digits of the volume's extent, wherever it lies: good enough to type by hand.
+    digits = 4 - math.floor(math.log10(extent))
+    x, y, z = (round(float(item), digits) + 0.0 for item in position)
+    return x, y, z

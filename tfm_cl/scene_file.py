@@ -1,0 +1,273 @@
+"""Scene files: TOML to a scene and back."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import tomli_w
+from pydantic import BeforeValidator, Field
+
+from tfm_cl import placement, volume_io
+from tfm_cl.camera import Camera
+from tfm_cl.errors import SceneError
+from tfm_cl.lights import LIGHTS, Light, parse_light
+from tfm_cl.medium import Medium
+from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, unknown_key
+from tfm_cl.scene import Scene
+from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
+from tfm_cl.volume import Volume
+
+MAX_BYTES = 1 << 20
+"""A scene file larger than this is not one."""
+
+Values = dict[str, Any]
+"""A scene as TOML gives it: nested tables."""
+
+
+def _scale(value: Any) -> Any:
+    if value == "auto":
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LARGEST_COLOUR:
+        raise ValueError(f"should be a number from 0 to {LARGEST_COLOUR:g}, or 'auto'")
+    return float(value)
+
+
+def _sizes(value: Any) -> Any:
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+class VolumeSettings(Model):
+    """Which grid of which file, and where it lies."""
+
+    SECTION: ClassVar[str] = "volume"
+
+    file: str = Field(description="volume file, relative to the scene file")
+    grid: str | None = Field(None, description="name of the grid")
+    density_scale: Annotated[float | Literal["auto"], BeforeValidator(_scale)] = Field(
+        1.0,
+        description="density = density_scale * grid; auto: a sensible optical depth (bare volumes' default)",
+    )
+    voxel_size: Annotated[Vec3 | None, BeforeValidator(_sizes)] = Field(
+        None, description="edge of a voxel, world units, one number or x,y,z (files without a transform)"
+    )
+    origin: Vec3 | None = Field(
+        None, description="world position of the low corner of voxel 0,0,0 (files without a transform)"
+    )
+    sanitize: bool = Field(default=False, description="set NaN, infinite and negative densities to 0")
+
+    def load(self, folder: Path, sigma_t: float) -> Volume:
+        """Read the volume; ``sigma_t`` is what an automatic density scale is for."""
+        volume = Volume.load(
+            folder / self.file,
+            self.grid,
+            voxel_size=self.voxel_size,
+            origin=self.origin,
+            sanitize=self.sanitize,
+        )
+        if self.density_scale == "auto":
+            return volume.with_density_scale(placement.density_scale_for(volume, sigma_t))
+        return volume.with_density_scale(self.density_scale)
+
+
+SECTIONS: dict[str, type[Model]] = {
+    cls.SECTION: cls for cls in (VolumeSettings, Medium, Camera, MapSettings, MarchSettings, ImageSettings)
+}
+"""Tables of a scene file; besides them there is the array of tables ``[[light]]``."""
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file with the command line's overrides, checked as far as it can be without the volume.
+
+    ``light`` is None when the scene leaves its light to us; then ``placed_light`` holds what was said of
+    it. Keys missing in ``camera`` are placed too.
+    """
+
+    path: Path
+    volume: VolumeSettings
+    medium: Medium
+    map: MapSettings
+    march: MarchSettings
+    image: ImageSettings
+    camera: Values
+    light: tuple[Light, ...] | None
+    placed_light: Values
+
+    @classmethod
+    def read(cls, path: Path, overrides: Iterable[tuple[str, Any]] = ()) -> SceneFile:
+        """Read a scene (``.toml``), or make one around a bare volume file.
+
+        Parameters
+        ----------
+        overrides
+            Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
+            ``light.KEY`` means the first light, ``light.1.KEY`` the second.
+
+        Raises
+        ------
+        SceneError
+            Unknown key (names the nearest), wrong type or impossible value.
+        VolumeError
+            Neither a scene nor a volume.
+        """
+        values, placed_light = _values_of(path), Values()
+        try:
+            for key, value in overrides:
+                _override(values, placed_light, key, value)
+            return cls._checked(path, values, placed_light)
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
+
+    @classmethod
+    def _checked(cls, path: Path, values: Values, placed_light: Values) -> SceneFile:
+        for name, table in values.items():
+            if name not in (*SECTIONS, "light"):
+                raise SceneError(unknown_key(name, [*SECTIONS, "light"]))
+            if not isinstance(table, list if name == "light" else dict):
+                raise SceneError(
+                    f"{name} is {'[[light]] tables' if name == 'light' else f'a table [{name}]'}"
+                )
+        camera = values.get("camera", {})
+        known = list(Camera.keys())
+        for key in camera:
+            if key not in known:
+                raise SceneError(unknown_key(key, known, "camera"))
+        lights = values.get("light")
+        _check_light(placed_light)
+        return cls(
+            path=path,
+            volume=VolumeSettings(**values.get("volume", {})),
+            medium=Medium(**values.get("medium", {})),
+            map=MapSettings(**values.get("map", {})),
+            march=MarchSettings(**values.get("march", {})),
+            image=ImageSettings(**values.get("image", {})),
+            camera=camera,
+            light=None if lights is None else tuple(_light(i, table) for i, table in enumerate(lights)),
+            placed_light=placed_light,
+        )
+
+    def scene(self) -> Scene:
+        """Read the volume and place what the file left out.
+
+        Raises
+        ------
+        SceneError, VolumeError
+            Impossible camera or light, or a volume that cannot be used.
+        """
+        sigma_t = float(self.medium.sigma_t.max())
+        volume = self.volume.load(self.path.parent, sigma_t)
+        try:
+            camera = placement.camera_for(volume, **self.camera)
+            lights = self.light
+            if lights is None:
+                lights = (placement.light_for(volume, camera, **self.placed_light),)
+            return Scene(volume, self.medium, camera, lights, self.map, self.march)
+        except SceneError as error:
+            raise SceneError(f"{self.path}: {error}") from None
+
+    def chosen(self, scene: Scene) -> Values:
+        """Return what was placed or scaled by itself, by dotted key, to be shown and fixed by hand."""
+        values: Values = {}
+        if self.volume.density_scale == "auto":
+            values["volume.density_scale"] = scene.volume.density_scale
+        camera = scene.camera.to_dict()
+        values |= {f"camera.{key}": camera[key] for key in ("from", "to") if key not in self.camera}
+        if self.light is None:
+            light = scene.lights[0].to_dict()
+            placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
+            values |= {f"light.{key}": light[key] for key in placed}
+        return values
+
+    def resolved(self, scene: Scene) -> Values:
+        """Return every option as resolved, in the shape of a scene file that reproduces this run."""
+        volume = self.volume.to_dict() | {
+            "file": str((self.path.parent / self.volume.file).resolve()),
+            "grid": scene.volume.name or None,
+            "density_scale": scene.volume.density_scale,
+        }
+        return {
+            "volume": volume,
+            "medium": scene.medium.to_dict(),
+            "camera": scene.camera.to_dict(),
+            "light": [light.to_dict() for light in scene.lights],
+            "map": scene.map.to_dict(),
+            "march": scene.march.to_dict(),
+            "image": self.image.to_dict(),
+        }
+
+
+def to_toml(values: Values) -> str:
+    """Write resolved options as TOML; what is None is left out."""
+    return tomli_w.dumps(_without_none(values))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value
+
+
+def _values_of(path: Path) -> Values:
+    if path.suffix.lower() in volume_io.FORMATS:
+        return {"volume": {"file": path.name, "density_scale": "auto"}}
+    if path.suffix.lower() != ".toml":
+        known = " ".join([".toml", *sorted(volume_io.FORMATS)])
+        raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SceneError(f"{path}: not TOML: {error}") from None
+
+
+def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:
+    """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``."""
+    section, _, rest = key.partition(".")
+    if section != "light":
+        table = values.setdefault(section, {})
+    else:
+        number, dot, after = rest.partition(".")
+        index, rest = (int(number), after) if dot and number.isdecimal() else (0, rest)
+        lights = values.get("light")
+        if lights is None and index == 0:
+            table = placed_light
+        elif isinstance(lights, list) and index < len(lights):
+            table = lights[index]
+        else:
+            number_of = len(lights) if isinstance(lights, list) else "no"
+            raise SceneError(f"{key}: the scene has {number_of} [[light]] tables; they count from 0")
+    if not rest or not isinstance(table, dict):
+        raise SceneError(f"{key}: should be SECTION.KEY with a section of {', '.join([*SECTIONS, 'light'])}")
+    *tables, last = rest.split(".")
+    for name in tables:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise SceneError(f"{key}: '{name}' is not a table")
+    table[last] = value
+
+
+def _light(index: int, table: Any) -> Light:
+    try:
+        _check_light(table)
+        return parse_light(table)
+    except SceneError as error:
+        raise SceneError(f"light {index}: {error}") from None
+
+
+def _check_light(table: Any) -> None:
+    """Refuse what `parse_light` cannot tell: attributes' Python names are no keys."""
+    if not isinstance(table, dict) or not isinstance(table.get("type", ""), str):
+        raise SceneError("light should be a table with a name as its type")
+    kind = LIGHTS.get(table.get("type", "spot"))
+    known = list(kind.keys()) if kind else list(table)
+    for key in table:
+        if key not in known:
+            raise SceneError(unknown_key(key, known, "light"))
