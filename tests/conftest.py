@@ -1,0 +1,89 @@
+"""Fixtures that every test may use: the device, the real volumes, small scenes."""
+
+import contextlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_scene
+
+import tfm_cl as tfm
+from tfm_cl import image_io
+from tfm_cl.device import choose_device
+from tfm_cl.image_io.image import Image
+from tfm_cl.passes.launch import Launcher
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+STRICT = ("-Werror",)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--cl-device", default=None, help="part of the OpenCL device's name; default PoCL")
+
+
+def pytest_report_header(config):
+    device = choose_device(config.getoption("--cl-device"))
+    return f"OpenCL device: {device.platform.name.strip()}: {device.name.strip()}"
+
+
+@pytest.fixture(scope="session")
+def device_name(request):
+    return request.config.getoption("--cl-device")
+
+
+@pytest.fixture(scope="session")
+def renderer(device_name):
+    """One renderer for all tests; kernel warnings are errors."""
+    with tfm.Renderer(device_name, build_options=STRICT) as renderer:
+        yield renderer
+
+
+@pytest.fixture(scope="session")
+def launcher(device_name):
+    """Kernels of ``tests/kernels`` as well as the project's own."""
+    folder = Path(__file__).parent / "kernels"
+    return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)))
+
+
+@pytest.fixture(scope="session")
+def shared_volumes():
+    """Folder of the real volumes that are not part of the project; skips without."""
+    folder = Path(os.environ.get("TFM_VOLUMES", REPOSITORY.parent / "shared" / "volumes"))
+    if not folder.is_dir():
+        pytest.skip(f"no real volumes in {folder}; set TFM_VOLUMES")
+    return folder
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20110218)
+
+
+@pytest.fixture
+def small_scene():
+    return make_scene()
+
+
+@pytest.fixture
+def save_on_failure(tmp_path):
+    """Write image, reference and difference when a comparison inside the block fails, and name them."""
+
+    @contextlib.contextmanager
+    def block(image, reference):
+        try:
+            yield
+        except AssertionError as error:
+            difference = np.abs(image - reference)
+            paths = []
+            for name, pixels in (("image", image), ("reference", reference), ("difference", difference)):
+                opaque = np.dstack([pixels[..., :3], np.ones(pixels.shape[:2])]).astype(np.float32)
+                for suffix in (".exr", ".png"):
+                    paths.append(tmp_path / f"{name}{suffix}")
+                    image_io.save(paths[-1], Image(rgba=opaque), pixel_type="float")
+            shown = "\n".join(map(str, paths))
+            raise AssertionError(
+                f"{error}\nlargest difference {difference.max():g}; written:\n{shown}"
+            ) from error
+
+    return block

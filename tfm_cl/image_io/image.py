@@ -1,0 +1,85 @@
+"""An image with its extra channels, ready to be written."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import ImageError
+
+Metadata = str | int | float | NDArray[np.float64]
+
+_RGBA = 4
+_VECTOR = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Image:
+    """A picture, its AOVs, and where it lies in the full frame.
+
+    Raises
+    ------
+    ImageError
+        Arrays of other shapes, a crop that does not fit them, or values that are NaN or infinite
+        (the message says where).
+    """
+
+    rgba: NDArray[np.float32]
+    """[H, W, 4], row 0 on top; scene-linear, Rec. 709 primaries, premultiplied."""
+    aovs: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    """Name -> [H, W] or [H, W, 3]."""
+    display_window: tuple[int, int] | None = None
+    """(width, height) of the full frame, pixels; None: this is the full frame."""
+    crop: tuple[int, int, int, int] | None = None
+    """(x0, y0, x1, y1), pixels of the full frame that these arrays are, x1 and y1 excluded; None: all."""
+    metadata: dict[str, Metadata] = field(default_factory=dict)
+    """Header attributes; a 4×4 matrix acts on column vectors and is named by what it does, as
+    ``worldToCamera``."""
+
+    def __post_init__(self) -> None:
+        if self.rgba.ndim != _VECTOR or self.rgba.shape[2] != _RGBA or self.rgba.size == 0:
+            raise ImageError(f"an image is [height, width, 4] and not empty; got the shape {self.rgba.shape}")
+        check_finite(self.rgba, "the image")
+        height, width = self.rgba.shape[:2]
+        for name, aov in self.aovs.items():
+            if aov.shape not in {(height, width), (height, width, _VECTOR)}:
+                raise ImageError(
+                    f"AOV '{name}' is [{height}, {width}] or [{height}, {width}, 3]; got {aov.shape}"
+                )
+            check_finite(aov, f"AOV '{name}'")
+        x0, y0, x1, y1 = self.data_window
+        full_width, full_height = self.frame_size
+        inside = min(x0, y0) >= 0 and x1 <= full_width and y1 <= full_height
+        if (x1 - x0, y1 - y0) != (width, height) or not inside:
+            raise ImageError(
+                f"the crop {x0},{y0},{x1},{y1} does not fit {width}×{height} pixels of a frame of "
+                f"{full_width}×{full_height}"
+            )
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) of the full frame, pixels."""
+        return self.display_window or (self.rgba.shape[1], self.rgba.shape[0])
+
+    @property
+    def data_window(self) -> tuple[int, int, int, int]:
+        """(x0, y0, x1, y1) of these pixels in the full frame, x1 and y1 excluded."""
+        return self.crop or (0, 0, self.rgba.shape[1], self.rgba.shape[0])
+
+
+def check_finite(values: NDArray[np.float32], what: str) -> None:
+    """Refuse NaN and infinity.
+
+    Raises
+    ------
+    ImageError
+        Saying which pixel is the first.
+    """
+    if np.isfinite(values).all():
+        return
+    wrong = ~np.isfinite(values)
+    first = tuple(int(i) for i in np.argwhere(wrong)[0])
+    raise ImageError(
+        f"{what} holds {np.count_nonzero(wrong)} values that are NaN or infinite, the first at "
+        f"x={first[1]}, y={first[0]}; it is not written"
+    )
