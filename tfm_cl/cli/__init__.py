@@ -1,0 +1,105 @@
+"""The command line ``tfm``: parse, call the library, print. One module a command."""
+
+import importlib
+import io
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from tfm_cl.errors import TfmError
+
+COMMANDS = ("render", "info", "compare", "sweep", "devices")
+"""Modules of this package, each with a click command called ``command``; imported when used."""
+
+EXIT_WRONG_USE = 2
+EXIT_RESOURCE = 3
+EXIT_INTERRUPTED = 130
+
+
+class LazyGroup(click.Group):
+    """Commands from `COMMANDS`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the help."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
+        return command
+
+
+def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: Any) -> None:
+    if wanted and not ctx.resilient_parsing:
+        from tfm_cl._version import __version__  # noqa: PLC0415 - reading package metadata takes time
+
+        print(f"tfm {__version__}")
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_print_version,
+    help="Print the version.",
+)
+def tfm() -> None:
+    """Render voxel volumes through transmittance function maps, on OpenCL.
+
+    Exit codes: 0 good, 1 `compare --fail-under` missed, 2 wrong use or bad input, 3 device or resource
+    failure, 130 interrupted.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line; every failure is one line on stderr.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that lacks × is no reason to fail
+    try:
+        code = tfm(
+            args=None if arguments is None else list(arguments), prog_name="tfm", standalone_mode=False
+        )
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message(), file=sys.stderr)
+        code = EXIT_WRONG_USE
+    except click.ClickException as error:
+        code = _fail(_one_line(error), EXIT_WRONG_USE)
+    except TfmError as error:
+        code = _fail(str(error), error.exit_code)
+    except MemoryError:
+        code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)
+    except (click.Abort, KeyboardInterrupt):
+        code = _fail("interrupted", EXIT_INTERRUPTED)
+    return code if isinstance(code, int) else 0
+
+
+def _one_line(error: click.ClickException) -> str:
+    message = " ".join(error.format_message().split())
+    context = getattr(error, "ctx", None)
+    path = f"; see {context.command_path} --help" if context is not None else ""
+    return message.rstrip(".") + path
+
+
+def _fail(message: str, code: int) -> int:
+    # Names from files may hold line breaks and terminal codes.
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
+    print(f"tfm: {shown}", file=sys.stderr)
+    return code

@@ -1,0 +1,73 @@
+"""``tfm compare``: how far a picture is from its reference."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tfm_cl.image_io import load_image
+
+LOWER_IS_BETTER = ("rmse", "flip")
+
+
+@click.command("compare")
+@click.argument("test", type=click.Path(path_type=Path))
+@click.argument("reference", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="print JSON")
+@click.option("--flip", "with_flip", is_flag=True, help="FLIP too (needs pip install 'tfm_cl[flip]')")
+@click.option(
+    "--fail-under",
+    "limits",
+    metavar="METRIC=VALUE",
+    multiple=True,
+    help="exit with 1 when the metric is worse, as ssim=0.99 or lit.psnr=35; rmse and flip: when larger",
+)
+def command(test: Path, reference: Path, limits: tuple[str, ...], *, as_json: bool, with_flip: bool) -> int:
+    """Compare TEST with REFERENCE (.exr .png .npy): SSIM, PSNR, RMSE; full frame and where it is lit."""
+    wanted = [_limit(text) for text in limits]
+    # scikit-image takes its time to import.
+    from tfm_cl import metrics  # noqa: PLC0415
+
+    images = load_image(test), load_image(reference)
+    values: dict[str, Any] = metrics.compare(*images).to_dict()
+    if with_flip or any(name == "flip" for name, _ in wanted):
+        values["flip"] = metrics.flip(*images)
+    if as_json:
+        print(json.dumps(values, indent=2))
+    else:
+        for name, value in _flat(values).items():
+            print(f"{name:10} {_number(value):.6g}")
+    missed = 0
+    for name, limit in wanted:
+        value = _number(_flat(values)[name])
+        worse = value > limit if name.split(".")[-1] in LOWER_IS_BETTER else value < limit
+        if worse or math.isnan(value):
+            click.echo(f"tfm: {name} = {value:.6g} misses {limit:g}", err=True)
+            missed = 1
+    return missed
+
+
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    lit = values["lit"]
+    full = {name: value for name, value in values.items() if name != "lit"}
+    return full | {f"lit.{name}": value for name, value in (lit or {}).items()}
+
+
+def _number(value: float | None) -> float:
+    return math.inf if value is None else float(value)
+
+
+def _limit(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    known = ("ssim", "psnr", "rmse", "lit.ssim", "lit.psnr", "lit.rmse", "flip")
+    try:
+        limit = float(value)
+    except ValueError:
+        limit = math.nan
+    if name not in known or math.isnan(limit):
+        raise click.UsageError(
+            f"--fail-under {text}: should be METRIC=VALUE with METRIC one of {', '.join(known)}"
+        )
+    return name, limit

@@ -1,0 +1,29 @@
+"""``tfm devices``: what OpenCL offers on this machine."""
+
+import json
+
+import click
+
+from tfm_cl.device import HOW_TO_GET_ONE, list_devices
+from tfm_cl.errors import NoDeviceError
+
+
+@click.command("devices")
+@click.option("--json", "as_json", is_flag=True, help="print JSON")
+def command(*, as_json: bool) -> None:
+    """List every OpenCL device, its limits, and which one would be used (*)."""
+    devices = list_devices()
+    if as_json:
+        print(json.dumps([device.to_dict() for device in devices], indent=2))
+    if not devices:
+        raise NoDeviceError(f"no OpenCL device found; {HOW_TO_GET_ONE}")
+    if as_json:
+        return
+    for device in devices:
+        print(f"{'*' if device.default else ' '} {device.name}")
+        print(f"    platform         {device.platform}, {device.version}")
+        print(f"    kind             {device.kind}, {device.compute_units} compute units")
+        print(f"    memory           {device.global_memory / 2**20:,.0f} MiB")
+        print(f"    largest buffer   {device.max_allocation / 2**20:,.0f} MiB")
+        print(f"    work-group       up to {device.max_work_group:,}")
+    print("* is used unless --device NAME says otherwise")

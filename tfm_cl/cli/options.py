@@ -1,0 +1,220 @@
+"""Command-line options that are keys of a scene file: one table, help and defaults from the models."""
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from tfm_cl.bases import BASES
+from tfm_cl.lights import LIGHTS, SpotLight
+from tfm_cl.model import Model
+from tfm_cl.scene_file import SECTIONS
+
+
+def numbers(text: str) -> Any:
+    """``1`` or ``1,2,3``."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"'{text}' is not a number, nor numbers with commas between") from None
+    return values[0] if len(values) == 1 else values
+
+
+def number_or_auto(text: str) -> Any:
+    """``1.5`` or ``auto``."""
+    return text if text == "auto" else numbers(text)
+
+
+def pixels(text: str) -> list[int]:
+    """``x0,y0,x1,y1``."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"'{text}' is not whole numbers with commas between") from None
+
+
+def resolution(text: str) -> list[int]:
+    """``1280x720``."""
+    width, _, height = text.lower().replace("×", "x").partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise click.BadParameter(f"'{text}' is not WIDTHxHEIGHT, as 1280x720")
+    return [int(width), int(height)]
+
+
+def names(text: str) -> list[str]:
+    """``depth,samples``."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def toml_value(text: str) -> Any:
+    """Read a value as TOML writes it; ``1,2,3`` and bare words serve too."""
+    for candidate in (text, f"[{text}]") if text else ():
+        try:
+            return tomllib.loads(f"value = {candidate}")["value"]
+        except tomllib.TOMLDecodeError:
+            continue
+    return text
+
+
+COLOUR = "R,G,B"
+"""Metavar of colours, for which one number serves too."""
+
+
+@dataclass(frozen=True)
+class SceneOption:
+    """A flag that sets one key of the scene."""
+
+    group: str
+    flag: str
+    key: str
+    metavar: str
+    parse: Callable[[str], Any] | click.ParamType[Any]
+    otherwise: str = ""
+    """The default where it is not (only) a value of the model."""
+
+    @property
+    def parameter(self) -> str:
+        """Name of the function parameter that click fills."""
+        return "scene_" + self.flag.removeprefix("--").replace("-", "_")
+
+    def help(self) -> str:
+        """Return description and default, from the model."""
+        section, _, key = self.key.partition(".")
+        model: type[Model] = SpotLight if section == "light" else SECTIONS[section]
+        name = model.keys()[key]
+        field = model.model_fields[name]
+        # A subclass that narrows a field's type leaves the description to its base.
+        fields = (base.model_fields.get(name) for base in model.__mro__ if issubclass(base, Model))
+        description = next(base.description for base in fields if base and base.description)
+        known = not field.is_required() and field.default not in {None, ()}
+        defaults = [self.shown(field.default)] * known + [self.otherwise] * bool(self.otherwise)
+        return f"{description}  [{'; '.join(defaults)}]"
+
+    def shown(self, value: Any) -> str:
+        """Write a value as the flag takes it, to the last digit."""
+        grey = self.metavar == COLOUR and len(set(value)) == 1
+        return _shown(value[0] if grey else value)
+
+
+SCENE_OPTIONS = (
+    SceneOption("Image", "--res", "camera.res", "WxH", resolution),
+    SceneOption("Image", "--crop", "image.crop", "X0,Y0,X1,Y1", pixels, "the whole frame"),
+    SceneOption("Image", "--exposure", "image.exposure", "STOPS", click.FLOAT),
+    SceneOption("Image", "--aov", "image.aov", "NAME[,NAME]", names, "none"),
+    SceneOption("Method", "--method", "march.method", "", click.Choice(["tfm", "dual"])),
+    SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(list(BASES))),
+    SceneOption("Map", "--coeffs", "map.coeffs", "N", click.INT),
+    SceneOption("Map", "--density-weighting", "map.density_weighting", "A|auto", number_or_auto),
+    SceneOption("Map", "--map-res", "map.res", "N", click.INT),
+    SceneOption("Map", "--light-steps", "map.steps", "N", click.INT),
+    SceneOption("Map", "--storage", "map.storage", "", click.Choice(["f32", "f16", "u8"])),
+    SceneOption("March", "--steps", "march.steps", "N", click.INT),
+    SceneOption("March", "--sampling", "march.sampling", "", click.Choice(["projective", "world"])),
+    SceneOption("Medium", "--grid", "volume.grid", "NAME", click.STRING, "density, else the only one"),
+    SceneOption("Medium", "--density-scale", "volume.density_scale", "X|auto", number_or_auto, "bare: auto"),
+    SceneOption("Medium", "--sigma-s", "medium.sigma_s", COLOUR, numbers),
+    SceneOption("Medium", "--sigma-a", "medium.sigma_a", COLOUR, numbers),
+    SceneOption("Medium", "--phase", "medium.phase", "NAME[:G]", click.STRING),
+    SceneOption("Camera", "--camera-from", "camera.from", "X,Y,Z", numbers, "the volume fills the frame"),
+    SceneOption("Camera", "--camera-to", "camera.to", "X,Y,Z", numbers, "the volume's centre"),
+    SceneOption("Camera", "--up", "camera.up", "X,Y,Z", numbers),
+    SceneOption("Camera", "--fov", "camera.fov", "DEG", click.FLOAT),
+    SceneOption("Light", "--light-type", "light.type", "", click.Choice(list(LIGHTS))),
+    SceneOption("Light", "--light-from", "light.from", "X,Y,Z", numbers, "above and to the left"),
+    SceneOption("Light", "--light-to", "light.to", "X,Y,Z", numbers, "the volume's centre"),
+    SceneOption("Light", "--cone", "light.cone", "DEG", click.FLOAT, "without [[light]]: holds the volume"),
+    SceneOption("Light", "--intensity", "light.intensity", COLOUR, numbers, "without [[light]]: 15"),
+    SceneOption("Light", "--falloff", "light.falloff", "", click.Choice(["none", "inverse-square"])),
+)
+"""Flags of the first light change ``[[light]]`` number 0; others are reached by ``--set light.1.cone=30``."""
+
+
+class GroupedCommand(click.Command):
+    """A command whose help lists its options in groups, and whose errors name the nearest option."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section a group, in the order of the options."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                groups.setdefault(getattr(parameter, "group", "Run"), []).append(record)
+        for group, records in groups.items():
+            with formatter.section(group):
+                formatter.write_dl(records)
+
+
+class GroupedOption(click.Option):
+    """An option that knows its group."""
+
+    def __init__(self, *args: Any, group: str = "Run", **attributes: Any) -> None:
+        self.group = group
+        super().__init__(*args, **attributes)
+
+
+def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add the flags of `SCENE_OPTIONS` to a command, and ``--set``."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        function = click.option(
+            "--set",
+            "settings",
+            metavar="KEY=VALUE",
+            multiple=True,
+            cls=GroupedOption,
+            help="any key of the scene file, as march.max_stretch=8; may be repeated",
+        )(function)
+        for option in reversed(SCENE_OPTIONS):
+            if option.flag in without:
+                continue
+            typed = option.parse if isinstance(option.parse, click.ParamType) else click.STRING
+            function = click.option(
+                option.flag,
+                option.parameter,
+                metavar=option.metavar or None,
+                type=typed,
+                cls=GroupedOption,
+                group=option.group,
+                help=option.help(),
+            )(function)
+        return function
+
+    return decorate
+
+
+def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[str, Any]]:
+    """Turn the flags given, then ``--set``, into pairs of a dotted scene key and a value."""
+    pairs = []
+    for option in SCENE_OPTIONS:
+        value = given.get(option.parameter)
+        if value is None:
+            continue
+        if not isinstance(option.parse, click.ParamType):
+            try:
+                value = option.parse(value)
+            except click.BadParameter as error:
+                raise click.UsageError(f"{option.flag}: {error.message}") from None
+        pairs.append((option.key, value))
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or "." not in key:
+            raise click.UsageError(f"--set {setting}: should be SECTION.KEY=VALUE, as camera.fov=30")
+        pairs.append((key.strip(), toml_value(text.strip())))
+    return pairs
+
+
+def as_flags(values: dict[str, Any]) -> str:
+    """Write dotted keys and values as the flags that set them."""
+    options = {option.key: option for option in SCENE_OPTIONS}
+    return " ".join(f"{options[key].flag} {options[key].shown(value)}" for key, value in values.items())
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        separator = "x" if len(value) == 2 else ","  # noqa: PLR2004 - width and height
+        return separator.join(_shown(item) for item in value)
+    if isinstance(value, Model):
+        return str(getattr(value, "type", value))
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

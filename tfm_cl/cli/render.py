@@ -1,0 +1,152 @@
+"""``tfm render``: a volume or a scene to pictures."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tfm_cl import image_io
+from tfm_cl.cli.options import GroupedCommand, GroupedOption, as_flags, overrides, scene_options
+from tfm_cl.cli.progress import progress_bar
+from tfm_cl.files import check_writable, write_text
+from tfm_cl.scene_file import SceneFile, Values, to_toml
+from tfm_cl.settings import ImageSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.result import RenderResult
+
+
+@click.command("render", cls=GroupedCommand)
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "outputs",
+    metavar="OUT",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    cls=GroupedOption,
+    group="Output",
+    help=".exr .png .npy, by extension; may be repeated",
+)
+@scene_options()
+@click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
+@click.option(
+    "--print-config",
+    is_flag=True,
+    cls=GroupedOption,
+    help="print a scene file that reproduces this run; without -o nothing is rendered",
+)
+@click.option("--stats", is_flag=True, cls=GroupedOption, help="print times, samples and map size")
+@click.option(
+    "--json", "json_path", metavar="FILE|-", cls=GroupedOption, help="write options and figures as JSON"
+)
+@click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
+@click.option("-v", "verbose", is_flag=True, cls=GroupedOption, help="print every option as resolved")
+def command(
+    source: Path,
+    outputs: tuple[Path, ...],
+    settings: tuple[str, ...],
+    device: str | None,
+    json_path: str | None,
+    *,
+    print_config: bool,
+    stats: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> None:
+    """Render INPUT, a volume or a scene (.toml), to pictures.
+
+    \b
+    tfm render cloud.vdb -o cloud.png
+    tfm render scene.toml -o shot.exr -o shot.png --aov depth,transmittance --res 1920x1080
+    tfm render cloud.vdb -o reference.exr --method dual
+    """  # noqa: D301 - click wants the character \b, not its escape
+    started = time.perf_counter()
+    if not outputs and not print_config:
+        raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
+    _check_writable(outputs, json_path)
+    scene_file = SceneFile.read(source, overrides(given, settings))
+    _check_apart(outputs, (source, source.parent / scene_file.volume.file))
+    scene = scene_file.scene()
+    resolved = scene_file.resolved(scene)
+    chosen = scene_file.chosen(scene)
+    if chosen and not quiet:
+        print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
+    if verbose:
+        print(to_toml(resolved), file=sys.stderr)
+    if print_config:
+        print(to_toml(resolved), end="")
+    if not outputs:
+        return
+    load_seconds = time.perf_counter() - started
+
+    # Imported here: printing a configuration needs no OpenCL.
+    from tfm_cl.renderer import Renderer  # noqa: PLC0415
+
+    with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
+        result = renderer.render(scene, crop=scene_file.image.crop, progress=progress)
+    for warning in () if quiet else result.warnings:
+        print(f"tfm: warning: {warning}", file=sys.stderr)
+    if result.stats.density_weighting is not None:
+        resolved["map"]["density_weighting"] = result.stats.density_weighting
+
+    rendered = time.perf_counter()
+    _save(result, outputs, scene_file.image, resolved)
+    ended = time.perf_counter()
+    report = {"options": resolved} | result.stats.to_dict()
+    report["seconds"] |= {"load": load_seconds, "save": ended - rendered, "total": ended - started}
+    if stats and not quiet:
+        _print_stats(report)
+    if json_path is not None:
+        _write_json(json_path, report)
+
+
+def _check_writable(outputs: tuple[Path, ...], json_path: str | None) -> None:
+    for path in outputs:
+        image_io.check_writable(path)
+    if json_path not in {None, "-"}:
+        check_writable(Path(str(json_path)))
+
+
+def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
+    """Refuse to replace what the picture is made from: both may be ``.npy``."""
+    for path in outputs:
+        if path.resolve() in {source.resolve() for source in inputs}:
+            raise click.UsageError(f"{path}: is the input itself; choose another name")
+
+
+def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:
+    for path in outputs:
+        result.save(
+            path,
+            exposure=image.exposure,
+            aovs=image.aov,
+            pixel_type=image.pixel_type,
+            metadata={"tfm_cl:options": json.dumps(resolved)},
+        )
+
+
+def _write_json(path: str, report: Values) -> None:
+    text = json.dumps(report, indent=2)
+    if path == "-":
+        print(text)
+    else:
+        write_text(Path(path), text + "\n")
+
+
+def _print_stats(report: Values) -> None:
+    print(f"device       {report['device']['name']}", file=sys.stderr)
+    for name in ("load", "compile", "light_pass", "view_pass", "save", "total"):
+        samples = report["samples"].get(name)
+        seconds = report["seconds"][name]
+        rate = (
+            f"   {samples:>15,} samples, {samples / seconds / 1e6:,.0f} M/s"
+            if samples and seconds > 0
+            else ""
+        )
+        print(f"{name:12} {seconds:8.3f} s{rate}", file=sys.stderr)
+    print(f"maps         {report['map_bytes'] / 2**20:8.1f} MiB", file=sys.stderr)
