@@ -23,10 +23,10 @@ INTENSITY = 15.0
 """An isotropic, white, dense medium returns about 1/4π of the light: this brings it near white."""
 WIDEST_CONE = 60.0
 """Degrees."""
-FILL = 0.92
+FILL = 1.0
 """Part of the frame that the occupied bounds may fill."""
-OPTICAL_DEPTH = 10.0
-"""τ along the denser axis-aligned lines of sight (90th percentile of those that meet the medium)."""
+OPTICAL_DEPTH = 7.0
+"""τ along axis-aligned lines of sight, their mean weighted by itself."""
 
 
 def camera_for(volume: "Volume", /, **given: Any) -> Camera:
@@ -63,22 +63,21 @@ def light_for(volume: "Volume", camera: Camera, /, **given: Any) -> Light:
     return parse_light(given)
 
 
-def density_scale_for(volume: "Volume", sigma_t: float) -> float:
+def density_scale_for(volume: "Volume") -> float:
     """Scale the density to an optical depth that shows both body and detail (`OPTICAL_DEPTH`).
 
-    Parameters
-    ----------
-    sigma_t
-        Largest extinction coefficient of the medium at density 1, per world unit.
+    It is that of σ_t = 1, so that a medium given by hand does what its numbers say.
     """
-    depths = []
-    for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True):
-        columns = volume.data.sum(axis=axis, dtype=np.float64) * voxel
-        depths.append(columns[columns > 0])
+    depths = [
+        volume.data.sum(axis=axis, dtype=np.float64).ravel() * voxel
+        for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True)
+    ]
     lines = np.concatenate(depths)
-    if lines.size == 0 or sigma_t <= 0:
+    if lines.max() <= 0:
         return 1.0
-    typical = sigma_t * float(np.percentile(lines, 90))
+    lines /= lines.max()
+    # Weighted by themselves: wisps fill much of the frame, but the body is what is looked at.
+    typical = float((lines**2).sum() / lines.sum()) * max(float(depth.max()) for depth in depths)
     # Two digits are enough, and read better where the choice is printed.
     return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
 

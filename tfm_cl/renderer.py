@@ -31,8 +31,8 @@ Crop = tuple[int, int, int, int]
 AUTO_WEIGHTING = (1.0, 16.0)
 """Range of α times the extinction that density_weighting = auto chooses from."""
 
-FLOAT_TRANSMITTANCE_DEPTH = 87.0
-"""Optical depth beyond which a float32 transmittance is 0."""
+STEEPEST_DEPTH = 20.0
+"""Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
 VISIBLE_DEPTH = 7.0
 """Optical depth beyond which light (less than 0.1 % of it) is not missed."""
 
@@ -246,12 +246,12 @@ def _check_maps(scene: Scene, maps: list[TransmittanceMap]) -> None:
 
 
 def _warnings(scene: Scene, maps: list[TransmittanceMap] | None) -> tuple[str, ...]:
-    """Tell where float32 cannot hold the map's transmittance although it is visible."""
+    """Tell where the map cannot hold a transmittance that is still visible: α is small for the units."""
     sigma_t = scene.medium.sigma_t
     if not maps or sigma_t.max() <= 0:
         return ()
     alpha, deepest = maps[0].density_weighting, maps[0].largest_optical_depth
-    lost = FLOAT_TRANSMITTANCE_DEPTH * alpha
+    lost = STEEPEST_DEPTH * alpha
     if deepest <= lost or sigma_t[sigma_t > 0].min() * lost >= VISIBLE_DEPTH:
         return ()
     message = (

@@ -59,8 +59,8 @@ class VolumeSettings(Model):
     )
     sanitize: bool = Field(default=False, description="set NaN, infinite and negative densities to 0")
 
-    def load(self, folder: Path, sigma_t: float) -> Volume:
-        """Read the volume; ``sigma_t`` is what an automatic density scale is for."""
+    def load(self, folder: Path) -> Volume:
+        """Read the volume."""
         volume = Volume.load(
             folder / self.file,
             self.grid,
@@ -69,7 +69,7 @@ class VolumeSettings(Model):
             sanitize=self.sanitize,
         )
         if self.density_scale == "auto":
-            return volume.with_density_scale(placement.density_scale_for(volume, sigma_t))
+            return volume.with_density_scale(placement.density_scale_for(volume))
         return volume.with_density_scale(self.density_scale)
 
 
@@ -158,8 +158,7 @@ class SceneFile:
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        sigma_t = float(self.medium.sigma_t.max())
-        volume = self.volume.load(self.path.parent, sigma_t)
+        volume = self.volume.load(self.path.parent)
         try:
             camera = placement.camera_for(volume, **self.camera)
             lights = self.light

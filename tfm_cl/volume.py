@@ -226,7 +226,7 @@ def _non_negative(value: float, key: str, label: str) -> float:
     return float(value)
 
 
-def _vector(value: tuple[float, float, float], key: str, label: str) -> tuple[float, float, float]:
+def _vector(value: Any, key: str, label: str) -> tuple[float, float, float]:
     try:
         vector = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,4 +1,5 @@
-/* Henyey and Greenstein (1941): (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^(3/2)). params->phase = g. */
+/* Henyey and Greenstein (1941): (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^(3/2)). params->phase = g.
+   The base is written (1 - |g|)^2 + 2 |g| (1 -+ mu), which does not cancel at the peak. */
 #ifndef TFM_PHASE_H
 #define TFM_PHASE_H
 
@@ -6,8 +7,9 @@
 inline float phase_eval(__constant const Params *params, float mu)
 {
   const float g = params->phase[0];
-  /* = (1 - g)^2 at mu = 1; rounding must not make it 0 or negative. */
-  const float base = fmax(1.0f + g * g - 2.0f * g * mu, (1.0f - fabs(g)) * (1.0f - fabs(g)));
+  const float size = fabs(g);
+  const float off_peak = fmax(1.0f - copysign(1.0f, g) * mu, 0.0f);
+  const float base = (1.0f - size) * (1.0f - size) + 2.0f * size * off_peak;
   return 0.25f * M_1_PI_F * (1.0f - g * g) / (base * sqrt(base));
 }
 

@@ -20,7 +20,7 @@ def a_map(renderer, scene):
 @pytest.mark.parametrize("alpha", [1.0, 10.0])
 def test_map_equals_the_reference(renderer, coeffs, alpha):
     scene = make_scene()
-    scene = scene.replace(map=scene.map.replace(coeffs=coeffs, density_weighting=alpha))
+    scene = scene.replace(map=scene.map.replace(coeffs=coeffs, steps=32, density_weighting=alpha))
 
     coefficients = a_map(renderer, scene).coefficients
 

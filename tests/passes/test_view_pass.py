@@ -26,7 +26,7 @@ VARIANTS = {
     "along the light": {"camera": tfm.Camera(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), fov=40, res=(24, 18))},
     "two lights": {"lights": [LIGHT, LIGHT.replace(from_=(-3, 1, 2), cone=12, intensity=(0, 1, 4))]},
     "one coefficient": {"map": tfm.MapSettings(res=24, steps=24, coeffs=1)},
-    "32 coefficients": {"map": tfm.MapSettings(res=24, steps=24, coeffs=32, density_weighting=1.0)},
+    "32 coefficients": {"map": tfm.MapSettings(res=24, steps=32, coeffs=32, density_weighting=1.0)},
     "portrait": {"camera": tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0, 0, 0), fov=38, res=(11, 29))},
     "far from the origin": {
         "volume": tfm.Volume(

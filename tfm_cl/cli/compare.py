@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from tfm_cl.errors import ImageError
 from tfm_cl.image_io import load_image
 
 LOWER_IS_BETTER = ("rmse", "flip")
@@ -39,9 +40,11 @@ def command(test: Path, reference: Path, limits: tuple[str, ...], *, as_json: bo
     else:
         for name, value in _flat(values).items():
             print(f"{name:10} {_number(value):.6g}")
-    missed = 0
+    missed, flat = 0, _flat(values)
     for name, limit in wanted:
-        value = _number(_flat(values)[name])
+        if name not in flat:
+            raise ImageError(f"{reference}: has no lit pixel, and so no {name}")
+        value = _number(flat[name])
         worse = value > limit if name.split(".")[-1] in LOWER_IS_BETTER else value < limit
         if worse or math.isnan(value):
             click.echo(f"tfm: {name} = {value:.6g} misses {limit:g}", err=True)

@@ -52,9 +52,11 @@ def toml_value(text: str) -> Any:
     """Read a value as TOML writes it; ``1,2,3`` and bare words serve too."""
     for candidate in (text, f"[{text}]") if text else ():
         try:
-            return tomllib.loads(f"value = {candidate}")["value"]
-        except tomllib.TOMLDecodeError:
+            read = tomllib.loads(f"value = {candidate}")
+        except (tomllib.TOMLDecodeError, RecursionError):
             continue
+        if len(read) == 1:  # no further lines with keys of their own
+            return read["value"]
     return text
 
 
@@ -124,8 +126,8 @@ SCENE_OPTIONS = (
     SceneOption("Light", "--light-type", "light.type", "", click.Choice(list(LIGHTS))),
     SceneOption("Light", "--light-from", "light.from", "X,Y,Z", numbers, "above and to the left"),
     SceneOption("Light", "--light-to", "light.to", "X,Y,Z", numbers, "the volume's centre"),
-    SceneOption("Light", "--cone", "light.cone", "DEG", click.FLOAT, "without [[light]]: holds the volume"),
-    SceneOption("Light", "--intensity", "light.intensity", COLOUR, numbers, "without [[light]]: 15"),
+    SceneOption("Light", "--cone", "light.cone", "DEG", click.FLOAT, "placed: holds the volume"),
+    SceneOption("Light", "--intensity", "light.intensity", COLOUR, numbers, "placed: 15"),
     SceneOption("Light", "--falloff", "light.falloff", "", click.Choice(["none", "inverse-square"])),
 )
 """Flags of the first light change ``[[light]]`` number 0; others are reached by ``--set light.1.cone=30``."""

@@ -3,14 +3,16 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from tfm_cl.passes.launch import Progress
+if TYPE_CHECKING:  # printing a configuration needs no OpenCL
+    from tfm_cl.passes.launch import Progress
 
 
 @contextmanager
-def progress_bar(*, quiet: bool) -> Iterator[Progress]:
+def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
     """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage."""
     bar: tqdm[None] | None = None
 

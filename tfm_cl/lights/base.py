@@ -15,7 +15,7 @@ class LightFrame:
     """Where a light's map lies in the world, as the kernels need it."""
 
     world_from_light: NDArray[np.float64]
-    """4×4 rigid; the light looks along +z."""
+    """4×4 with orthonormal axes: x right, y up, z where the light looks."""
     shape: tuple[float, ...]
     """Up to four numbers that the light's kernel header finds in ``params->light_shape``."""
 

