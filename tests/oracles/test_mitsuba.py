@@ -1,0 +1,242 @@
+"""Images against Mitsuba 3, a path tracer that shares no code with this project.
+
+The dual march takes 400 × 400 steps, so that what is left is Mitsuba's Monte Carlo noise, which is known
+from independent batches. The quick budgets find a difference of about 1 % in the mean, the slow ones of
+about 0.4 %.
+"""
+
+import logging
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from oracles.mitsuba_scene import MitsubaScene, mitsuba_variant, write_exr
+from scenes import blobs, turned
+
+import tfm_cl as tfm
+
+LOG = logging.getLogger(__name__)
+CUMULUS = Path(__file__).resolve().parents[2] / "volumes" / "cumulus.npz"
+STEPS = 400
+BATCHES = 32
+QUICK, SLOW = 48, 320
+"""Samples per pixel and batch."""
+SCALAR_SHARE = 8
+"""The scalar variant takes so many times fewer samples."""
+
+# What the images may differ by. All are parts of a channel's mean over the image, but for the last three.
+SYSTEMATIC = 1e-3
+"""Bias of the mean beyond noise: 1600 × 1600 steps move the mean of these scenes by less than 1e-4; the
+rest is for Mitsuba's float32 (a coordinate that ends up in the next voxel or outside of the cone)."""
+FLOOR = 1e-2
+"""Added to a pixel's standard error: where few samples carry the light, Mitsuba's estimate of it is worth
+nothing (0 where none hit)."""
+LIT = 5e-2
+"""Pixels above it are lit."""
+STANDARD_ERROR = 5e-3
+"""Most that the mean's standard error may be, for the test to say something."""
+OUTLIERS = 0.02
+"""Share of the lit pixels beyond three standard errors: 0.5 % by Student's t of 32 batches, more as single
+samples are skewed."""
+MEAN_Z = 0.3
+"""Mean z-score: three standard errors of 130 independent lit pixels, and each scene has more."""
+RMS_Z = 1.3
+"""Root mean square z-score: 1.03 by Student's t; more as the errors of skewed samples are underestimated."""
+
+# The map at n = 32 and 256² texels.
+MAP_BIAS = 1.5e-2
+"""The truncated series and the map's texels darken the cloud by 0.5 to 0.8 %; n = 16 by 2.8 to 4.2 %."""
+MAP_RMS = 4e-2
+"""Root mean square over all pixels, noise taken out: measured 2 to 3 %; n = 16 has 9 to 13 %."""
+
+MEDIUM = tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=(0.1, 0.5, 0.9), phase=tfm.HenyeyGreenstein(0.4))
+
+
+def spot(at, to, cone, intensity):
+    return tfm.SpotLight(from_=at, to=to, cone=cone, intensity=intensity, falloff="inverse-square")
+
+
+SUN = spot((2.2, 3, 1.2), (0, 0, 0), 14, (30, 25, 20))
+
+
+def dual_scene(volume, light, at, to, fov, medium=MEDIUM):
+    return tfm.Scene(
+        volume,
+        medium,
+        camera=tfm.Camera(from_=at, to=to, fov=fov, res=(24, 18)),
+        lights=light,
+        map=tfm.MapSettings(steps=STEPS),
+        march=tfm.MarchSettings(method="dual", steps=STEPS),
+    )
+
+
+def cumulus():
+    """Coloured, forward scattering, all from outside; optical depth up to 20."""
+    volume = tfm.Volume.load(CUMULUS, density_scale=20)
+    return dual_scene(volume, [SUN], (0.6, 0.8, 4.2), (0, -0.1, 0), 19)
+
+
+def light_inside():
+    """Seen where the beam is, but not its apex: 1/d² is all noise there."""
+    volume = tfm.Volume.load(CUMULUS, density_scale=2)
+    light = spot((0, -0.35, -0.2), (0.2, 0.25, 0.25), 35, (3, 2, 1))
+    return dual_scene(volume, [light], (0.6, 0.8, 4.2), (0.2, 0.15, 0.2), 8)
+
+
+def camera_inside():
+    volume = tfm.Volume.load(CUMULUS, density_scale=6)
+    return dual_scene(volume, [SUN], (0.1, -0.2, 0.2), (0.5, 0.5, 0.3), 70)
+
+
+def turned_voxels():
+    """Anisotropic voxels under a rotation, two lights of different colours."""
+    placed = turned(25, (1, 2, 0.5), (0.15, 0.2, 0.14), (-1.1, -1.0, -0.9))
+    volume = tfm.Volume(blobs(), world_from_index=placed, density_scale=4)
+    lights = [spot((2.2, 3, 1.2), (0, 0, 0), 18, (30, 25, 20)), spot((-2, 1, 2.5), (0, 0, 0), 8, (5, 10, 20))]
+    return dual_scene(volume, lights, (0.6, 0.8, 4.2), (0.05, 0.1, 0), 27)
+
+
+def disney_cloud(folder):
+    """A real cloud from a .vdb with its own transform; grey, isotropic, optical depth up to 9."""
+    path = folder / "wdas_cloud_sixteenth.vdb"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    volume = tfm.Volume.load(path, density_scale=0.05)
+    low, high = volume.occupied_bounds
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    light = spot(middle + size * np.array([0.8, 1, 0.3]), middle, 20, size**2)
+    medium = tfm.Medium(sigma_s=0.9, sigma_a=0.1)
+    return dual_scene(volume, [light], middle + size * np.array([0.3, 0.2, 1.1]), middle, 26, medium)
+
+
+@pytest.fixture(scope="module")
+def mitsuba():
+    """Batches of a scene by Mitsuba, ``[batches, height, width, RGB]``; each rendered once."""
+    with mitsuba_variant() as variant:
+
+        @cache
+        def batches(make_scene, samples, *arguments, **options):
+            samples = samples if "llvm" in variant else samples // SCALAR_SHARE
+            return MitsubaScene(make_scene(*arguments), **options).batches(BATCHES, samples, seed=1)
+
+        batches.is_scalar = variant.startswith("scalar")
+        yield batches
+
+
+def image_of(renderer, scene):
+    return renderer.render(scene).image[..., :3].astype(np.float64)
+
+
+def agreement(image, batches):
+    """Compare an image with independent estimates of it: biases relative to the channels' means.
+
+    ``pytest --log-cli-level=INFO`` shows the figures.
+    """
+    mean, error = batches.mean(axis=0), batches.std(axis=0, ddof=1) / np.sqrt(BATCHES)
+    totals = batches.mean(axis=(1, 2))
+    level = totals.mean(axis=0)
+    lit = np.maximum(image, mean) > LIT * level
+    z = ((image - mean) / np.hypot(error, FLOOR * level))[lit]
+    found = SimpleNamespace(
+        bias=image.mean(axis=(0, 1)) / level - 1,
+        standard_error=totals.std(axis=0, ddof=1) / np.sqrt(BATCHES) / level,
+        rms=np.sqrt(np.maximum(((image - mean) ** 2 - error**2).mean(axis=(0, 1)), 0)) / level,
+        lit=float(lit.mean()),
+        outliers=float((np.abs(z) > 3).mean()),
+        mean_z=float(z.mean()),
+        rms_z=float(np.sqrt((z**2).mean())),
+        lit_where_ours_is_black=float(mean[image == 0].max(initial=0.0)),
+    )
+    LOG.info("%s", vars(found))
+    return found
+
+
+def failures(found, scalar=False):
+    """Names of the criteria that the dual march missed."""
+    checks = {
+        "standard_error": (found.standard_error < STANDARD_ERROR).all() or scalar,
+        "bias": (np.abs(found.bias) < 3 * found.standard_error + SYSTEMATIC).all(),
+        "lit": found.lit > 0.3,
+        "outliers": found.outliers < OUTLIERS,
+        "mean_z": abs(found.mean_z) < MEAN_Z,
+        "rms_z": found.rms_z < RMS_Z,
+        "lit_where_ours_is_black": found.lit_where_ours_is_black == 0,
+    }
+    return [name for name, passed in checks.items() if not passed]
+
+
+@pytest.fixture
+def report(tmp_path):
+    """Write the images as evidence, and give the message of the assertion."""
+
+    def write(found, image, batches):
+        expected = batches.mean(axis=0)
+        for name, pixels in ("ours", image), ("mitsuba", expected), ("difference", image - expected):
+            write_exr(tmp_path / f"{name}.exr", pixels)
+        np.save(tmp_path / "batches.npy", batches)
+        return f"{vars(found)}; see ours, mitsuba, difference .exr and batches.npy in {tmp_path}"
+
+    return write
+
+
+BUDGETS = [pytest.param(QUICK, id="quick"), pytest.param(SLOW, id="more", marks=pytest.mark.slow)]
+OUTSIDE_AND_IN = [cumulus, light_inside, camera_inside, turned_voxels]
+
+
+@pytest.mark.parametrize("samples", BUDGETS)
+@pytest.mark.parametrize("make_scene", OUTSIDE_AND_IN)
+def test_dual_march(renderer, mitsuba, report, make_scene, samples):
+    expected, image = mitsuba(make_scene, samples), image_of(renderer, make_scene())
+    found = agreement(image, expected)
+    assert not failures(found, mitsuba.is_scalar), report(found, image, expected)
+
+
+@pytest.mark.parametrize("samples", BUDGETS)
+def test_dual_march_of_a_real_cloud(renderer, mitsuba, report, shared_volumes, samples):
+    expected = mitsuba(disney_cloud, samples, shared_volumes)
+    image = image_of(renderer, disney_cloud(shared_volumes))
+    found = agreement(image, expected)
+    assert not failures(found, mitsuba.is_scalar), report(found, image, expected)
+
+
+@pytest.mark.parametrize("make_scene", [camera_inside, turned_voxels])
+def test_transmittance(renderer, mitsuba, report, make_scene):
+    expected = mitsuba(make_scene, QUICK, backlit=True)
+    result = renderer.render(make_scene())
+    image = result.aovs["transmittance"].astype(np.float64)
+    found = agreement(image, expected)
+    assert not failures(found, mitsuba.is_scalar), report(found, image, expected)
+    np.testing.assert_allclose(result.image[..., 3], 1 - image.mean(axis=-1), rtol=0, atol=1e-6)
+
+
+def test_map_of_32_coefficients(renderer, mitsuba, report):
+    expected = mitsuba(cumulus, QUICK)
+    settings = tfm.MapSettings(steps=STEPS, coeffs=32, res=256)
+    scene = cumulus().replace(map=settings, march=tfm.MarchSettings(method="tfm", steps=STEPS))
+    image = image_of(renderer, scene)
+    found = agreement(image, expected)
+    near = (np.abs(found.bias) < 3 * found.standard_error + MAP_BIAS).all() and (found.rms < MAP_RMS).all()
+    assert near, report(found, image, expected)
+
+
+def mirrored(scene):
+    return scene.replace(medium=scene.medium.replace(phase=tfm.HenyeyGreenstein(-0.4)))
+
+
+def half_a_voxel_off(scene):
+    matrix = scene.volume.world_from_index @ np.block([[np.eye(3), np.full((3, 1), 0.5)], [np.eye(4)[3:]]])
+    moved = tfm.Volume(scene.volume.data, world_from_index=matrix, density_scale=scene.volume.density_scale)
+    return scene.replace(volume=moved)
+
+
+def wider(scene):
+    return scene.replace(lights=[light.replace(cone=1.05 * light.cone) for light in scene.lights])
+
+
+@pytest.mark.parametrize("spoil", [mirrored, half_a_voxel_off, wider])
+def test_the_check_sees_a_wrong_scene(renderer, mitsuba, spoil):
+    spoilt = image_of(renderer, spoil(turned_voxels()))
+
+    assert failures(agreement(spoilt, mitsuba(turned_voxels, QUICK)))
