@@ -5,12 +5,13 @@
 
 /* One work-item a texel; launched in bands of rows.
    coefficients  out, [res, res, n]; hits  counts the texels whose ray meets the medium's bounds. */
-__kernel void light_pass(__constant const Params *params, __global const float *grid,
+__kernel void light_pass(__constant const Params *params, __global const float *voxels,
                          __global float *coefficients, __global uint *hits)
 {
   const int res = params->map_res;
   const int ix = (int)get_global_id(0);
   const int iy = (int)get_global_id(1);
+  const Grid grid = padded_grid(params, voxels);
   float c[TFM_N_COEFF];
   basis_clear(c);
 
@@ -26,7 +27,7 @@ __kernel void light_pass(__constant const Params *params, __global const float *
     float optical_depth = 0.0f;
     for (int n = 0; n < steps; ++n) {
       const float u = ((float)n + 0.5f) / (float)steps;
-      const float half_step_depth = 0.5f * step * density_at(params, grid, ray_at(ray, mix(k.begin, k.end, u)));
+      const float half_step_depth = 0.5f * step * density_at(grid, ray_at(ray, mix(k.begin, k.end, u)));
       optical_depth = fmin(optical_depth + half_step_depth, TFM_MAX_OPTICAL_DEPTH);
       basis_add(params, &state, u, 1.0f / (float)steps, optical_depth);
       optical_depth = fmin(optical_depth + half_step_depth, TFM_MAX_OPTICAL_DEPTH);
@@ -41,16 +42,17 @@ __kernel void light_pass(__constant const Params *params, __global const float *
 
 /* Optical depth of the density along whole light rays, on a square of global_size texels: what
    density_weighting = auto looks at. */
-__kernel void light_optical_depths(__constant const Params *params, __global const float *grid,
+__kernel void light_optical_depths(__constant const Params *params, __global const float *voxels,
                                    __global float *optical_depths)
 {
   const float2 size = (float2)((float)get_global_size(0), (float)get_global_size(1));
   const float2 uv = ((float2)((float)get_global_id(0), (float)get_global_id(1)) + 0.5f) / size;
   const Ray ray = index_ray(params, light_texel_ray(params, uv));
+  const Grid grid = padded_grid(params, voxels);
   Interval k;
   float optical_depth = 0.0f;
   if (light_medium_interval(params, ray, &k))
-    optical_depth = march_optical_depth(params, grid, ray, k.begin, k.end, params->light_steps);
+    optical_depth = march_optical_depth(grid, ray, k.begin, k.end, params->light_steps);
   optical_depths[get_global_id(1) * get_global_size(0) + get_global_id(0)] = optical_depth;
 }
 

@@ -12,7 +12,7 @@
 #endif
 
 /* Optical depth of the density between the light and a sample. */
-inline float light_optical_depth(__constant const Params *params, __global const float *grid,
+inline float light_optical_depth(__constant const Params *params, Grid grid,
                                  __global const MapStorage *map, __global const float2 *ranges,
                                  LightSample sample, uint *samples)
 {
@@ -24,7 +24,7 @@ inline float light_optical_depth(__constant const Params *params, __global const
   if (!light_medium_interval(params, ray, &k) || sample.distance <= k.begin)
     return 0.0f;
   *samples += (uint)params->light_steps;
-  return march_optical_depth(params, grid, ray, k.begin, sample.distance, params->light_steps);
+  return march_optical_depth(grid, ray, k.begin, sample.distance, params->light_steps);
 #else
   (void)grid;
   (void)samples;
@@ -36,7 +36,7 @@ inline float light_optical_depth(__constant const Params *params, __global const
    radiance     adds this light's single scattering (eq. 4), RGB
    light_seen   adds light transmittance times opacity, RGB, and the opacity
    samples      adds the density samples taken */
-__kernel void view_pass(__constant const Params *params, __global const float *grid,
+__kernel void view_pass(__constant const Params *params, __global const float *voxels,
                         __global const MapStorage *map, __global const float2 *ranges,
                         __global float4 *radiance, __global float4 *light_seen, __global uint *samples)
 {
@@ -50,6 +50,7 @@ __kernel void view_pass(__constant const Params *params, __global const float *g
   if (!light_clip(params, ray, &lit))
     return;
 
+  const Grid grid = padded_grid(params, voxels);
   const float3 sigma_t = vload3(0, params->sigma_t);
   const float3 albedo = vload3(0, params->albedo);
   const int steps = params->view_steps;
@@ -59,7 +60,7 @@ __kernel void view_pass(__constant const Params *params, __global const float *g
   const int steps_before = (int)ceil((float)steps * before);
   float view_depth = 0.0f;
   if (steps_before > 0)
-    view_depth = march_optical_depth(params, grid, ray_in_grid, medium.begin, lit.begin, steps_before);
+    view_depth = march_optical_depth(grid, ray_in_grid, medium.begin, lit.begin, steps_before);
   uint taken = (uint)(steps_before + steps);
 
   Warp warp = {1.0f, 1.0f};
@@ -73,7 +74,7 @@ __kernel void view_pass(__constant const Params *params, __global const float *g
   for (int n = 0; n < steps; ++n) {
     const float t = mix(lit.begin, lit.end, warp_fraction(warp, ((float)n + 0.5f) / (float)steps));
     const float step_end = mix(lit.begin, lit.end, warp_fraction(warp, (float)(n + 1) / (float)steps));
-    const float density = density_at(params, grid, ray_at(ray_in_grid, t));
+    const float density = density_at(grid, ray_at(ray_in_grid, t));
     const float step_depth = fmin(density * (step_end - step_begin), TFM_MAX_OPTICAL_DEPTH);
     step_begin = step_end;
     if (!(step_depth > 0.0f))
@@ -83,7 +84,7 @@ __kernel void view_pass(__constant const Params *params, __global const float *g
     const float light_depth = light_optical_depth(params, grid, map, ranges, sample, &taken);
     const float3 light_transmittance = exp(-sigma_t * light_depth);
     /* Constant density along the step integrates exactly: sigma_s/sigma_t (1 - e^(-sigma_t D d)). */
-    const float3 opacity = exp(-sigma_t * view_depth) * -expm1(-sigma_t * step_depth);
+    const float3 opacity = exp(-sigma_t * view_depth) * opacity_of_rgb(sigma_t * step_depth);
     const float phase = phase_eval(params, -dot(sample.ray.direction, ray.direction));
     sum += albedo * opacity * phase * sample.radiance * light_transmittance;
 

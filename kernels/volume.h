@@ -20,42 +20,69 @@ inline int medium_clip(__constant const Params *params, Ray ray, Interval *inter
   return box_clip(ray, upper, interval);
 }
 
-/* Density D at a point of the padded grid's index space. */
-inline float density_at(__constant const Params *params, __global const float *grid, float3 point)
+/* The grid with all that a sample needs of it, read once before a loop. */
+typedef struct {
+  __global const float *voxels;
+  int row;       /* voxels to the next y */
+  int slice;     /* voxels to the next z */
+  float3 upper;  /* largest coordinates */
+  int3 last;     /* lowest corner of the last cell */
+  float density_scale;
+} Grid;
+
+inline Grid padded_grid(__constant const Params *params, __global const float *voxels)
 {
-  const int nx = params->grid_size[0];
-  const int ny = params->grid_size[1];
-  const int nz = params->grid_size[2];
-  const float x = clamp(point.x, 0.0f, (float)(nx - 1));
-  const float y = clamp(point.y, 0.0f, (float)(ny - 1));
-  const float z = clamp(point.z, 0.0f, (float)(nz - 1));
-  const int ix = min((int)x, nx - 2);
-  const int iy = min((int)y, ny - 2);
-  const int iz = min((int)z, nz - 2);
-  const float fx = x - (float)ix;
-  const float fy = y - (float)iy;
-  const float fz = z - (float)iz;
-  __global const float *low = grid + ((size_t)iz * (size_t)ny + (size_t)iy) * (size_t)nx + (size_t)ix;
-  __global const float *high = low + (size_t)ny * (size_t)nx;
-  const float low_near = mix(low[0], low[1], fx);
-  const float low_far = mix(low[nx], low[nx + 1], fx);
-  const float high_near = mix(high[0], high[1], fx);
-  const float high_far = mix(high[nx], high[nx + 1], fx);
-  return params->density_scale * mix(mix(low_near, low_far, fy), mix(high_near, high_far, fy), fz);
+  const int3 size = vload3(0, params->grid_size);
+  Grid grid;
+  grid.voxels = voxels;
+  grid.row = size.x;
+  grid.slice = size.x * size.y;
+  grid.upper = convert_float3(size - 1);
+  grid.last = size - 2;
+  grid.density_scale = params->density_scale;
+  return grid;
+}
+
+/* Density D at a point of the padded grid's index space. */
+inline float density_at(Grid grid, float3 point)
+{
+  const float3 p = clamp(point, 0.0f, grid.upper);
+  const int3 i = min(convert_int3(p), grid.last);
+  const float3 f = p - convert_float3(i);
+  __global const float *low = grid.voxels + (i.z * grid.slice + i.y * grid.row + i.x);
+  __global const float *high = low + grid.slice;
+  const float low_near = mix(low[0], low[1], f.x);
+  const float low_far = mix(low[grid.row], low[grid.row + 1], f.x);
+  const float high_near = mix(high[0], high[1], f.x);
+  const float high_far = mix(high[grid.row], high[grid.row + 1], f.x);
+  return grid.density_scale * mix(mix(low_near, low_far, f.y), mix(high_near, high_far, f.y), f.z);
 }
 
 /* Largest optical depth kept: products with a zero coefficient stay 0 instead of NaN. */
 #define TFM_MAX_OPTICAL_DEPTH 1e30f
 
 /* Optical depth of the density (sigma_t = 1) from begin to end, by the midpoint rule. */
-inline float march_optical_depth(__constant const Params *params, __global const float *grid, Ray ray,
-                                 float begin, float end, int steps)
+inline float march_optical_depth(Grid grid, Ray ray, float begin, float end, int steps)
 {
   const float step = (end - begin) / (float)steps;
   float sum = 0.0f;
   for (int n = 0; n < steps; ++n)
-    sum += density_at(params, grid, ray_at(ray, begin + ((float)n + 0.5f) * step));
+    sum += density_at(grid, ray_at(ray, begin + ((float)n + 0.5f) * step));
   return fmin(sum * step, TFM_MAX_OPTICAL_DEPTH);
+}
+
+/* 1 - e^-tau for tau >= 0, to a few ulp also where it is small; expm1 costs several times as much. */
+inline float opacity_of(float optical_depth)
+{
+  const float t = fmin(optical_depth, 0.25f);
+  const float series =
+      t * (1.0f - t / 2.0f * (1.0f - t / 3.0f * (1.0f - t / 4.0f * (1.0f - t / 5.0f * (1.0f - t / 6.0f)))));
+  return optical_depth < 0.25f ? series : 1.0f - exp(-optical_depth);
+}
+
+inline float3 opacity_of_rgb(float3 optical_depth)
+{
+  return (float3)(opacity_of(optical_depth.x), opacity_of(optical_depth.y), opacity_of(optical_depth.z));
 }
 
 #endif

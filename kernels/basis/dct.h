@@ -4,6 +4,8 @@
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
+#include "volume.h"
+
 /* Sums of 1 - f: in thin media f is near 1, and float32 sums of f would lose what matters. */
 typedef struct {
   float sum[TFM_N_COEFF];
@@ -18,7 +20,7 @@ inline void basis_begin(BasisState *state)
 inline void basis_add(__constant const Params *params, BasisState *state, float u, float du,
                       float optical_depth)
 {
-  const float weighted = du * -expm1(-optical_depth / params->density_weighting);
+  const float weighted = du * opacity_of(optical_depth / params->density_weighting);
   /* cos(j pi u) by the Chebyshev recurrence. */
   const float twice = 2.0f * cospi(u);
   float previous = 0.5f * twice, current = 1.0f;

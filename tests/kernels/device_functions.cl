@@ -3,20 +3,20 @@
 #include "sampling.h"
 #include "volume.h"
 
-__kernel void call_density_at(__constant const Params *params, __global const float *grid,
+__kernel void call_density_at(__constant const Params *params, __global const float *voxels,
                               __global const float *points, __global float *densities)
 {
   const size_t i = get_global_id(0);
-  densities[i] = density_at(params, grid, transform_point(params->index_from_world, vload3(i, points)));
+  densities[i] = density_at(padded_grid(params, voxels), transform_point(params->index_from_world, vload3(i, points)));
 }
 
-__kernel void call_march_optical_depth(__constant const Params *params, __global const float *grid,
+__kernel void call_march_optical_depth(__constant const Params *params, __global const float *voxels,
                                        __global const float *origins, __global const float *directions,
                                        __global float *optical_depths, float begin, float end, int steps)
 {
   const size_t i = get_global_id(0);
   const Ray ray = {vload3(i, origins), vload3(i, directions)};
-  optical_depths[i] = march_optical_depth(params, grid, index_ray(params, ray), begin, end, steps);
+  optical_depths[i] = march_optical_depth(padded_grid(params, voxels), index_ray(params, ray), begin, end, steps);
 }
 
 /* Misses are written as begin = end = 0. */
@@ -104,4 +104,10 @@ __kernel void call_map_storage(__global const float *values, __global const floa
     map_store(map, ranges, i, j, values[i * (size_t)TFM_N_COEFF + (size_t)j]);
     loaded[i * (size_t)TFM_N_COEFF + (size_t)j] = map_load(map, ranges, i, j);
   }
+}
+
+__kernel void call_opacity_of(__global const float *optical_depths, __global float *opacities)
+{
+  const size_t i = get_global_id(0);
+  opacities[i] = opacity_of(optical_depths[i]);
 }

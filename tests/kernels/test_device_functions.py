@@ -375,3 +375,16 @@ def test_optical_depth_of_a_march(launcher):
     expected = reference.density(volume, points).sum(axis=1) * 4 / 200
     assert expected.min() > 0.5
     assert np.allclose(depths, expected, rtol=1e-5)
+
+
+def test_opacity_keeps_its_digits(launcher):
+    depths = np.concatenate([[0, 0.25, np.nextafter(0.25, 0), 100, 1e30], np.logspace(-30, 2, 2000)])
+    depths = depths.astype(np.float32)
+
+    opacities = Device(launcher).run(
+        "call_opacity_of", len(depths), depths, ..., shape=depths.shape, with_params=False
+    )
+
+    # Beyond 0.25, 1 - e^-τ rounds e^-τ ≤ 0.78 once more: 0.78 / 0.22 half ulps.
+    assert np.allclose(opacities, -np.expm1(-depths.astype(np.float64)), rtol=8 * FLOAT32, atol=0)
+    assert opacities.max() == 1
