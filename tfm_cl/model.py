@@ -53,7 +53,11 @@ class Model(BaseModel):
     def _one_line(cls, error: ValidationError) -> str:
         first = error.errors(include_url=False)[0]
         known = cls.keys()
-        parts = [str(part) for part in first["loc"] if str(part) in known or isinstance(part, int)]
+        # Callers from Python may have used the attributes' names.
+        key_of = {name: key for key, name in known.items()} | {key: key for key in known}
+        parts = [
+            key_of.get(str(part), str(part)) for part in first["loc"] if part in key_of or type(part) is int
+        ]
         key = ".".join([cls.SECTION, *parts] if cls.SECTION else parts)
         if first["type"] == "extra_forbidden":
             return unknown_key(str(first["loc"][0]), list(known), cls.SECTION)

@@ -221,6 +221,7 @@ def build_map(scene: Scene, light: SpotLight) -> Floats:
         k_in, k_out = march_bounds(scene.volume, *rays)
         for n, (_, depth, before) in enumerate(_march(scene.volume, rays, edges(k_in, k_out, steps))):
             cosines = np.cos(orders * np.pi * (n + 0.5) / steps) * np.where(orders == 0, 1, 2) / steps
+            cosines[steps:] = 0  # M midpoints determine M cosines; higher ones would only alias
             coefficients[part] += np.multiply.outer(np.exp(-(before + depth / 2) / alpha), cosines)
         coefficients[part][k_out <= k_in] = orders == 0  # a ray that misses the medium stays clear: f = 1
     return coefficients.reshape(res, res, -1)

@@ -40,12 +40,20 @@ def _sizes(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+def _file(value: Any) -> Any:
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise ValueError("should be the name of a volume file")
+    return value
+
+
 class VolumeSettings(Model):
     """Which grid of which file, and where it lies."""
 
     SECTION: ClassVar[str] = "volume"
 
-    file: str = Field(description="volume file, relative to the scene file")
+    file: Annotated[str, BeforeValidator(_file)] = Field(
+        description="volume file, relative to the scene file"
+    )
     grid: str | None = Field(None, description="name of the grid")
     density_scale: Annotated[float | Literal["auto"], BeforeValidator(_scale)] = Field(
         1.0,
@@ -116,6 +124,7 @@ class SceneFile:
         """
         values, placed_light = _values_of(path), Values()
         try:
+            _check_tables(values)
             for key, value in overrides:
                 _override(values, placed_light, key, value)
             return cls._checked(path, values, placed_light)
@@ -124,13 +133,7 @@ class SceneFile:
 
     @classmethod
     def _checked(cls, path: Path, values: Values, placed_light: Values) -> SceneFile:
-        for name, table in values.items():
-            if name not in (*SECTIONS, "light"):
-                raise SceneError(unknown_key(name, [*SECTIONS, "light"]))
-            if not isinstance(table, list if name == "light" else dict):
-                raise SceneError(
-                    f"{name} is {'[[light]] tables' if name == 'light' else f'a table [{name}]'}"
-                )
+        _check_tables(values)
         camera = values.get("camera", {})
         known = list(Camera.keys())
         for key in camera:
@@ -164,9 +167,16 @@ class SceneFile:
             lights = self.light
             if lights is None:
                 lights = (placement.light_for(volume, camera, **self.placed_light),)
+            self._check_crop(camera)
             return Scene(volume, self.medium, camera, lights, self.map, self.march)
         except SceneError as error:
             raise SceneError(f"{self.path}: {error}") from None
+
+    def _check_crop(self, camera: Camera) -> None:
+        width, height = camera.res
+        if self.image.crop is not None and (self.image.crop[2] > width or self.image.crop[3] > height):
+            crop = list(self.image.crop)
+            raise SceneError(f"image.crop = {crop}: does not lie in the image of {width}×{height} pixels")
 
     def chosen(self, scene: Scene) -> Values:
         """Return what was placed or scaled by itself, by dotted key, to be shown and fixed by hand."""
@@ -225,6 +235,16 @@ def _values_of(path: Path) -> Values:
         raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SceneError(f"{path}: not TOML: {error}") from None
+
+
+def _check_tables(values: Values) -> None:
+    for name, table in values.items():
+        if name not in (*SECTIONS, "light"):
+            raise SceneError(unknown_key(name, [*SECTIONS, "light"]))
+        if not isinstance(table, list if name == "light" else dict):
+            raise SceneError(
+                f"{name} should be {'[[light]] tables' if name == 'light' else f'a table [{name}]'}"
+            )
 
 
 def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:

@@ -58,10 +58,6 @@ class MapSettings(Model):
         limit = BASES[self.basis].max_coeffs
         if self.coeffs > limit:
             raise ValueError(f"coeffs = {self.coeffs}: should be at most {limit} for basis '{self.basis}'")
-        if self.coeffs > self.steps:
-            raise ValueError(
-                f"coeffs = {self.coeffs}: should be at most the light steps, {self.steps} (beyond, they alias)"
-            )
         return self
 
 

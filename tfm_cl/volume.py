@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
+from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.grid import world_from_index_of
 
 
@@ -215,14 +216,16 @@ def _check_transform(matrix: NDArray[np.float64], label: str) -> None:
         raise VolumeError(f"{label}: world_from_index is a finite 4×4 matrix; got the shape {matrix.shape}")
     if not np.allclose(matrix[3], (0, 0, 0, 1)):
         raise VolumeError(f"{label}: world_from_index must be affine; its last row is {matrix[3].tolist()}")
+    if np.abs(matrix).max() > LARGEST_COORDINATE:
+        raise VolumeError(f"{label}: world_from_index holds {np.abs(matrix).max():g}; the limit is 1e15")
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if lengths.min() == 0 or abs(np.linalg.det(matrix[:3, :3] / lengths)) < 1e-6:  # noqa: PLR2004 - nearly flat
         raise VolumeError(f"{label}: world_from_index cannot be inverted (a voxel has no volume)")
 
 
 def _non_negative(value: float, key: str, label: str) -> float:
-    if not (np.isfinite(value) and value >= 0):
-        raise VolumeError(f"{label}: {key} is a finite number ≥ 0; got {value}")
+    if not 0 <= value <= LARGEST_COLOUR:
+        raise VolumeError(f"{label}: {key} is a number from 0 to {LARGEST_COLOUR:g}; got {value}")
     return float(value)
 
 

@@ -34,9 +34,11 @@ inline void basis_add(__constant const Params *params, BasisState *state, float 
 
 inline void basis_finish(__constant const Params *params, const BasisState *state, float *coefficients)
 {
-  (void)params;
-  for (int j = 0; j < TFM_N_COEFF; ++j)
-    coefficients[j] = j == 0 ? 1.0f - state->sum[j] : -2.0f * state->sum[j];
+  for (int j = 0; j < TFM_N_COEFF; ++j) {
+    const float c = j == 0 ? 1.0f - state->sum[j] : -2.0f * state->sum[j];
+    /* M midpoints determine M cosines; higher ones would only alias. */
+    coefficients[j] = j < params->light_steps ? c : 0.0f;
+  }
 }
 
 inline void basis_clear(float *coefficients)

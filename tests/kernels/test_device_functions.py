@@ -285,6 +285,7 @@ def test_no_step_is_longer_than_max_stretch_mean_steps(launcher, max_stretch, de
 def test_dct_of_an_exponential_has_the_closed_form(launcher, tau, alpha):
     coeffs, steps = 16, 1000
     device = Device(launcher, coeffs=coeffs, density_weighting=alpha)
+    assert device.scene.map.steps >= coeffs
     u = (np.arange(steps) + 0.5) / steps
     depths = (tau * u).astype(np.float32)[None]
 

@@ -73,7 +73,7 @@ DEGENERATE = {
     "one voxel": {"volume": a_volume(np.full((1, 1, 1), 5.0))},
     "a plate of one voxel": {"volume": a_volume(np.full((1, 16, 16), 5.0))},
     "optical depth 10^4": {"volume": a_volume(blobs(), 1e4)},
-    "optical depth 10^30": {"volume": a_volume(blobs(), 1e30)},
+    "optical depth 10^25": {"volume": a_volume(blobs(), 1e25)},
     "largest float density": {"volume": a_volume(np.full((4, 4, 4), 3e38))},
     "tiny density": {"volume": a_volume(blobs(), 1e-30)},
     "density scale 0": {"volume": a_volume(blobs(), 0.0)},

@@ -7,7 +7,9 @@ and f(u) = T(u)^{1/α} the density-weighted transmittance (TFM eq. 19) of the de
 
 The paper's equations lack the normalisation (the cosines are orthogonal, not orthonormal): taken
 literally they give (T + mean T)/2. On M midpoints u = (x + ½)/M the cosine is eq. 10's
-cos(jπ(2x + 1)/2M). For T = e^{-τu}: c_0 = (1 - e^{-τ})/τ, c_j = 2τ(1 - (-1)^j e^{-τ})/(τ² + j²π²).
+cos(jπ(2x + 1)/2M); M midpoints determine M coefficients, and those beyond are 0.
+
+For T = e^{-τu}: c_0 = (1 - e^{-τ})/τ, c_j = 2τ(1 - (-1)^j e^{-τ})/(τ² + j²π²).
 
 Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011.
 """

@@ -34,6 +34,13 @@ class LazyGroup(click.Group):
         command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
         return command
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Turn Ctrl-C into click's own exception, which it passes on without printing an empty line."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
 
 def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: Any) -> None:
     if wanted and not ctx.resilient_parsing:

@@ -22,7 +22,7 @@ class HenyeyGreenstein(Phase):
         0.0, gt=-1, lt=1, description="mean cosine: > 0 scatters forward, < 0 back, 0 is isotropic"
     )
 
-    def __init__(self, g: float = 0.0, **values: Any) -> None:
+    def __init__(self, g: float = 0.0, /, **values: Any) -> None:
         super().__init__(**{"g": g, **values})
 
     def kernel_parameters(self) -> tuple[float, ...]:

@@ -1,0 +1,330 @@
+"""Every option, key and default, without rendering anything."""
+
+import json
+import subprocess
+import sys
+import tomllib
+
+import click
+import numpy as np
+import pytest
+
+from tfm_cl.cli import COMMANDS, tfm
+from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
+from tfm_cl.lights import SpotLight
+from tfm_cl.scene_file import SECTIONS
+
+PROMISED = {
+    *("--res", "--crop", "--exposure", "--aov", "--method"),
+    *("--basis", "--coeffs", "--density-weighting", "--map-res", "--light-steps", "--storage"),
+    *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--phase"),
+    *("--camera-from", "--camera-to", "--up", "--fov"),
+    *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
+    *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
+}
+
+FLAGS = [
+    ("--res", "31x17", "camera.res", [31, 17]),
+    ("--res", "31×17", "camera.res", [31, 17]),
+    ("--crop", "1,2,3,4", "image.crop", [1, 2, 3, 4]),
+    ("--exposure", "-1.5", "image.exposure", -1.5),
+    ("--aov", "depth, samples", "image.aov", ["depth", "samples"]),
+    ("--method", "dual", "march.method", "dual"),
+    ("--basis", "dct", "map.basis", "dct"),
+    ("--coeffs", "32", "map.coeffs", 32),
+    ("--density-weighting", "1", "map.density_weighting", 1),
+    ("--density-weighting", "auto", "map.density_weighting", "auto"),
+    ("--map-res", "33", "map.res", 33),
+    ("--light-steps", "7", "map.steps", 7),
+    ("--storage", "u8", "map.storage", "u8"),
+    ("--steps", "9", "march.steps", 9),
+    ("--sampling", "world", "march.sampling", "world"),
+    ("--grid", "smoke", "volume.grid", "smoke"),
+    ("--density-scale", "2.5", "volume.density_scale", 2.5),
+    ("--sigma-s", "1,0.5,0", "medium.sigma_s", [1, 0.5, 0]),
+    ("--sigma-a", "0.5", "medium.sigma_a", [0.5, 0.5, 0.5]),
+    ("--phase", "hg:-0.3", "medium.phase", {"type": "hg", "g": -0.3}),
+    ("--camera-from", "-1,2,3e1", "camera.from", [-1, 2, 30]),
+    ("--camera-to", "0,0,-9", "camera.to", [0, 0, -9]),
+    ("--up", "0,0,1", "camera.up", [0, 0, 1]),
+    ("--fov", "12.5", "camera.fov", 12.5),
+    ("--light-type", "spot", "light.type", "spot"),
+    ("--light-from", "-1,-2,-3", "light.from", [-1, -2, -3]),
+    ("--light-to", "7,8,9", "light.to", [7, 8, 9]),
+    ("--cone", "33", "light.cone", 33),
+    ("--intensity", "1,2,3", "light.intensity", [1, 2, 3]),
+    ("--falloff", "inverse-square", "light.falloff", "inverse-square"),
+]
+
+KEYS = [
+    *(
+        (key, text, expected)
+        for _, text, key, expected in FLAGS
+        if key not in {"camera.res", "image.aov", "image.crop"}
+    ),
+    ("volume.file", "smoke.npz", None),
+    ("volume.voxel_size", "0.5", [0.5, 0.5, 0.5]),
+    ("volume.origin", "-1,2,3", [-1, 2, 3]),
+    ("volume.sanitize", "true", True),
+    ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
+    ("camera.res", "[5, 6]", [5, 6]),
+    ("camera.from", "-1, 2, 3", [-1, 2, 3]),
+    ("camera.to", "[1, 2, -3.5]", [1, 2, -3.5]),
+    ("camera.up", "1,0,0", [1, 0, 0]),
+    ("march.max_stretch", "8", 8),
+    ("image.crop", "1,2,3,4", [1, 2, 3, 4]),
+    ("image.aov", "['depth']", ["depth"]),
+    ("image.pixel_type", "half", "half"),
+    ("light.from", "9,9,9", [9, 9, 9]),
+    ("light.to", "9,9,9", [9, 9, 9]),
+    ("light.intensity", "4", [4, 4, 4]),
+    ("light.blend", "0.5", 0.5),
+    ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
+    ("camera.res", "[5, 6]", [5, 6]),
+]
+
+SCENE = """
+[volume]
+file = "smoke.npz"
+grid = "density"
+[camera]
+from = [1, 2, 30]
+to = [3, 3, 3]
+fov = 77
+res = [64, 48]
+[[light]]
+from = [20, 20, 20]
+to = [3, 3, 3]
+cone = 44
+[[light]]
+from = [-20, 20, 20]
+to = [3, 3, 3]
+intensity = 0.25
+[map]
+coeffs = 5
+density_weighting = 7
+res = 99
+steps = 98
+[march]
+steps = 97
+[image]
+exposure = 3
+"""
+
+
+@pytest.fixture
+def scene(folder):
+    ones = np.ones((5, 5, 5), np.float32)
+    np.savez(folder / "smoke.npz", density=ones, smoke=ones)
+    (folder / "scene.toml").write_text(SCENE)
+    return folder / "scene.toml"
+
+
+@pytest.fixture
+def resolved(cli, scene):
+    """``resolved(…)`` is the configuration printed for ``scene.toml`` and some options."""
+
+    def run(*arguments):
+        done = cli("render", scene, "--print-config", *arguments)
+        assert (done.code, done.err) == (0, "")
+        return tomllib.loads(done.out)
+
+    return run
+
+
+def value_of(config, key):
+    section, _, name = key.partition(".")
+    table = config[section]
+    if section == "light":
+        index, dot, after = name.partition(".")
+        table, name = (table[int(index)], after) if dot else (table[0], name)
+    return table[name]
+
+
+def scene_options(command):
+    return [option for option in command.params if isinstance(option, click.Option)]
+
+
+def test_every_promised_flag_exists():
+    render = tfm.get_command(None, "render")
+    flags = {name for option in scene_options(render) for name in option.opts}
+    assert flags >= PROMISED
+
+
+def test_the_tables_of_this_file_miss_nothing():
+    assert {flag for flag, *_ in FLAGS} == {option.flag for option in SCENE_OPTIONS}
+    keys = {f"{name}.{key}" for name, model in SECTIONS.items() for key in model.keys()}  # noqa: SIM118 - no dict
+    keys |= {f"light.{key}" for key in SpotLight.keys()}  # noqa: SIM118 - no dict
+    assert {key for key, *_ in KEYS} == keys
+
+
+def test_the_scene_stands_without_flags(resolved):
+    config = resolved()
+    assert config["camera"]["fov"] == 77
+    assert config["map"]["coeffs"] == 5
+    assert [light["cone"] for light in config["light"]] == [44, 25]
+
+
+@pytest.mark.parametrize(("flag", "text", "key", "expected"), FLAGS)
+def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
+    before, after = resolved(), resolved(flag, text)
+    assert value_of(after, key) == expected
+    # Nothing else changes.
+    section, _, name = key.partition(".")
+    for config in (before, after):
+        table = config[section]
+        (table[0] if section == "light" else table).pop(name, None)
+    assert after == before
+
+
+@pytest.mark.parametrize(("key", "text", "expected"), KEYS)
+def test_set_reaches_every_key(resolved, folder, key, text, expected):
+    config = resolved("--set", f"{key}={text}")
+    if key == "volume.file":
+        expected = str(folder / text)
+    assert value_of(config, key) == expected
+
+
+def test_set_reaches_every_light(resolved):
+    config = resolved("--set", "light.0.cone=30", "--set", "light.1.cone=31", "--set", "light.1.blend=1")
+    assert [light["cone"] for light in config["light"]] == [30, 31]
+    assert [light["blend"] for light in config["light"]] == [0, 1]
+
+
+def test_set_wins_over_flags_and_the_last_over_the_first(resolved):
+    assert resolved("--set", "camera.fov=20", "--fov", "30")["camera"]["fov"] == 20
+    assert resolved("--set", "camera.fov=20", "--set", "camera.fov=21")["camera"]["fov"] == 21
+    assert resolved("--fov", "20", "--fov", "21")["camera"]["fov"] == 21
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1),
+        ("-1.5e3", -1500.0),
+        ("true", True),
+        ("auto", "auto"),
+        ("a b", "a b"),
+        ('"1"', "1"),
+        ("1,2", [1, 2]),
+        ("[1,2]", [1, 2]),
+        ("", ""),
+        ("a,b", "a,b"),
+        ("1\nx = 2", "1\nx = 2"),
+    ],
+)
+def test_values_of_set(text, value):
+    read = toml_value(text)
+    assert read == value
+    assert type(read) is type(value)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_has_help(name):
+    command = tfm.get_command(None, name)
+    assert command.help
+    for option in scene_options(command):
+        assert option.help, option.opts
+        assert "None" not in option.help, option.opts
+
+
+@pytest.mark.parametrize("option", SCENE_OPTIONS, ids=lambda option: option.flag)
+def test_help_states_the_models_default(option):
+    section, _, key = option.key.partition(".")
+    model = SpotLight if section == "light" else SECTIONS[section]
+    field = model.model_fields[model.keys()[key]]
+    stated = option.help().rpartition("[")[2].removesuffix("]").split(";")[0]
+    assert option.help().endswith("]")
+    assert stated
+    default = None if field.is_required() else field.default
+    if default in (None, ()):
+        return
+    if option.flag == "--phase":
+        assert stated == default.type
+    elif option.flag == "--res":
+        assert stated == "{}x{}".format(*default)
+    elif isinstance(default, tuple):
+        numbers = [float(part) for part in stated.split(",")]
+        assert tuple(numbers * (3 if len(numbers) == 1 else 1)) == default
+    else:
+        assert type(default)(stated) == default
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help_is_printed(cli, name, flag):
+    done = cli(*name.split(), flag)
+    assert done.code == 0
+    assert done.err == ""
+    assert done.out.startswith(f"Usage: tfm {name}".rstrip())
+    assert "\\b" not in done.out
+    assert "None" not in done.out
+
+
+def test_the_help_lists_the_commands(cli):
+    out = cli("--help").out
+    assert all(f"\n  {name} " in out for name in ("render", "info", "compare", "sweep", "devices"))
+
+
+def test_help_of_render_comes_in_groups(cli):
+    out = cli("render", "--help").out
+    groups = ["Output", "Image", "Method", "Map", "March", "Medium", "Camera", "Light", "Run"]
+    places = [out.index(f"\n{group}:") for group in groups]
+    assert places == sorted(places)
+    assert "tfm render cloud.vdb -o cloud.png\n" in out
+
+
+def test_version(cli):
+    done = cli("--version")
+    assert (done.code, done.out, done.err) == (0, "tfm 0.1.0\n", "")
+
+
+def test_no_command_prints_the_help(cli):
+    done = cli()
+    assert done.code == 2
+    assert done.out == ""
+    assert done.err.startswith("Usage: tfm")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["rendr"], "'rendr'"),
+        (["render"], "Missing argument 'INPUT'"),
+        (["render", "a.npy", "--stepz", "3"], "'--steps'"),
+        (["render", "a.npy", "b.npy", "-o", "c.png"], "unexpected extra argument"),
+        (["render", "a.npy"], "no picture asked for"),
+        (["info"], "Missing argument 'FILE'"),
+        (["compare", "a.npy"], "Missing argument 'REFERENCE'"),
+        (["devices", "x"], "unexpected extra argument"),
+        (["--colour"], "--colour"),
+    ],
+)
+def test_wrong_use_is_one_line_that_points_to_the_help(refused, arguments, message):
+    line = refused(*arguments)
+    assert message in line
+    assert "--help" in line
+
+
+def test_a_configuration_needs_no_opencl(scene):
+    code = f"""if True:
+        import sys
+        from tfm_cl.cli import main
+        for arguments in (["render", {str(scene)!r}, "--print-config"], ["render", "--help"], ["--version"]):
+            assert main(arguments) == 0
+        assert "pyopencl" not in sys.modules
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_print_config_writes_what_json_writes(cli, scene, tiny):
+    done = cli("render", scene, "-o", "a.npy", "--print-config", "--json", "b.json", *tiny)
+    options = json.loads((scene.parent / "b.json").read_text())["options"]
+    without_null = {
+        name: [dict(light) for light in table]
+        if name == "light"
+        else {key: value for key, value in table.items() if value is not None}
+        for name, table in options.items()
+    }
+    assert tomllib.loads(done.out) == without_null

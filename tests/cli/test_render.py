@@ -1,0 +1,295 @@
+import json
+import os
+import shlex
+import subprocess
+import tomllib
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from scenes import blobs
+
+import tfm_cl
+
+SCENE = """
+[volume]
+file = "cloud.npy"
+density_scale = 1.5
+voxel_size = [0.5, 1.0, 1.0]
+origin = [-4, -6, -7]
+
+[medium]
+sigma_s = [1.0, 0.8, 0.5]
+phase = {type = "hg", g = 0.4}
+
+[camera]
+from = [5, 9, 30]
+to = [0, 0.5, 0]
+
+[[light]]
+from = [20, 30, 10]
+to = [0, 0, 0]
+cone = 12
+intensity = 9
+
+[[light]]
+from = [-30, 0, 5]
+to = [1, 0, 0]
+blend = 0.3
+falloff = "inverse-square"
+intensity = [900, 0, 300]
+
+[map]
+density_weighting = "auto"
+storage = "u8"
+
+[march]
+sampling = "world"
+
+[image]
+crop = [1, 2, 14, 8]
+aov = ["depth"]
+"""
+
+
+@pytest.fixture
+def scene(cloud):
+    path = cloud.with_name("scene.toml")
+    path.write_text(SCENE)
+    return path
+
+
+def pixels(name="a.npy"):
+    return np.load(name)
+
+
+def test_every_output_holds_the_picture(render, cloud):
+    render(cloud, "-o", "a.npy", "-o", "a.exr", "-o", "a.PNG")
+    picture = pixels()
+    assert picture.shape == (9, 16, 4)
+    assert picture.dtype == np.float32
+    assert 0.3 < picture[..., 3].max() <= 1
+    np.testing.assert_array_equal(OpenEXR.File("a.exr").channels()["RGBA"].pixels, picture)
+    colour = np.clip(picture[..., :3], 0, 1)
+    srgb = np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)
+    with Image.open("a.PNG") as png:
+        assert np.abs(np.asarray(png, float)[..., :3] - 255 * srgb).max() <= 0.51
+
+
+def test_the_picture_is_the_librarys(render, cloud, renderer):
+    render(cloud, "-o", "a.npy")
+    scene = tfm_cl.Scene.load(cloud)
+    scene = scene.replace(
+        map=tfm_cl.MapSettings(res=16, steps=8),
+        march=tfm_cl.MarchSettings(steps=8),
+        camera=scene.camera.replace(res=(16, 9)),
+    )
+    # The camera was placed for another frame, of the same aspect.
+    np.testing.assert_array_equal(pixels(), renderer.render(scene).image)
+
+
+@pytest.mark.parametrize(
+    ("array", "placed"),
+    [
+        (blobs(), ()),
+        (np.ones((4, 4, 4)), ()),  # centre 2,2,2: three equal numbers are still a point
+        (np.ones((4, 4, 4)), ("--set", "volume.origin=300000,-2e5,0", "--set", "volume.voxel_size=0.01")),
+        (1e-4 * np.ones((4, 4, 4)), ("--sigma-s", "0.1,0.2,0.3", "--fov", "20")),
+    ],
+)
+def test_what_was_chosen_can_be_given_as_flags(render, folder, array, placed):
+    np.save(folder / "cloud.npy", array)
+    first = render("cloud.npy", "-o", "a.npy", *placed)
+    told, _, flags = first.err.partition("chosen for cloud.npy: ")
+    assert told == ""
+    again = render("cloud.npy", "-o", "b.npy", *placed, *shlex.split(flags))
+    assert again.err == ""
+    assert pixels("a.npy")[4, 8, 3] > 0.2
+    assert (folder / "a.npy").read_bytes() == (folder / "b.npy").read_bytes()
+
+
+def test_a_volume_far_from_the_origin_looks_the_same(render, folder):
+    np.save(folder / "cloud.npy", blobs())
+    render("cloud.npy", "-o", "a.npy", "-q")
+    render("cloud.npy", "-o", "b.npy", "-q", "--set", "volume.origin=1e6,-1e6,5e5")
+    np.testing.assert_allclose(pixels("b.npy"), pixels("a.npy"), atol=1e-3)
+
+
+@pytest.mark.parametrize("source", ["cloud.npy", "scene.toml"])
+def test_the_printed_configuration_reproduces_the_picture(render, scene, folder, source):
+    printed = render(scene.with_name(source), "-o", "a.npy", "--print-config", "--set", "march.max_stretch=2")
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "printed.toml").write_text(printed.out)
+    again = render(elsewhere / "printed.toml", "-o", "b.npy", "--print-config")
+    assert (folder / "a.npy").read_bytes() == (folder / "b.npy").read_bytes()
+    assert pixels().max() > 0
+    assert again.out == printed.out
+    assert again.err == ""
+
+
+def test_print_config_alone_renders_nothing(render, cloud, folder, monkeypatch):
+    monkeypatch.setattr("tfm_cl.device._all_devices", list)  # nor does it need a device
+    done = render(cloud, "--print-config", "-q")
+    assert tomllib.loads(done.out)["camera"]["res"] == [16, 9]
+    assert [path.name for path in folder.iterdir()] == ["cloud.npy"]
+
+
+def test_crop_is_those_pixels_of_the_frame(render, cloud):
+    render(cloud, "-o", "a.npy")
+    render(cloud, "-o", "b.npy", "-o", "b.exr", "--crop", "3,1,13,8")
+    np.testing.assert_array_equal(pixels("b.npy"), pixels()[1:8, 3:13])
+    header = OpenEXR.File("b.exr").header()
+    np.testing.assert_array_equal(header["dataWindow"], [(3, 1), (12, 7)])
+    np.testing.assert_array_equal(header["displayWindow"], [(0, 0), (15, 8)])
+
+
+def test_aovs_and_header_of_an_exr(render, cloud):
+    done = render(
+        cloud, "-o", "a.exr", "--aov", "depth,transmittance,light_transmittance,samples", "--json", "-"
+    )
+    file = OpenEXR.File("a.exr", separate_channels=True)
+    assert set(file.channels()) == {
+        *("R", "G", "B", "A", "depth", "samples"),
+        *(f"{name}.{c}" for name in ("transmittance", "light_transmittance") for c in "RGB"),
+    }
+    alpha = file.channels()["A"].pixels
+    transmittance = [file.channels()[f"transmittance.{c}"].pixels for c in "RGB"]
+    np.testing.assert_allclose(1 - np.mean(transmittance, axis=0), alpha, atol=1e-6)
+    assert json.loads(file.header()["tfm_cl:options"]) == done.json["options"]
+    assert file.header()["software"] == f"tfm_cl {tfm_cl.__version__}"
+
+
+def test_half_precision_exr(render, cloud):
+    render(cloud, "-o", "a.exr", "--set", "image.pixel_type=half")
+    assert OpenEXR.File("a.exr").channels()["RGBA"].pixels.dtype == np.float16
+
+
+def test_exposure_is_stops_and_png_only(render, cloud):
+    dim = ("--intensity", "1")
+    render(cloud, "-o", "a.png", "-o", "a.npy", *dim, "--exposure", "3")
+    render(cloud, "-o", "b.png", "-o", "b.npy", "--intensity", "8")
+    np.testing.assert_allclose(8 * pixels("a.npy")[..., :3], pixels("b.npy")[..., :3], rtol=1e-5)
+    with Image.open("a.png") as bright, Image.open("b.png") as same:
+        assert np.abs(np.asarray(bright, int) - np.asarray(same, int)).max() <= 1
+
+
+@pytest.mark.parametrize("method", ["tfm", "dual"])
+def test_json_report(render, cloud, folder, method, device_name):
+    done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method, "--coeffs", "6")
+    assert done.out == ""
+    report = json.loads((folder / "report.json").read_text())
+    assert set(report) == {"options", "device", "seconds", "samples", "map_bytes"}
+    assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "save", "total"}
+    assert set(report["samples"]) == {"light_pass", "view_pass"}
+    assert set(report["options"]) == {"volume", "medium", "camera", "light", "map", "march", "image"}
+    assert report["options"]["march"]["method"] == method
+    assert report["options"]["camera"]["res"] == [16, 9]
+    assert report["options"]["volume"]["file"] == str(cloud)
+    with tfm_cl.Renderer(device_name) as renderer:
+        assert report["device"] == {"name": renderer.device_name}
+    dual = method == "dual"
+    assert report["map_bytes"] == (0 if dual else 16 * 16 * 6 * 4)
+    assert (report["seconds"]["light_pass"] == 0) is dual
+    assert (report["samples"]["light_pass"] == 0) is dual
+    assert report["samples"]["light_pass"] <= 16 * 16 * 8
+    assert report["samples"]["view_pass"] > 0
+    assert report["seconds"]["view_pass"] > 0
+    parts = sum(seconds for name, seconds in report["seconds"].items() if name != "total")
+    assert parts <= report["seconds"]["total"]
+
+
+def test_json_tells_the_weighting_that_auto_chose(render, scene):
+    options = render(scene, "-o", "a.npy", "--json", "-").json["options"]
+    assert 1 <= options["map"]["density_weighting"] <= 16
+
+
+def test_quiet_prints_nothing_at_all(render, cloud):
+    # So thin a medium that float32 maps lose its shadows: a warning.
+    warned = ("--sigma-s", "0.001", "--density-scale", "5000", "--density-weighting", "1")
+    assert "warning: " in render(cloud, "-o", "a.npy", *warned).err
+    done = render(cloud, "-o", "a.npy", "-q", *warned)
+    assert (done.out, done.err) == ("", "")
+
+
+def test_statistics_go_to_stderr(render, cloud):
+    done = render(cloud, "-o", "a.npy", "--stats")
+    assert done.out == ""
+    for name in ("device", "load", "compile", "light_pass", "view_pass", "save", "total", "maps"):
+        assert f"\n{name} " in done.err
+
+
+def test_verbose_prints_every_option(render, cloud):
+    done = render(cloud, "-o", "a.npy", "-v")
+    assert done.out == ""
+    assert tomllib.loads(done.err.partition("\n")[2])["map"]["basis"] == "dct"
+
+
+def test_negative_coordinates_are_values(render, cloud):
+    done = render(
+        cloud,
+        *("--print-config", "--camera-from", "-5,-1,-20", "--light-from", "-1e1,2,-3"),
+        *("--set", "volume.origin=-1,-2,-3"),
+    )
+    config = tomllib.loads(done.out)
+    assert config["camera"]["from"] == [-5, -1, -20]
+    assert config["light"][0]["from"] == [-10, 2, -3]
+    assert config["volume"]["origin"] == [-1, -2, -3]
+
+
+def test_sanitize_renders_a_damaged_density(render, folder):
+    density = blobs()
+    whole = density.copy()
+    density[3, 4, 5], density[6, 7, 8], whole[3, 4, 5], whole[6, 7, 8] = np.nan, -1, 0, 0
+    np.save(folder / "damaged.npy", density)
+    np.save(folder / "whole.npy", whole)
+    render("damaged.npy", "-o", "a.npy", "--set", "volume.sanitize=true")
+    render("whole.npy", "-o", "b.npy")
+    np.testing.assert_array_equal(pixels("a.npy"), pixels("b.npy"))
+
+
+def test_a_failed_write_leaves_the_old_picture(render, cli, tiny, cloud, folder, monkeypatch):
+    render(cloud, "-o", "a.npy")
+    old = (folder / "a.npy").read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tfm_cl.image_io.npy.write", full)
+    done = cli("render", cloud, "-o", "a.npy", "-q", *tiny, "--fov", "30")
+    assert done.code == 2
+    assert done.err == "tfm: a.npy: cannot be written (No space left on device)\n"
+    assert (folder / "a.npy").read_bytes() == old
+    assert sorted(path.name for path in folder.iterdir()) == ["a.npy", "cloud.npy"]
+
+
+def test_as_a_program_stdout_holds_what_was_asked(cloud, program, tiny):
+    done = subprocess.run(
+        program("render", "cloud.npy", "-o", "a.npy", "--json", "-", "--stats", *tiny),
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=cloud.parent,
+    )
+    assert json.loads(done.stdout)["options"]["map"]["res"] == 16
+    assert done.stderr.startswith("chosen for cloud.npy: ")
+    assert "%" not in done.stderr  # no progress bar: stderr is no terminal
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_progress_on_a_terminal(cloud, program, tiny, quiet):
+    termios = pytest.importorskip("termios", reason="no pseudo-terminals here")
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (25, 80))
+    arguments = program("render", "cloud.npy", "-o", "a.npy", *(["-q"] if quiet else []), *tiny)
+    with os.fdopen(ours, "rb", buffering=0) as terminal, os.fdopen(theirs, "wb") as stderr:
+        done = subprocess.run(arguments, stdout=subprocess.PIPE, stderr=stderr, check=True, cwd=cloud.parent)
+        os.set_blocking(ours, False)
+        shown = b"".join(iter(lambda: terminal.read(4096), None)).decode()
+    assert done.stdout == b""
+    if quiet:
+        assert shown == ""
+    else:
+        assert "light pass: " in shown
+        assert "view pass, light 1: " in shown

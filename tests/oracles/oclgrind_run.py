@@ -1,0 +1,137 @@
+"""Run the renderer at tiny sizes on the Oclgrind simulator, in an environment where it is installed.
+
+``python oclgrind_run.py render OUT.npz`` writes the result of every function of ``CASES``;
+``python oclgrind_run.py out-of-bounds`` and ``race`` run kernels that Oclgrind has to complain of.
+"""
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+import tfm_cl as tfm
+from tfm_cl.device import choose_device
+from tfm_cl.passes.launch import Launcher
+
+Array = NDArray[np.float32]
+
+DEVICE = "Oclgrind"
+
+BROKEN_KERNELS = """
+__kernel void out_of_bounds(__global float *values)
+{
+  values[get_global_id(0) + 1] = 1.0f;
+}
+
+__kernel void race(__global float *values)
+{
+  values[get_global_id(0)] = values[(get_global_id(0) + 1) % get_global_size(0)];
+}
+"""
+
+
+def _scene(**changes) -> tfm.Scene:
+    """A lumpy volume of unequal sides in turned anisotropic voxels, far from the origin; 12×8 pixels."""
+    density = np.random.default_rng(5).random((5, 6, 7))
+    turn = np.array([[0.96, -0.28, 0, 100], [0.28, 0.96, 0, -50], [0, 0, 1.5, 7], [0, 0, 0, 1]])
+    volume = tfm.Volume(density, world_from_index=turn, density_scale=0.5)
+    camera = changes.pop("camera", {})
+    parts = {
+        "camera": _camera(volume, **camera),
+        "map": tfm.MapSettings(res=8, steps=6, coeffs=4),
+        "march": tfm.MarchSettings(steps=6),
+    }
+    return tfm.Scene(volume).replace(**parts).replace(**changes)
+
+
+def _camera(volume: tfm.Volume, *, back: float = 12.0, res: tuple[int, int] = (12, 8)) -> tfm.Camera:
+    centre = volume.bounds.mean(axis=0)
+    return tfm.Camera(from_=np.add(centre, (0.3, 0.2, back)), to=centre, res=res)
+
+
+def _map(**settings) -> tfm.Scene:
+    return _scene(map=tfm.MapSettings(**{"res": 8, "steps": 6, "coeffs": 4, **settings}))
+
+
+def _lights(scene: tfm.Scene) -> tfm.Scene:
+    """A light inside the medium, one of nearly a half space, and one whose cone misses everything."""
+    centre = scene.volume.bounds.mean(axis=0)
+    spots = (
+        tfm.SpotLight(from_=centre, to=np.add(centre, (1, 0.2, 0)), cone=30, falloff="inverse-square"),
+        tfm.SpotLight(from_=np.add(centre, (0, 9, 0)), to=centre, cone=89.9, blend=0.5),
+        tfm.SpotLight(from_=np.add(centre, (0, 90, 0)), to=np.add(centre, (0, 180, 1)), cone=10),
+    )
+    return scene.replace(lights=spots)
+
+
+def _evaluate(renderer: tfm.Renderer) -> Array:
+    """Points before, in and behind the medium, outside the cone, and at the apex."""
+    scene = _map(storage="u8")
+    low, high = scene.volume.bounds
+    places = np.random.default_rng(6).uniform(-0.5, 1.5, (40, 3)) * (high - low) + low
+    points = np.vstack([places, scene.lights[0].from_, scene.lights[0].to])
+    return renderer.build_maps(scene)[0].evaluate(points, (1.0, 0.5, 0.1))
+
+
+def _one_voxel(renderer: tfm.Renderer) -> Array:
+    scene = tfm.Scene(tfm.Volume(np.full((1, 1, 1), 3.0)), map=tfm.MapSettings(res=5, steps=1, coeffs=1))
+    camera = scene.camera.replace(res=(5, 3))
+    return renderer.render(scene.replace(camera=camera, march=tfm.MarchSettings(steps=1))).image
+
+
+CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
+    **{
+        f"{coeffs} coefficients": lambda r, n=coeffs: r.render(_map(coeffs=n, steps=max(n, 6))).image
+        for coeffs in (1, 2, 7, 32)
+    },
+    **{
+        f"storage {storage}": lambda r, s=storage: r.render(_map(storage=s, coeffs=3)).image
+        for storage in ("f16", "u8")
+    },
+    "map of 1 texel": lambda r: r.render(_map(res=1)).image,
+    "map of 16 texels": lambda r: r.render(_map(res=16)).image,
+    "automatic weighting": lambda r: r.render(_map(density_weighting="auto")).image,
+    "dual": lambda r: r.render(_scene(), method="dual").image,
+    "sampling world": lambda r: r.render(_scene(march=tfm.MarchSettings(steps=6, sampling="world"))).image,
+    "dual, sampling world": lambda r: (
+        r.render(_scene(march=tfm.MarchSettings(steps=6, sampling="world", method="dual"))).image
+    ),
+    "Henyey-Greenstein": lambda r: (
+        r.render(
+            _scene(
+                medium=tfm.Medium(sigma_s=(1, 0.5, 0), sigma_a=(0.1, 0, 0), phase=tfm.HenyeyGreenstein(-0.4))
+            )
+        ).image
+    ),
+    "crop": lambda r: r.render(_scene(), crop=(3, 2, 12, 8)).image,
+    "odd frame": lambda r: r.render(_scene(camera={"res": (13, 1)})).image,
+    "camera inside": lambda r: r.render(_scene(camera={"back": 0.1})).image,
+    "camera turned away": lambda r: (
+        r.render((s := _scene()).replace(camera=s.camera.replace(to=np.add(s.camera.from_, (0, 0, 1))))).image
+    ),
+    "many lights": lambda r: r.render(_lights(_scene())).image,
+    "many lights, dual": lambda r: r.render(_lights(_scene()), method="dual").image,
+    "evaluate": _evaluate,
+    "one voxel": _one_voxel,
+}
+"""Name -> a picture or transmittances, made with the renderer given."""
+
+
+def _run_broken(name: str) -> None:
+    launcher = Launcher(choose_device(DEVICE))
+    kernel = cl.Kernel(cl.Program(launcher.context, BROKEN_KERNELS).build(), name)
+    launcher.run(kernel, (4,), launcher.upload("four values", np.zeros(4, np.float32)))
+
+
+def _main(what: str, *out: str) -> None:
+    if what != "render":
+        _run_broken(what.replace("-", "_"))
+        return
+    with tfm.Renderer(DEVICE) as renderer:
+        np.savez(out[0], **{name: make(renderer) for name, make in CASES.items()})
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

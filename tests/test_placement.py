@@ -1,0 +1,163 @@
+"""The camera, light and density scale that a bare volume gets: do they show the volume?"""
+
+import itertools
+
+import numpy as np
+import pytest
+from scenes import blobs, turned
+
+import tfm_cl as tfm
+from tfm_cl.errors import SceneError
+from tfm_cl.placement import FILL, OPTICAL_DEPTH, camera_for, density_scale_for, light_for
+
+
+def corner_blob():
+    """Occupied only in one corner of the array."""
+    density = np.zeros((20, 30, 40), np.float32)
+    density[1:6, 2:9, 30:39] = 1
+    return density
+
+
+VOLUMES = {
+    "bare": tfm.Volume(blobs()),
+    "turned": tfm.Volume(blobs(), world_from_index=turned(35, (1, 2, 3), (0.1, 0.3, 0.2), (5, -9, 2))),
+    "corner": tfm.Volume(corner_blob(), voxel_size=(0.2, 0.1, 0.3)),
+    "tiny": tfm.Volume(blobs(), voxel_size=1e-6),
+    "huge": tfm.Volume(blobs(), voxel_size=1e6),
+    "far": tfm.Volume(blobs(), voxel_size=0.01, origin=(1e6, -2e6, 3e5)),
+    "one voxel": tfm.Volume(np.ones((1, 1, 1))),
+    "empty": tfm.Volume(np.zeros((3, 4, 5))),
+    "needle": tfm.Volume(np.ones((1, 1, 200))),
+}
+
+volumes = pytest.mark.parametrize("volume", VOLUMES.values(), ids=VOLUMES.keys())
+
+
+def corners(volume):
+    return np.array(list(itertools.product(*volume.occupied_bounds.T)))
+
+
+def in_image(camera, points):
+    """Normalised image coordinates x, y in [-1, 1], and the depth, of world points."""
+    local = np.linalg.inv(camera.world_from_camera) @ np.column_stack([points, np.ones(len(points))]).T
+    x, y, depth, _ = local
+    tangent = np.tan(np.radians(camera.fov) / 2)
+    width, height = camera.res
+    return x / (depth * tangent * width / height), y / (depth * tangent), depth
+
+
+@volumes
+@pytest.mark.parametrize("given", [{}, {"fov": 15.0}, {"res": (400, 900)}, {"up": (1, 0, 0)}], ids=str)
+def test_the_volume_fills_the_frame(volume, given):
+    camera = camera_for(volume, **given)
+    x, y, depth = in_image(camera, corners(volume))
+    assert depth.min() > 0
+    reach = max(np.abs(x).max(), np.abs(y).max())
+    # The place is rounded to four digits of the volume's extent.
+    assert reach == pytest.approx(FILL, abs=0.005)
+
+
+def test_keys_that_are_given_stay():
+    volume = VOLUMES["bare"]
+    camera = camera_for(volume, **{"from": (0.0, 0.0, 99.0), "to": (1.0, 1.0, 1.0), "fov": 33.0})
+    assert (camera.from_, camera.to, camera.fov) == ((0, 0, 99), (1, 1, 1), 33)
+    light = light_for(volume, camera, **{"from": (9.0, 9.0, 9.0), "cone": 7.0, "intensity": 2})
+    assert (light.from_, light.cone, light.intensity) == ((9, 9, 9), 7, (2, 2, 2))
+
+
+@volumes
+def test_the_cone_holds_the_volume(volume):
+    light = light_for(volume, camera_for(volume))
+    axis = np.subtract(light.to, light.from_)
+    towards = corners(volume) - light.from_
+    cosine = towards @ axis / np.linalg.norm(towards, axis=1) / np.linalg.norm(axis)
+    assert np.degrees(np.arccos(cosine.min())) < light.cone
+    assert light.cone < 20
+
+
+@volumes
+def test_light_comes_from_above_on_the_left(volume):
+    camera = camera_for(volume)
+    right, up, forward, _ = camera.world_from_camera.T
+    from_centre = np.subtract(light_for(volume, camera).from_, camera.to)
+    assert from_centre @ right[:3] < 0
+    assert from_centre @ up[:3] > 0
+    assert from_centre @ forward[:3] < 0  # not behind the volume
+
+
+def test_a_light_inside_the_volume_gets_a_wide_cone():
+    volume = VOLUMES["bare"]
+    centre = volume.occupied_bounds.mean(axis=0)
+    light = light_for(volume, camera_for(volume), **{"from": tuple(centre), "to": (0.0, 0.0, 0.0)})
+    assert light.cone == 60
+
+
+def test_numbers_are_short_enough_to_type():
+    for volume in (VOLUMES["bare"], VOLUMES["turned"], VOLUMES["tiny"]):
+        camera = camera_for(volume)
+        for number in (*camera.from_, *camera.to, *light_for(volume, camera).from_):
+            digits = f"{abs(number):e}".split("e")[0].replace(".", "").rstrip("0")
+            assert len(digits) <= 6
+
+
+@pytest.mark.parametrize("name", ["bare", "turned", "corner", "tiny", "huge", "far", "one voxel", "needle"])
+def test_the_optical_depth_is_sensible(name):
+    volume = VOLUMES[name]
+    scale = density_scale_for(volume)
+    columns = [volume.data.sum(axis=2 - axis, dtype=float) * volume.voxel_size[axis] for axis in range(3)]
+    depths = scale * np.concatenate([column.ravel() for column in columns])
+    assert np.average(depths, weights=depths) == pytest.approx(OPTICAL_DEPTH, rel=0.06)  # two digits
+
+
+def test_empty_borders_do_not_change_the_optical_depth():
+    bare = density_scale_for(tfm.Volume(blobs()))
+    assert density_scale_for(tfm.Volume(np.pad(blobs(), 20))) == bare
+
+
+def test_volumes_that_have_no_sensible_optical_depth():
+    assert density_scale_for(VOLUMES["empty"]) == 1
+    for faint in (1e-38, 1e-44):
+        assert 0 < density_scale_for(tfm.Volume(np.full((2, 2, 2), faint))) <= 1e25
+
+
+def test_a_view_of_no_angle_is_from_as_far_as_can_be():
+    assert np.linalg.norm(camera_for(VOLUMES["bare"], fov=1e-300).from_) == pytest.approx(1e15)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"from": "there"},
+        {"to": (1, 2)},
+        {"to": (1, 2, 10**400)},
+        {"to": {}},
+        {"from": (1, 2, 1e300)},
+        {"fov": "wide"},
+        {"up": 3},
+        {"volume": 3},
+        {"camera": 3},
+        {"self": 3},
+    ],
+    ids=str,
+)
+def test_impossible_keys_are_refused_by_name(given):
+    (key,) = given
+    with pytest.raises(SceneError, match=rf"camera\.({key}|from)|unknown key '{key}'|from and to"):
+        camera_for(VOLUMES["bare"], **given)
+    if key not in {"fov", "up"}:
+        with pytest.raises(SceneError, match=rf"light\.{key}|unknown key '{key}'"):
+            light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given)
+
+
+def test_a_scene_of_a_volume_alone_is_lit(renderer):
+    camera = camera_for(VOLUMES["bare"], res=(32, 18))
+    scale = density_scale_for(VOLUMES["bare"])
+    scene = tfm.Scene(
+        VOLUMES["bare"].with_density_scale(scale),
+        camera=camera,
+        map=tfm.MapSettings(res=32),
+    )
+    image = renderer.render(scene).image
+    luminance = image[..., :3] @ [0.2126, 0.7152, 0.0722]
+    assert 0.25 < luminance.max() < 1.5  # bright, hardly burnt out
+    assert 0.1 < (image[..., 3] > 0.5).mean() < 0.9  # body and background

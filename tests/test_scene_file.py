@@ -1,0 +1,286 @@
+"""Scene files: every section and default, what is placed, a round trip, and arbitrary values."""
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from scenes import blobs
+
+import tfm_cl as tfm
+from tfm_cl.errors import TfmError
+from tfm_cl.params import fill
+from tfm_cl.scene_file import SECTIONS, SceneFile, to_toml
+from tfm_cl.settings import ImageSettings
+
+FULL = """
+[volume]
+file = "clouds/cloud.npz"
+grid = "smoke"
+density_scale = 2.5
+voxel_size = [0.1, 0.2, 0.3]
+origin = [1, 2, 3]
+sanitize = true
+
+[medium]
+sigma_s = [1.0, 0.8, 0.5]
+sigma_a = 0.25
+phase = { type = "hg", g = 0.3 }
+
+[camera]
+from = [0, 0, 5]
+to = [1, 0, 0]
+up = [0, 0, 1]
+fov = 30
+res = [64, 48]
+
+[[light]]
+type = "spot"
+from = [3, 4, 2]
+to = [0, 0, 0]
+cone = 20.0
+blend = 0.5
+intensity = [1, 2, 3]
+falloff = "inverse-square"
+
+[[light]]
+from = [-3, 4, 2]
+to = [0, 0, 0]
+
+[map]
+basis = "dct"
+coeffs = 6
+density_weighting = "auto"
+res = 128
+steps = 50
+storage = "f16"
+
+[march]
+method = "dual"
+steps = 60
+sampling = "world"
+max_stretch = 8
+
+[image]
+crop = [1, 2, 30, 40]
+exposure = -1.5
+aov = ["depth", "samples"]
+pixel_type = "half"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "clouds").mkdir()
+    np.savez(folder / "clouds" / "cloud.npz", smoke=blobs(), fire=2 * blobs())
+    np.save(folder / "cloud.npy", blobs())
+    (folder / "full.toml").write_text(FULL)
+    return folder
+
+
+@pytest.fixture
+def read(folder):
+    """``read(TOML text, overrides…)`` is the scene file and its scene."""
+
+    def read(text, *overrides):
+        path = folder / "scene.toml"
+        path.write_text(text)
+        file = SceneFile.read(path, overrides)
+        return file, file.scene()
+
+    return read
+
+
+def test_every_key_arrives(folder):
+    file = SceneFile.read(folder / "full.toml")
+    scene = file.scene()
+    np.testing.assert_array_equal(scene.volume.data, blobs())
+    np.testing.assert_allclose(scene.volume.voxel_size, (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(scene.volume.world_from_index @ [0, 0, 0, 1], (1.05, 2.1, 3.15, 1))
+    assert scene.volume.density_scale == 2.5
+    assert scene.medium == tfm.Medium(
+        sigma_s=(1, 0.8, 0.5), sigma_a=(0.25,) * 3, phase=tfm.HenyeyGreenstein(0.3)
+    )
+    assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
+    spot = tfm.SpotLight(
+        from_=(3, 4, 2), to=(0, 0, 0), cone=20, blend=0.5, intensity=(1, 2, 3), falloff="inverse-square"
+    )
+    assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
+    assert scene.map == tfm.MapSettings(coeffs=6, density_weighting="auto", res=128, steps=50, storage="f16")
+    assert scene.march == tfm.MarchSettings(method="dual", steps=60, sampling="world", max_stretch=8)
+    assert file.image == ImageSettings(
+        crop=(1, 2, 30, 40), exposure=-1.5, aov=("depth", "samples"), pixel_type="half"
+    )
+    assert file.chosen(scene) == {}
+
+
+def test_the_full_scene_has_every_key(folder):
+    table = tomllib.loads((folder / "full.toml").read_text())
+    for name, model in SECTIONS.items():
+        assert set(table[name]) == set(model.keys()), name
+    assert set(table["light"][0]) == set(tfm.SpotLight.keys())
+
+
+def test_defaults_are_those_of_the_interface(read):
+    _, scene = read('[volume]\nfile = "cloud.npy"\n')
+    assert scene.volume.density_scale == 1
+    assert scene.medium == tfm.Medium(sigma_s=(1, 1, 1), sigma_a=(0, 0, 0), phase=tfm.Isotropic())
+    assert (scene.camera.up, scene.camera.fov, scene.camera.res) == ((0, 1, 0), 40, (1280, 720))
+    assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("dct", 8, 10)
+    assert (scene.map.res, scene.map.steps, scene.map.storage) == (1024, 100, "f32")
+    assert (scene.march.method, scene.march.steps, scene.march.sampling) == ("tfm", 100, "projective")
+
+
+def test_what_is_left_out_is_placed_and_told(read):
+    file, scene = read('[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n[camera]\nfov = 20\n')
+    chosen = file.chosen(scene)
+    assert list(chosen) == [
+        *("volume.density_scale", "camera.from", "camera.to"),
+        *("light.from", "light.to", "light.cone", "light.intensity"),
+    ]
+    assert chosen["volume.density_scale"] == scene.volume.density_scale
+    assert tuple(chosen["camera.from"]) == scene.camera.from_
+    assert chosen["light.cone"] == scene.lights[0].cone
+    again_file, again = read('[volume]\nfile = "cloud.npy"\n', ("camera.fov", 20), *chosen.items())
+    assert again_file.chosen(again) == {}
+    assert again.camera == scene.camera
+    assert again.lights == scene.lights
+
+
+def test_a_bare_volume_is_a_scene(folder):
+    bare, written = SceneFile.read(folder / "cloud.npy"), folder / "bare.toml"
+    written.write_text('[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n')
+    assert bare.resolved(bare.scene()) == (file := SceneFile.read(written)).resolved(file.scene())
+
+
+@pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
+def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
+    file = SceneFile.read(folder / name)
+    scene = file.scene()
+    written = tmp_path / "written.toml"  # elsewhere: the volume's path must not be relative
+    written.write_text(to_toml(file.resolved(scene)), encoding="utf-8")
+    again = SceneFile.read(written)
+    copy = again.scene()
+    for part in ("medium", "camera", "lights", "map", "march"):
+        assert getattr(copy, part) == getattr(scene, part), part
+    assert again.image == file.image
+    np.testing.assert_array_equal(copy.volume.data, scene.volume.data)
+    np.testing.assert_array_equal(copy.volume.world_from_index, scene.volume.world_from_index)
+    assert copy.volume.density_scale == scene.volume.density_scale
+    assert again.chosen(copy) == {}
+
+
+def test_overrides_make_tables_that_are_missing(read):
+    overrides = [("map.res", 7), ("medium.phase.type", "hg"), ("medium.phase.g", 0.5), ("light.cone", 9)]
+    _, scene = read('[volume]\nfile = "cloud.npy"\n', *overrides)
+    assert scene.map.res == 7
+    assert scene.medium.phase == tfm.HenyeyGreenstein(0.5)
+    assert scene.lights[0].cone == 9
+
+
+def test_scene_load_is_the_same(folder):
+    scene, truth = tfm.Scene.load(folder / "full.toml"), SceneFile.read(folder / "full.toml").scene()
+    assert (scene.camera, scene.lights, scene.map) == (truth.camera, truth.lights, truth.map)
+
+
+def test_a_path_with_letters_of_any_kind(folder, tmp_path):
+    odd = tmp_path / 'a "quoted" – é\\ñ'
+    odd.mkdir()
+    (odd / "cloud.npy").write_bytes((folder / "cloud.npy").read_bytes())
+    file = SceneFile.read(odd / "cloud.npy")
+    table = tomllib.loads(to_toml(file.resolved(file.scene())))
+    assert table["volume"]["file"] == str(odd / "cloud.npy")
+
+
+# --------------------------------------------------------------------------- arbitrary values
+
+ODD = [0, 1, -1, 10**400, 1e300, 1e-300, math.nan, math.inf, True, "", "auto", "hg:2", "\0", [], {}, None]
+values = st.recursive(
+    st.sampled_from(ODD) | st.integers() | st.floats() | st.booleans() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=5,
+)
+KEYS = [
+    *(f"{name}.{key}" for name, model in SECTIONS.items() for key in model.keys()),  # noqa: SIM118 - no dict
+    *(f"light.{key}" for key in tfm.SpotLight.keys()),  # noqa: SIM118 - no dict
+]
+dotted = (
+    st.sampled_from(KEYS)
+    | st.sampled_from(
+        ["light.1.cone", "light.x", "medium.phase.g", "map.self", "light.self", "camera.volume"]
+    )
+    | st.builds("{}.{}".format, st.sampled_from([*SECTIONS, "light", "x"]), st.text(max_size=3))
+)
+
+
+def check_one_line_or_a_scene(make):
+    try:
+        file = make()
+        scene = file.scene()
+    except TfmError as error:
+        line = str(error)
+        assert line
+        assert "\n" not in line
+    else:
+        for light in scene.lights:  # what the kernels get are finite float32
+            params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
+            assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
+        assert tomllib.loads(to_toml(file.resolved(scene)))
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    overrides=st.lists(st.tuples(dotted, values), max_size=3),
+    name=st.sampled_from(["full.toml", "cloud.npy"]),
+)
+@example(overrides=[("map.basis", [])], name="cloud.npy")
+@example(overrides=[("medium.phase", {"type": "isotropic", "self": 1})], name="full.toml")
+@example(overrides=[("medium.phase", {"type": "hg", "self": 1})], name="full.toml")
+@example(overrides=[("light.type", {})], name="full.toml")
+@example(overrides=[("volume.voxel_size", 10**400)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e-300)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e15)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e-15), ("volume.origin", [1e15, 1, 1])], name="cloud.npy")
+@example(overrides=[("camera.fov", 1e-300)], name="cloud.npy")
+@example(overrides=[("light.cone", 1e-300)], name="cloud.npy")
+@example(overrides=[("camera.res", [1, 10**400])], name="cloud.npy")
+@example(overrides=[("march.max_stretch", 1e308)], name="cloud.npy")
+@example(overrides=[("volume.file", "\0")], name="full.toml")
+def test_arbitrary_overrides_give_a_scene_or_one_line(folder, overrides, name):
+    check_one_line_or_a_scene(lambda: SceneFile.read(folder / name, overrides))
+
+
+toml_values = st.recursive(
+    st.sampled_from(["1", "-1", "nan", "inf", "1e999", "true", '"x"', "1979-05-27", "07:32:00", "1" * 400]),
+    lambda inner: (
+        st.lists(inner, max_size=4).map(lambda items: f"[{', '.join(items)}]")
+        | inner.map("{{type = {}}}".format)
+    ),
+    max_leaves=4,
+)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    section=st.sampled_from(
+        [f"[{name}]" for name in SECTIONS] + ["[[light]]", "[light]", "[[camera]]", "[x]"]
+    ),
+    key=st.sampled_from([*{key.partition(".")[2] for key in KEYS}, "self", '"a\\nb"']),
+    value=toml_values,
+)
+def test_arbitrary_scene_files_give_a_scene_or_one_line(folder, section, key, value):
+    path = folder / "arbitrary.toml"
+    volume = "" if section == "[volume]" else '[volume]\nfile = "cloud.npy"\n'
+    path.write_text(f"{volume}{section}\n{key} = {value}\n")
+    check_one_line_or_a_scene(lambda: SceneFile.read(path))
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(start=st.integers(0, len(FULL)), length=st.integers(0, 40), new=st.text(max_size=4))
+def test_a_damaged_scene_file_gives_a_scene_or_one_line(folder, start, length, new):
+    path = folder / "damaged.toml"
+    path.write_text(FULL[:start] + new + FULL[start + length :], encoding="utf-8")
+    check_one_line_or_a_scene(lambda: SceneFile.read(path))
