@@ -23,8 +23,6 @@ INTENSITY = 15.0
 """An isotropic, white, dense medium returns about 1/4π of the light: this brings it near white."""
 WIDEST_CONE = 60.0
 """Degrees."""
-FILL = 1.0
-"""Part of the frame that the occupied bounds may fill."""
 OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
 
@@ -37,7 +35,7 @@ def camera_for(volume: "Volume", /, **given: Any) -> Camera:
         # Any place serves to check the other keys and learn the angle of view.
         camera = Camera(**{"up": (0, 1, 0), **given, "from": np.add(_vector(given["to"]), TOWARDS_CAMERA)})
         width, height = camera.res
-        tangent = FILL * np.tan(np.radians(camera.fov) / 2)
+        tangent = np.tan(np.radians(camera.fov) / 2)
         # Each corner of the bounds, in camera axes, has to stay within the frame's sides.
         corners = _corners(volume) - _vector(given["to"])
         right, up, forward = (corners @ camera.world_from_camera[:3, :3]).T
