@@ -8,7 +8,7 @@ from scenes import blobs, turned
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.placement import FILL, OPTICAL_DEPTH, camera_for, density_scale_for, light_for
+from tfm_cl.placement import OPTICAL_DEPTH, camera_for, density_scale_for, light_for
 
 
 def corner_blob():
@@ -54,7 +54,7 @@ def test_the_volume_fills_the_frame(volume, given):
     assert depth.min() > 0
     reach = max(np.abs(x).max(), np.abs(y).max())
     # The place is rounded to four digits of the volume's extent.
-    assert reach == pytest.approx(FILL, abs=0.005)
+    assert reach == pytest.approx(1, abs=0.005)
 
 
 def test_keys_that_are_given_stay():

@@ -89,7 +89,7 @@ def command(
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
         result = renderer.render(scene, crop=scene_file.image.crop, progress=progress)
-    for warning in () if quiet else (*result.warnings, *_unused_layers(outputs, scene_file.image)):
+    for warning in () if quiet else result.warnings:
         print(f"tfm: warning: {warning}", file=sys.stderr)
     if result.stats.density_weighting is not None:
         resolved["map"]["density_weighting"] = result.stats.density_weighting
@@ -117,12 +117,6 @@ def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
     for path in outputs:
         if path.resolve() in {source.resolve() for source in inputs}:
             raise click.UsageError(f"{path}: is the input itself; choose another name")
-
-
-def _unused_layers(outputs: tuple[Path, ...], image: ImageSettings) -> tuple[str, ...]:
-    if image.aov and not any(path.suffix.lower() == ".exr" for path in outputs):
-        return ("--aov adds layers to .exr files only, and none is written",)
-    return ()
 
 
 def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:
