@@ -27,7 +27,7 @@ __kernel void light_pass(__constant const Params *params, __global const float *
     float optical_depth = 0.0f;
     for (int n = 0; n < steps; ++n) {
       const float u = ((float)n + 0.5f) / (float)steps;
-      const float half_step_depth = 0.5f * step * density_at(grid, ray_at(ray, mix(k.begin, k.end, u)));
+      const float half_step_depth = 0.5f * step * density_at(grid, ray_at(ray, lerp(k.begin, k.end, u)));
       optical_depth = fmin(optical_depth + half_step_depth, TFM_MAX_OPTICAL_DEPTH);
       basis_add(params, &state, u, 1.0f / (float)steps, optical_depth);
       optical_depth = fmin(optical_depth + half_step_depth, TFM_MAX_OPTICAL_DEPTH);

@@ -72,8 +72,8 @@ __kernel void view_pass(__constant const Params *params, __global const float *v
   float4 seen = (float4)(0.0f);
   float step_begin = lit.begin;
   for (int n = 0; n < steps; ++n) {
-    const float t = mix(lit.begin, lit.end, warp_fraction(warp, ((float)n + 0.5f) / (float)steps));
-    const float step_end = mix(lit.begin, lit.end, warp_fraction(warp, (float)(n + 1) / (float)steps));
+    const float t = lerp(lit.begin, lit.end, warp_fraction(warp, ((float)n + 0.5f) / (float)steps));
+    const float step_end = lerp(lit.begin, lit.end, warp_fraction(warp, (float)(n + 1) / (float)steps));
     const float density = density_at(grid, ray_at(ray_in_grid, t));
     const float step_depth = fmin(density * (step_end - step_begin), TFM_MAX_OPTICAL_DEPTH);
     step_begin = step_end;

@@ -51,11 +51,11 @@ inline float density_at(Grid grid, float3 point)
   const float3 f = p - convert_float3(i);
   __global const float *low = grid.voxels + (i.z * grid.slice + i.y * grid.row + i.x);
   __global const float *high = low + grid.slice;
-  const float low_near = mix(low[0], low[1], f.x);
-  const float low_far = mix(low[grid.row], low[grid.row + 1], f.x);
-  const float high_near = mix(high[0], high[1], f.x);
-  const float high_far = mix(high[grid.row], high[grid.row + 1], f.x);
-  return grid.density_scale * mix(mix(low_near, low_far, f.y), mix(high_near, high_far, f.y), f.z);
+  const float low_near = lerp(low[0], low[1], f.x);
+  const float low_far = lerp(low[grid.row], low[grid.row + 1], f.x);
+  const float high_near = lerp(high[0], high[1], f.x);
+  const float high_far = lerp(high[grid.row], high[grid.row + 1], f.x);
+  return grid.density_scale * lerp(lerp(low_near, low_far, f.y), lerp(high_near, high_far, f.y), f.z);
 }
 
 /* Largest optical depth kept: products with a zero coefficient stay 0 instead of NaN. */
