@@ -115,6 +115,19 @@ def _colour(value: Any) -> tuple[float, float, float]:
     return rgb
 
 
+def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
+    """Make the validator of a number in a range that may also be ``"auto"``."""
+
+    def check(value: Any) -> Any:
+        if value == "auto":
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= largest:
+            raise ValueError(f"should be a number from {lowest:g} to {largest:g}, or 'auto'")
+        return float(value)
+
+    return BeforeValidator(check)
+
+
 Vec3 = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
 """A point or vector in world units; lists, tuples and arrays are accepted."""
 

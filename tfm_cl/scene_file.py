@@ -16,7 +16,7 @@ from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
-from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, unknown_key
+from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, number_or_auto, unknown_key
 from tfm_cl.scene import Scene
 from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
 from tfm_cl.volume import Volume
@@ -26,14 +26,6 @@ MAX_BYTES = 1 << 20
 
 Values = dict[str, Any]
 """A scene as TOML gives it: nested tables."""
-
-
-def _scale(value: Any) -> Any:
-    if value == "auto":
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LARGEST_COLOUR:
-        raise ValueError(f"should be a number from 0 to {LARGEST_COLOUR:g}, or 'auto'")
-    return float(value)
 
 
 def _sizes(value: Any) -> Any:
@@ -55,7 +47,7 @@ class VolumeSettings(Model):
         description="volume file, relative to the scene file"
     )
     grid: str | None = Field(None, description="name of the grid")
-    density_scale: Annotated[float | Literal["auto"], BeforeValidator(_scale)] = Field(
+    density_scale: Annotated[float | Literal["auto"], number_or_auto(0, LARGEST_COLOUR)] = Field(
         1.0,
         description="density = density_scale * grid; auto: a sensible optical depth (bare volumes' default)",
     )

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.bases import BASES
-from tfm_cl.model import Model, unknown_key
+from tfm_cl.model import Model, number_or_auto, unknown_key
 
 AOVS = {
     "depth": "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
@@ -21,14 +21,6 @@ MAX_WEIGHTING = 1e6
 """Beyond it float32 cannot tell e^(-τ/α) from 1."""
 
 
-def _density_weighting(value: Any) -> Any:
-    if value == "auto":
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 1 <= value <= MAX_WEIGHTING:
-        raise ValueError(f"should be a number from 1 to {MAX_WEIGHTING:g}, or 'auto'")
-    return float(value)
-
-
 def _basis(value: Any) -> Any:
     if not isinstance(value, str) or value not in BASES:
         raise ValueError(unknown_key(str(value), list(BASES)).replace("key", "basis"))
@@ -42,7 +34,7 @@ class MapSettings(Model):
 
     basis: Annotated[str, BeforeValidator(_basis)] = Field("dct", description="basis of the map: dct")
     coeffs: int = Field(8, ge=1, description="coefficients per texel, 1 to 32")
-    density_weighting: Annotated[float | Literal["auto"], BeforeValidator(_density_weighting)] = Field(
+    density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
         10.0,
         description="α ≥ 1 of eq. 19 on the density's own transmittance; auto: half the "
         "largest optical depth seen by the lights, between 1 and 16",

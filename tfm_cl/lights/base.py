@@ -1,5 +1,6 @@
 """What a light is to the rest of the project."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -35,9 +36,9 @@ class Light(Model):
         "inverse-square: intensity is per steradian, distance in world units",
     )
 
+    @abstractmethod
     def frame(self) -> LightFrame:
         """Place the light's map in the world."""
-        raise NotImplementedError
 
     def map_key(self) -> tuple[object, ...]:
         """All of the light that its transmittance map depends on: not its colour."""

@@ -1,5 +1,6 @@
 """What a phase function is to the rest of the project."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -26,9 +27,9 @@ class Phase(Model):
         """Up to four numbers that the kernel finds in ``params->phase``."""
         return ()
 
+    @abstractmethod
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ) per steradian, in double precision: the reference of the kernel header."""
-        raise NotImplementedError
 
     @classmethod
     def from_text(cls, text: str) -> "Phase":
