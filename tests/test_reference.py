@@ -9,7 +9,7 @@ from scipy.special import roots_legendre
 from tfm_cl import reference
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import Light, SpotLight
+from tfm_cl.lights import Light, LightFrame, SpotLight
 from tfm_cl.medium import Medium
 from tfm_cl.phases import HenyeyGreenstein, Isotropic
 from tfm_cl.scene import Scene
@@ -737,6 +737,9 @@ def test_method_is_the_scenes_unless_given():
 def test_other_lights_are_refused():
     class Lamp(Light):
         type: str = "lamp"
+
+        def frame(self):
+            return LightFrame(np.eye(4), ())
 
     with pytest.raises(SceneError, match="spot lights only; got a light of type 'lamp'"):
         reference.render(scene_of(lights=[Lamp()]))

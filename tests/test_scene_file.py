@@ -239,6 +239,7 @@ def check_one_line_or_a_scene(make):
 @example(overrides=[("map.basis", [])], name="cloud.npy")
 @example(overrides=[("medium.phase", {"type": "isotropic", "self": 1})], name="full.toml")
 @example(overrides=[("medium.phase", {"type": "hg", "self": 1})], name="full.toml")
+@example(overrides=[("volume.file", "\n")], name="cloud.npy")
 @example(overrides=[("light.type", {})], name="full.toml")
 @example(overrides=[("volume.voxel_size", 10**400)], name="cloud.npy")
 @example(overrides=[("volume.voxel_size", 1e-300)], name="cloud.npy")

@@ -33,7 +33,7 @@ def _sizes(value: Any) -> Any:
 
 
 def _file(value: Any) -> Any:
-    if not isinstance(value, str) or not value or "\0" in value:
+    if not isinstance(value, str) or not value or not value.isprintable():
         raise ValueError("should be the name of a volume file")
     return value
 

@@ -9,18 +9,28 @@
 /* Sums of 1 - f: in thin media f is near 1, and float32 sums of f would lose what matters. */
 typedef struct {
   float sum[TFM_N_COEFF];
+  float optical_depth;  /* of the last step, and its 1 - f: most steps are empty and change neither */
+  float opacity;
 } BasisState;
 
 inline void basis_begin(BasisState *state)
 {
   for (int j = 0; j < TFM_N_COEFF; ++j)
     state->sum[j] = 0.0f;
+  state->optical_depth = 0.0f;
+  state->opacity = 0.0f;
 }
 
 inline void basis_add(__constant const Params *params, BasisState *state, float u, float du,
                       float optical_depth)
 {
-  const float weighted = du * opacity_of(optical_depth / params->density_weighting);
+  if (optical_depth != state->optical_depth) {
+    state->optical_depth = optical_depth;
+    state->opacity = opacity_of(optical_depth / params->density_weighting);
+  }
+  if (state->opacity == 0.0f)
+    return;
+  const float weighted = du * state->opacity;
   /* cos(j pi u) by the Chebyshev recurrence. */
   const float twice = 2.0f * cospi(u);
   float previous = 0.5f * twice, current = 1.0f;
