@@ -73,9 +73,9 @@ inline float map_optical_depth(__constant const Params *params, __global const M
   float coefficients[TFM_N_COEFF];
   for (int j = 0; j < TFM_N_COEFF; ++j) {
     const float lower = lerp(map_load(map, ranges, row_low + (size_t)low.x, j),
-                            map_load(map, ranges, row_low + (size_t)high.x, j), f.x);
+                             map_load(map, ranges, row_low + (size_t)high.x, j), f.x);
     const float upper = lerp(map_load(map, ranges, row_high + (size_t)low.x, j),
-                            map_load(map, ranges, row_high + (size_t)high.x, j), f.x);
+                             map_load(map, ranges, row_high + (size_t)high.x, j), f.x);
     coefficients[j] = lerp(lower, upper, f.y);
   }
   return basis_optical_depth(params, coefficients, u);

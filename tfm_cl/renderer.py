@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl import params as parameters
 from tfm_cl.device import choose_device
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import DeviceMemoryError, SceneError
 from tfm_cl.passes.launch import Launcher, Progress
 from tfm_cl.passes.light_pass import LightPass
 from tfm_cl.passes.view_pass import Frame, ViewPass
@@ -33,6 +33,8 @@ AUTO_WEIGHTING = (1.0, 16.0)
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
+MAX_INDEX = (1 << 31) - 1
+"""Voxels that a kernel's 32-bit index reaches."""
 VISIBLE_DEPTH = 7.0
 """Optical depth beyond which light (less than 0.1 % of it) is not missed."""
 
@@ -209,8 +211,12 @@ class Renderer:
         grid = self._grids.get(volume)
         if grid is None:
             z, y, x = volume.shape
+            what = f"the volume ({x}×{y}×{z} voxels)"
+            count = (z + 2) * (y + 2) * (x + 2)
+            if count > MAX_INDEX:
+                raise DeviceMemoryError(f"{what} has {count:,} with its border; kernels index {MAX_INDEX:,}")
             # Asked for before the padded copy is made: a volume too large costs no memory.
-            grid = self._launcher.empty(f"the volume ({x}×{y}×{z} voxels)", 4 * (z + 2) * (y + 2) * (x + 2))
+            grid = self._launcher.empty(what, 4 * count)
             self._launcher.write(grid, np.pad(volume.data, 1))
             self._grids[volume] = grid
         return grid

@@ -143,6 +143,12 @@ def test_a_volume_beyond_the_device_is_refused_with_both_numbers(small_scene, mo
             other.render(small_scene)
 
 
+def test_a_volume_beyond_the_kernels_index_is_refused(device_name, small_scene, monkeypatch):
+    monkeypatch.setattr("tfm_cl.renderer.MAX_INDEX", 18 * 14 * 16 - 1)
+    with tfm.Renderer(device_name) as other, pytest.raises(DeviceMemoryError, match="4,032 with its border"):
+        other.render(small_scene)
+
+
 def test_progress_reaches_1_and_interrupts(renderer, small_scene):
     seen = []
     renderer.render(small_scene, progress=lambda stage, fraction: seen.append((stage, fraction)))
