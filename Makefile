@@ -11,10 +11,10 @@ demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus
 	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
 
 test: lint  ## the tests a change must pass
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto -m "not slow"
 
 test-slow: $(INSTALLED)  ## the rest: minutes
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n auto -m slow
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check
@@ -34,6 +34,9 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 
 gallery: $(INSTALLED)  ## the README's pictures
 	$(BIN)/python scripts/gallery.py
+
+bench: $(INSTALLED)  ## how fast it is, in minutes: out/bench; other programs are measured where installed
+	$(BIN)/python scripts/bench.py --peers -o out/bench
 
 clean:
 	rm -rf out build dist .venv .venv-oclgrind

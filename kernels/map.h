@@ -1,45 +1,197 @@
 /* The transmittance function map: n coefficients a texel, in three types of storage, looked up bilinearly.
-   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8. */
+   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8; a basis header. */
 #ifndef TFM_MAP_H
 #define TFM_MAP_H
 
 #include "light/sample.h"
 #include "volume.h"
 
+/* Vectors of coefficients in memory need only their elements' alignment. */
 #if TFM_STORAGE_BITS == 32
 typedef float MapStorage;
+typedef float2 Stored2 __attribute__((aligned(4)));
+typedef float4 Stored4 __attribute__((aligned(4)));
+typedef float8 Stored8 __attribute__((aligned(4)));
+typedef float16 Stored16 __attribute__((aligned(4)));
 #elif TFM_STORAGE_BITS == 16
-typedef half MapStorage;
+typedef ushort MapStorage;
+typedef ushort2 Stored2 __attribute__((aligned(2)));
+typedef ushort4 Stored4 __attribute__((aligned(2)));
+typedef ushort8 Stored8 __attribute__((aligned(2)));
+typedef ushort16 Stored16 __attribute__((aligned(2)));
 #elif TFM_STORAGE_BITS == 8
 typedef uchar MapStorage;
+typedef uchar2 Stored2 __attribute__((aligned(1)));
+typedef uchar4 Stored4 __attribute__((aligned(1)));
+typedef uchar8 Stored8 __attribute__((aligned(1)));
+typedef uchar16 Stored16 __attribute__((aligned(1)));
 #else
 #error "TFM_STORAGE_BITS must be 32, 16 or 8"
 #endif
+typedef MapStorage Stored1;
+typedef float Loaded1;
+typedef float2 Loaded2;
+typedef float4 Loaded4;
+typedef float8 Loaded8;
 
-/* ranges: for 8 bits the lowest value and the extent of every coefficient over the map. */
-inline float map_load(__global const MapStorage *map, __global const float2 *ranges, size_t texel, int j)
-{
-  const size_t i = texel * (size_t)TFM_N_COEFF + (size_t)j;
 #if TFM_STORAGE_BITS == 32
-  (void)ranges;
-  return map[i];
+#define DECODE(k, stored) (stored)
 #elif TFM_STORAGE_BITS == 16
-  (void)ranges;
-  return vload_half(i, map);
+/* A half's bits, shifted into place, are a float 2^112 too small; coefficients are finite. */
+#define SHIFTED_(k, bits) as_float##k((((bits) & 0x7fff) << 13) | (((bits) & 0x8000) << 16))
+#define DECODE_(k, bits) (0x1p112f * SHIFTED_(k, bits))
+#define as_float1 as_float
+#define convert_uint1 convert_uint
+#define DECODE(k, stored) DECODE_(k, convert_uint##k(stored))
 #else
-  return ranges[j].x + ranges[j].y * ((float)map[i] / 255.0f);
+/* In units of the coefficient's range. */
+#define convert_float1 convert_float
+#define DECODE(k, stored) convert_float##k(stored)
+#endif
+
+/* k coefficients of a lane, interpolated between four texels. */
+#define BILINEAR(k)                                                                                           \
+  TFM_INLINE Loaded##k bilinear##k(__global const MapStorage *low, int dx, int dy, float fx, float fy)        \
+  {                                                                                                           \
+    const Loaded##k low_low = DECODE(k, *(__global const Stored##k *)low);                                    \
+    const Loaded##k low_high = DECODE(k, *(__global const Stored##k *)(low + dx));                            \
+    const Loaded##k high_low = DECODE(k, *(__global const Stored##k *)(low + dy));                            \
+    const Loaded##k high_high = DECODE(k, *(__global const Stored##k *)(low + dy + dx));                      \
+    const Loaded##k lower = low_low + fx * (low_high - low_low);                                              \
+    const Loaded##k upper = high_low + fx * (high_high - high_low);                                           \
+    return lower + fy * (upper - lower);                                                                      \
+  }
+BILINEAR(1)
+#if TFM_LANES > 1
+BILINEAR(2)
+BILINEAR(4)
+#if TFM_N_COEFF == 8
+/* Neighbours in x follow each other: both come in one load. */
+TFM_INLINE float8 bilinear8(__global const MapStorage *low, int dx, int dy, float fx, float fy)
+{
+  const float16 lower = DECODE(16, *(__global const Stored16 *)low);
+  const float16 upper = DECODE(16, *(__global const Stored16 *)(low + dy));
+  const float16 both = lower + fy * (upper - lower);
+  (void)dx;
+  return both.lo + fx * (both.hi - both.lo);
+}
+#else
+BILINEAR(8)
+#endif
+
+/* Lanes' rows of k coefficients joined to vectors, then sorted by splitting even from odd places. */
+#if TFM_LANES == 16
+#define ROWS8(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7)), \
+                  (Floats)(R(s8), R(s9)), (Floats)(R(sa), R(sb)), (Floats)(R(sc), R(sd)), (Floats)(R(se), R(sf))}
+#define ROWS4(R) {(Floats)(R(s0), R(s1), R(s2), R(s3)), (Floats)(R(s4), R(s5), R(s6), R(s7)), \
+                  (Floats)(R(s8), R(s9), R(sa), R(sb)), (Floats)(R(sc), R(sd), R(se), R(sf))}
+#define ROWS2(R) {(Floats)(R(s0), R(s1), R(s2), R(s3), R(s4), R(s5), R(s6), R(s7)), \
+                  (Floats)(R(s8), R(s9), R(sa), R(sb), R(sc), R(sd), R(se), R(sf))}
+#else
+#define ROWS8(R) {R(s0), R(s1), R(s2), R(s3), R(s4), R(s5), R(s6), R(s7)}
+#define ROWS4(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7))}
+#define ROWS2(R) {(Floats)(R(s0), R(s1), R(s2), R(s3)), (Floats)(R(s4), R(s5), R(s6), R(s7))}
+#endif
+#define EVEN(a, b) ((Floats)((a).even, (b).even))
+#define ODD(a, b) ((Floats)((a).odd, (b).odd))
+#endif
+
+/* Which texels a map position lies between. */
+typedef struct {
+  Ints texel; /* lower left one */
+  Floats fx, fy;
+} MapPosition;
+
+TFM_INLINE MapPosition map_position(int res, Floats u, Floats v)
+{
+  const float last = (float)(res - 1);
+  const Floats x = clamp_to(u * (float)res - 0.5f, last);
+  const Floats y = clamp_to(v * (float)res - 0.5f, last);
+  /* The last texel is reached as a full step from the one before it. */
+  const int last_low = res > 1 ? res - 2 : 0;
+  const Ints ix = TO_INTS(x), iy = TO_INTS(y);
+  const Ints low_x = ix < last_low ? ix : ints(last_low);
+  const Ints low_y = iy < last_low ? iy : ints(last_low);
+  MapPosition position;
+  position.texel = low_y * res + low_x;
+  position.fx = x - TO_FLOATS(low_x);
+  position.fy = y - TO_FLOATS(low_y);
+  return position;
+}
+
+/* All coefficients at a map position.
+   ranges: for 8 bits the lowest value and the extent of every coefficient over the map. */
+TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const float2 *ranges, int res,
+                                 MapPosition at, Floats *c)
+{
+  /* A map of one texel has no neighbours; they would weigh nothing. */
+  const int dx = res > 1 ? TFM_N_COEFF : 0;
+  const int dy = res > 1 ? res * TFM_N_COEFF : 0;
+  int j = 0;
+#if TFM_LANES == 1
+  for (; j < TFM_N_COEFF; ++j)
+    c[j] = bilinear1(map + (size_t)at.texel * TFM_N_COEFF + j, dx, dy, at.fx, at.fy);
+#else
+#define TEXEL(s) (map + (size_t)LANE(at.texel, s) * TFM_N_COEFF + j)
+#define ROW8(s) bilinear8(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
+#define ROW4(s) bilinear4(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
+#define ROW2(s) bilinear2(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
+#define ROW1(p, i, s) bilinear1(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
+  for (; j + 8 <= TFM_N_COEFF; j += 8) {
+    const Floats r[8] = ROWS8(ROW8);
+    const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), e2 = EVEN(r[4], r[5]), e3 = EVEN(r[6], r[7]);
+    const Floats o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]), o2 = ODD(r[4], r[5]), o3 = ODD(r[6], r[7]);
+    const Floats ee0 = EVEN(e0, e1), ee1 = EVEN(e2, e3), eo0 = ODD(e0, e1), eo1 = ODD(e2, e3);
+    const Floats oe0 = EVEN(o0, o1), oe1 = EVEN(o2, o3), oo0 = ODD(o0, o1), oo1 = ODD(o2, o3);
+    c[j] = EVEN(ee0, ee1);
+    c[j + 1] = EVEN(oe0, oe1);
+    c[j + 2] = EVEN(eo0, eo1);
+    c[j + 3] = EVEN(oo0, oo1);
+    c[j + 4] = ODD(ee0, ee1);
+    c[j + 5] = ODD(oe0, oe1);
+    c[j + 6] = ODD(eo0, eo1);
+    c[j + 7] = ODD(oo0, oo1);
+  }
+#if TFM_N_COEFF & 4
+  {
+    const Floats r[4] = ROWS4(ROW4);
+    const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]);
+    c[j] = EVEN(e0, e1);
+    c[j + 1] = EVEN(o0, o1);
+    c[j + 2] = ODD(e0, e1);
+    c[j + 3] = ODD(o0, o1);
+    j += 4;
+  }
+#endif
+#if TFM_N_COEFF & 2
+  {
+    const Floats r[2] = ROWS2(ROW2);
+    c[j] = EVEN(r[0], r[1]);
+    c[j + 1] = ODD(r[0], r[1]);
+    j += 2;
+  }
+#endif
+#if TFM_N_COEFF & 1
+  c[j] = (Floats)FOR_LANES(ROW1, 0, 0);
+#endif
+#endif
+#if TFM_STORAGE_BITS == 8
+  for (j = 0; j < TFM_N_COEFF; ++j)
+    c[j] = ranges[j].x + ranges[j].y / 255.0f * c[j];
+#else
+  (void)ranges;
 #endif
 }
 
-inline void map_store(__global MapStorage *map, __global const float2 *ranges, size_t texel, int j, float value)
+/* One coefficient to memory. */
+TFM_INLINE void map_store(__global MapStorage *map, __global const float2 *ranges, size_t i, int j, float value)
 {
-  const size_t i = texel * (size_t)TFM_N_COEFF + (size_t)j;
 #if TFM_STORAGE_BITS == 32
   (void)ranges;
   map[i] = value;
 #elif TFM_STORAGE_BITS == 16
   (void)ranges;
-  vstore_half(value, i, map);
+  vstore_half(value, i, (__global half *)map);
 #else
   const float extent = ranges[j].y > 0.0f ? ranges[j].y : 1.0f;
   map[i] = convert_uchar_sat_rte(255.0f * (value - ranges[j].x) / extent);
@@ -47,38 +199,40 @@ inline void map_store(__global MapStorage *map, __global const float2 *ranges, s
 }
 
 /* The part of a light ray that lies in the medium: from k_in, or the light itself, to k_out. */
-inline int light_medium_interval(__constant const Params *params, Ray ray_in_index_space, Interval *k)
+TFM_INLINE Ints light_medium_interval(__constant const Params *params, Ray ray_in_index_space, Interval *k)
 {
-  k->begin = 0.0f;
-  k->end = INFINITY;
+  k->begin = floats(0.0f);
+  k->end = floats(INFINITY);
   return medium_clip(params, ray_in_index_space, k);
 }
 
-/* Optical depth of the density between the light and a point, from the map. The range k_in..k_out is that of
-   the point's own ray, so that interpolated texels agree on what u means. */
-inline float map_optical_depth(__constant const Params *params, __global const MapStorage *map,
-                               __global const float2 *ranges, LightSample sample)
+/* Where a point is looked up: between texels, at u on its light ray. */
+typedef struct {
+  MapPosition position;
+  Floats u;
+  Ints hit; /* mask: the ray meets the medium */
+} MapPlace;
+
+/* ray: the light's through the point, as light_ray_to gives it. The range k_in..k_out is that of the point's own ray,
+   so that interpolated texels agree on what u means. */
+TFM_INLINE MapPlace map_place(__constant const Params *params, Ray ray, LightSample sample)
 {
   Interval k;
-  if (!light_medium_interval(params, index_ray(params, sample.ray), &k))
-    return 0.0f;
-  const float u = clamp((sample.distance - k.begin) / (k.end - k.begin), 0.0f, 1.0f);
-  const int res = params->map_res;
-  const float2 texel = clamp(sample.uv * (float)res - 0.5f, 0.0f, (float)(res - 1));
-  const int2 low = convert_int2(texel);
-  const int2 high = min(low + 1, res - 1);
-  const float2 f = texel - convert_float2(low);
-  const size_t row_low = (size_t)low.y * (size_t)res;
-  const size_t row_high = (size_t)high.y * (size_t)res;
-  float coefficients[TFM_N_COEFF];
-  for (int j = 0; j < TFM_N_COEFF; ++j) {
-    const float lower = lerp(map_load(map, ranges, row_low + (size_t)low.x, j),
-                             map_load(map, ranges, row_low + (size_t)high.x, j), f.x);
-    const float upper = lerp(map_load(map, ranges, row_high + (size_t)low.x, j),
-                             map_load(map, ranges, row_high + (size_t)high.x, j), f.x);
-    coefficients[j] = lerp(lower, upper, f.y);
-  }
-  return basis_optical_depth(params, coefficients, u);
+  MapPlace place;
+  place.hit = light_medium_interval(params, ray, &k);
+  place.u = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
+  place.position = map_position(params->map_res, sample.u, sample.v);
+  return place;
+}
+
+/* Optical depth of the density between the light and a point, from the map. */
+TFM_INLINE Floats map_optical_depth(__constant const Params *params, __global const MapStorage *map,
+                                    __global const float2 *ranges, MapPlace place)
+{
+  Floats coefficients[TFM_N_COEFF];
+  map_coefficients(map, ranges, params->map_res, place.position, coefficients);
+  const Floats optical_depth = basis_optical_depth(params, coefficients, place.u);
+  return place.hit ? optical_depth : floats(0.0f);
 }
 
 #endif

@@ -3,30 +3,67 @@
 #ifndef TFM_SAMPLING_H
 #define TFM_SAMPLING_H
 
-/* Projective depths w of a segment's two ends; equal ones make the warp the identity. */
+#include "ray.h"
+
+/* Projective depths w of a segment's two ends over the larger; equal ones make the warp the identity. */
 typedef struct {
-  float begin;
-  float end;
+  Floats begin;
+  Floats end;
 } Warp;
+
+TFM_INLINE Warp no_warp(void)
+{
+  Warp warp;
+  warp.begin = warp.end = floats(1.0f);
+  return warp;
+}
 
 /* max_stretch bounds the ratio of the depths, and with it the longest step over the mean one: near the
    light's apex the ratio has no bound, and one step would swallow the far part of the ray. */
-inline Warp projective_warp(float depth_begin, float depth_end, float max_stretch)
+TFM_INLINE Warp projective_warp(Floats depth_begin, Floats depth_end, float max_stretch)
 {
-  const float deepest = fmax(depth_begin, depth_end);
+  const Floats deepest = greatest(depth_begin, depth_end);
+  const Ints flat = !(deepest > 0.0f);
   Warp warp;
-  warp.begin = fmax(depth_begin, deepest / max_stretch);
-  warp.end = fmax(depth_end, deepest / max_stretch);
-  if (!(deepest > 0.0f))
-    warp.begin = warp.end = 1.0f;
+  warp.begin = flat ? floats(1.0f) : greatest(depth_begin / deepest, floats(1.0f / max_stretch));
+  warp.end = flat ? floats(1.0f) : greatest(depth_end / deepest, floats(1.0f / max_stretch));
   return warp;
 }
 
 /* World-space fraction of the segment at fraction s of its projection: the perspective divide undone.
    t(0) = 0 and t(1) = 1 exactly, so that the steps' lengths sum to the segment's. */
-inline float warp_fraction(Warp warp, float s)
+TFM_INLINE Floats warp_fraction(Warp warp, Floats s)
 {
   return s * warp.begin / (s * warp.begin + (1.0f - s) * warp.end);
+}
+
+/* The fraction of the projection at a world-space fraction t: warp_fraction undone. */
+TFM_INLINE Floats unwarp_fraction(Warp warp, Floats t)
+{
+  return t * warp.end / (t * warp.end + (1.0f - t) * warp.begin);
+}
+
+/* Step n of `steps` equal ones in the projection: its middle and its length as fractions of the segment. */
+typedef struct {
+  Floats middle;
+  Floats length;
+} WarpedStep;
+
+TFM_INLINE WarpedStep warped_step(Warp warp, int n, int steps)
+{
+  const float width = 1.0f / (float)steps;
+  /* Parts before and after the step's middle and its two ends: 1 - s would lose the digits that the warp enlarges. */
+  const float s = ((float)n + 0.5f) * width, rest = ((float)(steps - n) - 0.5f) * width;
+  const float begin = (float)n * width, begin_rest = (float)(steps - n) * width;
+  const float end = (float)(n + 1) * width, end_rest = (float)(steps - n - 1) * width;
+  /* warp_fraction's divisor there. */
+  const Floats at_middle = s * warp.begin + rest * warp.end;
+  const Floats at_begin = begin * warp.begin + begin_rest * warp.end;
+  const Floats at_end = end * warp.begin + end_rest * warp.end;
+  WarpedStep step;
+  step.middle = s * warp.begin / at_middle;
+  step.length = width * warp.begin * warp.end / (at_begin * at_end);
+  return step;
 }
 
 #endif

@@ -1,88 +1,258 @@
-/* The medium's density: trilinear between voxel centres, 0 outside.
-   The grid carries one zero voxel on each side, so that it falls to 0 over one voxel and a sample needs no
-   bounds test beyond the clamp. */
+/* The medium's density: trilinear between voxel centres, 0 outside, in a sparse grid.
+   The padded grid carries one zero voxel on each side, so that the density falls to 0 over one voxel. Its cells
+   (the cubes between 8 voxels) are grouped into bricks of 4x4x4, the units of skipping, and blocks of 2x2x2 bricks,
+   the units of storage. A block with any density has a record of all voxels that its cells touch, so that a sample
+   reads one record only; all others have none.
+   Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; Params. */
 #ifndef TFM_VOLUME_H
 #define TFM_VOLUME_H
 
 #include "ray.h"
 
+/* Vectors in memory need only their elements' alignment (only where TFM_LANES > 1: there vload2 is a call). */
+typedef float2 UnalignedFloat2 __attribute__((aligned(4)));
+typedef uint UnalignedUint __attribute__((aligned(2)));
+typedef ushort UnalignedUshort __attribute__((aligned(1)));
+
+#define BRICK_SHIFT 2
+#define BRICK_EDGE 4
+#define BLOCK_EDGE 8
+/* Lanes of a tile share what they read where they lie in MOST_SHARED cells along each axis; a brick or a block is
+   that of the lowest one, and has to know what the others need. */
+#if TFM_LANES == 1
+#define MOST_SHARED 1
+#else
+#define MOST_SHARED 3
+#endif
+#define RECORD_EDGE (BLOCK_EDGE + MOST_SHARED)
+#define RECORD_ROW RECORD_EDGE                   /* voxels to the next y */
+#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* voxels to the next z */
+/* A multiple of 4: 8 bits are followed by the float that 255 stands for. */
+#define RECORD_VOXELS ((RECORD_EDGE * RECORD_LAYER + 3) / 4 * 4)
+
+/* Records are RECORD_SIZE voxels apart. 8 bits are followed by the float that 255 stands for. */
+#if TFM_VOXEL_BITS == 32
+typedef float Voxel;
+#define RECORD_SIZE RECORD_VOXELS
+#elif TFM_VOXEL_BITS == 16
+typedef ushort Voxel;
+#define RECORD_SIZE RECORD_VOXELS
+#elif TFM_VOXEL_BITS == 8
+typedef uchar Voxel;
+#define RECORD_SIZE (RECORD_VOXELS + 4)
+#else
+#error "TFM_VOXEL_BITS must be 32, 16 or 8"
+#endif
+
+/* bricks: for every brick (x fastest) that has density the number of its block's record, from 1; for others -d,
+   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's size: a large volume's
+   records are spread over several. */
+#if TFM_POOLS == 1
+#define GRID_ARGUMENTS __global const int *bricks, __global const Voxel *pool0
+#define GRID_POOLS {pool0}
+#elif TFM_POOLS == 8
+#define GRID_ARGUMENTS                                                                                 \
+  __global const int *bricks, __global const Voxel *pool0, __global const Voxel *pool1,                \
+      __global const Voxel *pool2, __global const Voxel *pool3, __global const Voxel *pool4,           \
+      __global const Voxel *pool5, __global const Voxel *pool6, __global const Voxel *pool7
+#define GRID_POOLS {pool0, pool1, pool2, pool3, pool4, pool5, pool6, pool7}
+#else
+#error "TFM_POOLS must be 1 or 8"
+#endif
+
+/* The grid with all that a sample needs of it, read once before a loop. */
+typedef struct {
+  __global const int *bricks;
+  __global const Voxel *pools[TFM_POOLS];
+  int row;       /* bricks to the next y */
+  int layer;     /* bricks to the next z */
+  int pool_size; /* records a pool */
+  float upper[3];
+  float density_scale;
+  int skip; /* 0: sample empty bricks too */
+} Grid;
+
+#define PADDED_GRID(grid)                                  \
+  __global const Voxel *const grid##_pools[] = GRID_POOLS; \
+  Grid grid;                                               \
+  grid.bricks = bricks;                                    \
+  for (int k = 0; k < TFM_POOLS; ++k)                      \
+    grid.pools[k] = grid##_pools[k];                       \
+  describe_grid(params, &grid)
+
+TFM_INLINE void describe_grid(__constant const Params *params, Grid *grid)
+{
+  grid->row = params->brick_count[0];
+  grid->layer = params->brick_count[0] * params->brick_count[1];
+  grid->pool_size = params->pool_size;
+  for (int axis = 0; axis < 3; ++axis)
+    grid->upper[axis] = (float)(params->grid_size[axis] - 1);
+  grid->density_scale = params->density_scale;
+  grid->skip = params->skip_empty;
+}
+
 /* A world ray in the padded grid's index space. */
-inline Ray index_ray(__constant const Params *params, Ray world_ray)
+TFM_INLINE Ray index_ray(__constant const Params *params, Ray world_ray)
 {
   return transform_ray(params->index_from_world, world_ray);
 }
 
-/* The part of a ray, given in index space, that lies in the medium's bounds; 0 when there is none. */
-inline int medium_clip(__constant const Params *params, Ray ray, Interval *interval)
+/* The part of a ray, given in index space, that lies in the medium's bounds; the lanes in which there is one. */
+TFM_INLINE Ints medium_clip(__constant const Params *params, Ray ray, Interval *interval)
 {
-  const float3 upper = (float3)((float)(params->grid_size[0] - 1), (float)(params->grid_size[1] - 1),
-                                (float)(params->grid_size[2] - 1));
+  float upper[3];
+  for (int axis = 0; axis < 3; ++axis)
+    upper[axis] = (float)(params->grid_size[axis] - 1);
   return box_clip(ray, upper, interval);
 }
 
-/* The grid with all that a sample needs of it, read once before a loop. */
-typedef struct {
-  __global const float *voxels;
-  int row;       /* voxels to the next y */
-  int slice;     /* voxels to the next z */
-  float3 upper;  /* largest coordinates */
-  int3 last;     /* lowest corner of the last cell */
-  float density_scale;
-} Grid;
-
-inline Grid padded_grid(__constant const Params *params, __global const float *voxels)
+TFM_INLINE Floats clamp_to(Floats x, float upper)
 {
-  const int3 size = vload3(0, params->grid_size);
-  Grid grid;
-  grid.voxels = voxels;
-  grid.row = size.x;
-  grid.slice = size.x * size.y;
-  grid.upper = convert_float3(size - 1);
-  grid.last = size - 2;
-  grid.density_scale = params->density_scale;
-  return grid;
+  return least(greatest(x, floats(0.0f)), floats(upper)); /* NaN becomes 0 */
 }
 
-/* Density D at a point of the padded grid's index space. */
-inline float density_at(Grid grid, float3 point)
+/* The number of a brick in the table. */
+#define BRICK_AT(grid, bx, by, bz) ((bz) * (grid)->layer + (by) * (grid)->row + (bx))
+
+/* Two voxels that are neighbours in x, in every lane. i: from the start of the lane's pool. */
+TFM_INLINE void gather_voxel_pairs(const Grid *grid, Ints pool, Ints i, int offset, Floats *low_x, Floats *high_x)
 {
-  const float3 p = clamp(point, 0.0f, grid.upper);
-  const int3 i = min(convert_int3(p), grid.last);
-  const float3 f = p - convert_float3(i);
-  __global const float *low = grid.voxels + (i.z * grid.slice + i.y * grid.row + i.x);
-  __global const float *high = low + grid.slice;
-  const float low_near = lerp(low[0], low[1], f.x);
-  const float low_far = lerp(low[grid.row], low[grid.row + 1], f.x);
-  const float high_near = lerp(high[0], high[1], f.x);
-  const float high_far = lerp(high[grid.row], high[grid.row + 1], f.x);
-  return grid.density_scale * lerp(lerp(low_near, low_far, f.y), lerp(high_near, high_far, f.y), f.z);
+#if TFM_POOLS == 1
+#define VOXELS(s) (grid->pools[0] + offset + LANE(i, s))
+#else
+#define VOXELS(s) (grid->pools[LANE(pool, s)] + offset + LANE(i, s))
+#endif
+#if TFM_LANES == 1
+#if TFM_VOXEL_BITS == 16
+  *low_x = vload_half(0, (__global const half *)VOXELS());
+  *high_x = vload_half(1, (__global const half *)VOXELS());
+#else
+  *low_x = (float)VOXELS()[0];
+  *high_x = (float)VOXELS()[1];
+#endif
+#elif TFM_VOXEL_BITS == 32
+#define VOXEL_PAIR(s) (*(__global const UnalignedFloat2 *)VOXELS(s))
+  SPLIT_PAIRS(VOXEL_PAIR, *low_x, *high_x);
+#elif TFM_VOXEL_BITS == 16
+  /* Halves are >= 0 and finite: shifted into place they are floats 2^112 too small. */
+#define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUint *)VOXELS(s))
+  const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
+  *low_x = 0x1p112f * AS_FLOATS((pair & 0x7fff) << 13);
+  *high_x = 0x1p112f * AS_FLOATS((pair >> 3) & 0x0fffe000);
+#else
+#define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUshort *)VOXELS(s))
+  const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
+  *low_x = TO_FLOATS(pair & 255);
+  *high_x = TO_FLOATS(pair >> 8);
+#endif
+#ifdef VOXEL_PAIR
+#undef VOXEL_PAIR
+#endif
+#undef VOXELS
+}
+
+#if TFM_LANES > 1
+/* A voxel as stored, for all lanes. */
+TFM_INLINE float voxel_value(__global const Voxel *voxel)
+{
+#if TFM_VOXEL_BITS == 16
+  return 0x1p112f * as_float((uint)*voxel << 13);
+#else
+  return (float)*voxel;
+#endif
+}
+
+/* Weights of a row of voxels for points x, from the first one, that lie before the last: their tents. */
+TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
+{
+  weight[0] = greatest(1.0f - x, floats(0.0f));
+#pragma unroll
+  for (int i = 1; i <= MOST_SHARED; ++i)
+    if (i < voxels)
+      weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
+}
+
+/* The voxels that a tile's samples lie between. */
+typedef struct {
+  int record;    /* of their block; 0: nothing to read */
+  int corner[3]; /* the lowest, in the padded grid */
+  int voxels[3]; /* along each axis, 2 to MOST_SHARED + 1 */
+} Window;
+
+/* Density D of all lanes from one window: trilinear, as every voxel weighs the product of its tents. */
+TFM_INLINE Floats density_together(const Grid *grid, const Window *window, Vec3 point)
+{
+  const int record = window->record;
+  const int pool = TFM_POOLS == 1 ? 0 : record / grid->pool_size;
+  __global const Voxel *start = grid->pools[pool] + (size_t)(record - pool * grid->pool_size) * RECORD_SIZE;
+  __global const Voxel *layer_voxel = start + (window->corner[2] & (BLOCK_EDGE - 1)) * RECORD_LAYER +
+                                      (window->corner[1] & (BLOCK_EDGE - 1)) * RECORD_ROW +
+                                      (window->corner[0] & (BLOCK_EDGE - 1));
+  const int nx = window->voxels[0], ny = window->voxels[1], nz = window->voxels[2];
+  Floats wx[MOST_SHARED + 1], wy[MOST_SHARED + 1], wz[MOST_SHARED + 1];
+  tents(point.x - (float)window->corner[0], nx, wx);
+  tents(point.y - (float)window->corner[1], ny, wy);
+  tents(point.z - (float)window->corner[2], nz, wz);
+  Floats sum = floats(0.0f);
+  for (int k = 0; k < nz; ++k, layer_voxel += RECORD_LAYER) {
+    Floats layer = floats(0.0f);
+    __global const Voxel *voxel = layer_voxel;
+    for (int j = 0; j < ny; ++j, voxel += RECORD_ROW) {
+      Floats row = wx[0] * voxel_value(voxel) + wx[1] * voxel_value(voxel + 1);
+#pragma unroll
+      for (int i = 2; i <= MOST_SHARED; ++i)
+        if (i < nx)
+          row += wx[i] * voxel_value(voxel + i);
+      layer += wy[j] * row;
+    }
+    sum += wz[k] * layer;
+  }
+#if TFM_VOXEL_BITS == 8
+  return grid->density_scale * *(__global const float *)(start + RECORD_VOXELS) * sum;
+#else
+  return grid->density_scale * sum;
+#endif
+}
+#endif
+
+/* Density D where every lane reads for itself; 0 where its brick has no record (<= 0). cell: each lane's. */
+TFM_INLINE Floats density_apart(const Grid *grid, Ints record, Ints ix, Ints iy, Ints iz, Vec3 point)
+{
+  record = record > 0 ? record : ints(0);
+#if TFM_POOLS == 1
+  const Ints pool = ints(0);
+  const Ints start = record * RECORD_SIZE;
+#else
+  const Ints pool = record / grid->pool_size;
+  const Ints start = (record - pool * grid->pool_size) * RECORD_SIZE;
+#endif
+  const Ints i = start + (iz & (BLOCK_EDGE - 1)) * RECORD_LAYER + (iy & (BLOCK_EDGE - 1)) * RECORD_ROW +
+                 (ix & (BLOCK_EDGE - 1));
+  const Floats fx = point.x - TO_FLOATS(ix), fy = point.y - TO_FLOATS(iy), fz = point.z - TO_FLOATS(iz);
+  Floats low, high;
+  gather_voxel_pairs(grid, pool, i, 0, &low, &high);
+  const Floats low_near = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_ROW, &low, &high);
+  const Floats low_far = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_LAYER, &low, &high);
+  const Floats high_near = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_LAYER + RECORD_ROW, &low, &high);
+  const Floats high_far = lerp(low, high, fx);
+  const Floats density = lerp(lerp(low_near, low_far, fy), lerp(high_near, high_far, fy), fz);
+#if TFM_VOXEL_BITS == 8
+#if TFM_POOLS == 1
+#define SCALE(p, i, s) (*(__global const float *)(grid->pools[0] + RECORD_VOXELS + LANE(start, s)))
+#else
+#define SCALE(p, i, s) (*(__global const float *)(grid->pools[LANE(pool, s)] + RECORD_VOXELS + LANE(start, s)))
+#endif
+  return grid->density_scale * density * (Floats)FOR_LANES(SCALE, 0, 0);
+#undef SCALE
+#else
+  return grid->density_scale * density;
+#endif
 }
 
 /* Largest optical depth kept: products with a zero coefficient stay 0 instead of NaN. */
 #define TFM_MAX_OPTICAL_DEPTH 1e30f
-
-/* Optical depth of the density (sigma_t = 1) from begin to end, by the midpoint rule. */
-inline float march_optical_depth(Grid grid, Ray ray, float begin, float end, int steps)
-{
-  const float step = (end - begin) / (float)steps;
-  float sum = 0.0f;
-  for (int n = 0; n < steps; ++n)
-    sum += density_at(grid, ray_at(ray, begin + ((float)n + 0.5f) * step));
-  return fmin(sum * step, TFM_MAX_OPTICAL_DEPTH);
-}
-
-/* 1 - e^-tau for tau >= 0, to a few ulp also where it is small; expm1 costs several times as much. */
-inline float opacity_of(float optical_depth)
-{
-  const float t = fmin(optical_depth, 0.25f);
-  const float series =
-      t * (1.0f - t / 2.0f * (1.0f - t / 3.0f * (1.0f - t / 4.0f * (1.0f - t / 5.0f * (1.0f - t / 6.0f)))));
-  return optical_depth < 0.25f ? series : 1.0f - exp(-optical_depth);
-}
-
-inline float3 opacity_of_rgb(float3 optical_depth)
-{
-  return (float3)(opacity_of(optical_depth.x), opacity_of(optical_depth.y), opacity_of(optical_depth.z));
-}
 
 #endif

@@ -16,6 +16,7 @@ from tfm_cl.passes.launch import Launcher
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 STRICT = ("-Werror",)
+LANES = {"1 lane": 1, "the device's lanes": None}
 
 
 def pytest_addoption(parser):
@@ -39,11 +40,18 @@ def renderer(device_name):
         yield renderer
 
 
-@pytest.fixture(scope="session")
-def launcher(device_name):
+@pytest.fixture(scope="session", params=LANES.values(), ids=LANES)
+def launcher(device_name, request):
     """Kernels of ``tests/kernels`` as well as the project's own."""
     folder = Path(__file__).parent / "kernels"
-    return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)))
+    return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)), lanes=request.param)
+
+
+@pytest.fixture(scope="session", params=LANES.values(), ids=LANES)
+def renderer_of_lanes(device_name, request):
+    """As `renderer`, once with one ray a work-item and once with as many as the device likes."""
+    with tfm.Renderer(device_name, build_options=STRICT, lanes=request.param) as renderer:
+        yield renderer
 
 
 @pytest.fixture(scope="session")

@@ -109,6 +109,14 @@ def test_the_optical_depth_is_sensible(name):
     assert np.average(depths, weights=depths) == pytest.approx(OPTICAL_DEPTH, rel=0.06)  # two digits
 
 
+@volumes
+def test_leaves_are_placed_as_their_dense_array(volume):
+    sparse = tfm.Volume(volume.leaves, world_from_index=volume.world_from_index)
+    assert density_scale_for(sparse) == density_scale_for(volume)
+    assert camera_for(sparse).from_ == camera_for(volume).from_
+    assert light_for(sparse, camera_for(sparse)).from_ == light_for(volume, camera_for(volume)).from_
+
+
 def test_empty_borders_do_not_change_the_optical_depth():
     bare = density_scale_for(tfm.Volume(blobs()))
     assert density_scale_for(tfm.Volume(np.pad(blobs(), 20))) == bare

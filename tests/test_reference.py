@@ -741,5 +741,8 @@ def test_other_lights_are_refused():
         def frame(self):
             return LightFrame(np.eye(4), ())
 
+        def footprint(self, distance):
+            return distance
+
     with pytest.raises(SceneError, match="spot lights only; got a light of type 'lamp'"):
         reference.render(scene_of(lights=[Lamp()]))

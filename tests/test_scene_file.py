@@ -62,6 +62,9 @@ method = "dual"
 steps = 60
 sampling = "world"
 max_stretch = 8
+cutoff = 0.01
+skip_empty = false
+voxels = "u8"
 
 [image]
 crop = [1, 2, 30, 40]
@@ -110,7 +113,15 @@ def test_every_key_arrives(folder):
     )
     assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
     assert scene.map == tfm.MapSettings(coeffs=6, density_weighting="auto", res=128, steps=50, storage="f16")
-    assert scene.march == tfm.MarchSettings(method="dual", steps=60, sampling="world", max_stretch=8)
+    assert scene.march == tfm.MarchSettings(
+        method="dual",
+        steps=60,
+        sampling="world",
+        max_stretch=8,
+        cutoff=0.01,
+        skip_empty=False,
+        voxels="u8",
+    )
     assert file.image == ImageSettings(
         crop=(1, 2, 30, 40), exposure=-1.5, aov=("depth", "samples"), pixel_type="half"
     )
@@ -132,6 +143,7 @@ def test_defaults_are_those_of_the_interface(read):
     assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("dct", 8, 10)
     assert (scene.map.res, scene.map.steps, scene.map.storage) == (1024, 100, "f32")
     assert (scene.march.method, scene.march.steps, scene.march.sampling) == ("tfm", 100, "projective")
+    assert (scene.march.cutoff, scene.march.skip_empty, scene.march.voxels) == (1e-4, True, "f32")
 
 
 def test_what_is_left_out_is_placed_and_told(read):
@@ -152,8 +164,36 @@ def test_what_is_left_out_is_placed_and_told(read):
 
 def test_a_bare_volume_is_a_scene(folder):
     bare, written = SceneFile.read(folder / "cloud.npy"), folder / "bare.toml"
-    written.write_text('[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n')
+    written.write_text(
+        '[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n'
+        '[map]\nres = "auto"\nsteps = "auto"\n[march]\nsteps = "auto"\n'
+    )
     assert bare.resolved(bare.scene()) == (file := SceneFile.read(written)).resolved(file.scene())
+
+
+COUNTS = ["map.res", "map.steps", "march.steps"]
+
+
+def test_a_bare_volume_counts_by_itself_and_tells(folder):
+    file = SceneFile.read(folder / "cloud.npy")
+    scene = file.scene()
+    numbers = scene.resolved()
+    chosen = file.chosen(scene)
+    assert list(chosen)[-3:] == COUNTS
+    assert [chosen[key] for key in COUNTS] == [numbers.map.res, numbers.map.steps, numbers.march.steps]
+    assert all(type(chosen[key]) is int for key in COUNTS)
+    table = file.resolved(scene)
+    assert {key: table[key.split(".")[0]][key.split(".")[1]] for key in COUNTS} == {
+        key: chosen[key] for key in COUNTS
+    }
+
+
+@pytest.mark.parametrize("key", COUNTS)
+def test_a_number_given_is_not_chosen(folder, key):
+    file = SceneFile.read(folder / "cloud.npy", [(key, 33)])
+    scene = file.scene()
+    assert [name for name in COUNTS if name in file.chosen(scene)] == [name for name in COUNTS if name != key]
+    assert file.resolved(scene)[key.split(".")[0]][key.split(".")[1]] == 33
 
 
 @pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
@@ -165,7 +205,7 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     again = SceneFile.read(written)
     copy = again.scene()
     for part in ("medium", "camera", "lights", "map", "march"):
-        assert getattr(copy, part) == getattr(scene, part), part
+        assert getattr(copy, part) == getattr(scene.resolved(), part), part
     assert again.image == file.image
     np.testing.assert_array_equal(copy.volume.data, scene.volume.data)
     np.testing.assert_array_equal(copy.volume.world_from_index, scene.volume.world_from_index)
@@ -225,6 +265,7 @@ def check_one_line_or_a_scene(make):
         assert line
         assert "\n" not in line
     else:
+        scene = scene.resolved()
         for light in scene.lights:  # what the kernels get are finite float32
             params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
             assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
@@ -250,6 +291,8 @@ def check_one_line_or_a_scene(make):
 @example(overrides=[("camera.res", [1, 10**400])], name="cloud.npy")
 @example(overrides=[("march.max_stretch", 1e308)], name="cloud.npy")
 @example(overrides=[("volume.file", "\0")], name="full.toml")
+@example(overrides=[("map.res", "auto"), ("light.from", [1e15, 0, 0])], name="full.toml")
+@example(overrides=[("map.res", "auto"), ("light.cone", 89.999999)], name="full.toml")
 def test_arbitrary_overrides_give_a_scene_or_one_line(folder, overrides, name):
     check_one_line_or_a_scene(lambda: SceneFile.read(folder / name, overrides))
 

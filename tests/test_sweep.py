@@ -12,11 +12,13 @@ from PIL import Image
 
 from tfm_cl import sweep, sweep_report
 from tfm_cl.errors import InputError, SceneError
+from tfm_cl.leaves import Leaves
 from tfm_cl.medium import Medium
 from tfm_cl.metrics import compare
 from tfm_cl.renderer import Renderer
 from tfm_cl.sweep import content_hash, read_rows
 from tfm_cl.sweep_report import write as write_report
+from tfm_cl.volume import Volume
 
 RES = (48, 32)
 
@@ -303,6 +305,43 @@ def test_a_damaged_reference_is_rendered_again(swept, volume, out, damage):
 
     assert [method for method, *_ in renderer.calls] == ["dual", "tfm", "tfm"]
     np.testing.assert_array_equal(np.load(path), image)
+
+
+def test_auto_is_swept_as_its_numbers(volume, out):
+    def auto(scene):
+        scene = small(scene)
+        return scene.replace(
+            map=scene.map.replace(res="auto", steps="auto"), march=scene.march.replace(steps="auto")
+        )
+
+    rows = sweep.run([volume], out, coeffs=(2, 4), overrides=auto, renderer=FakeRenderer())
+    assert len(rows) == 4
+    assert all(type(count) is int for row in rows for count in (row.map_res, row.map_steps, row.view_steps))
+
+    def numbers(scene):
+        scene = small(scene)
+        return scene.replace(
+            map=scene.map.replace(res=rows[0].map_res, steps=rows[0].map_steps),
+            march=scene.march.replace(steps=rows[0].view_steps),
+        )
+
+    assert again(volume, out, overrides=numbers) == []
+
+
+def test_leaves_are_hashed_as_they_are(monkeypatch):
+    density = np.random.default_rng(0).uniform(size=(9, 20, 11)).astype(np.float32)
+    other = density.copy()
+    other[8, 19, 10] += 1
+
+    def key(array, **settings):
+        return content_hash(Volume(Leaves.from_dense(array), **settings))
+
+    dense = content_hash(Volume(density))
+    monkeypatch.setattr(Leaves, "to_dense", lambda _self: pytest.fail("a dense array was made"))
+    same, *different = key(density), key(other), key(density, density_scale=2), key(density, voxel_size=2)
+    assert key(density) == same
+    assert len({same, *different}) == 4
+    assert content_hash(Volume(density)) == dense  # dense ones stay hashable
 
 
 def test_several_inputs_and_equal_names(tmp_path, out):

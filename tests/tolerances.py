@@ -15,3 +15,22 @@ PASS = 5e-6
 GRAZING = 1e-3
 """Part of a ray's length by which its entry into the cone may move in float32: at a grazing angle the
 root of a small discriminant doubles the relative error of its digits."""
+
+FAST_MATH = 4 * FLOAT32
+"""An elementary function without calls: its polynomial, whose last steps round, and what follows it."""
+
+EXPONENT = 2 * FLOAT32
+"""Of e^-t, for each unit of t: log2(e), and t log2(e), are rounded before the power is taken."""
+
+STEP = 8 * FLOAT32
+"""Place and length of a warped step, in parts of the segment: ten float32 operations without cancellation."""
+
+SKIPPING = 2 * FLOAT32
+"""Steps that are jumped over would have added 0: the sums are the same, but for factors e^-0 that round."""
+
+LANES = PASS
+"""The same march in vectors of another width, of colours relative to the brightest: operations are fused in
+another way, in both passes."""
+
+LIGHTS = 2 * PASS
+"""Sum of the pictures of dozens of lights, relative to its brightest: each addition rounds the sum so far."""

@@ -1,6 +1,14 @@
 """Choosing an OpenCL device by name, and describing what there is."""
 
+import atexit
+import contextlib
+import functools
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import pyopencl as cl
@@ -91,14 +99,75 @@ def _kind(bits: int) -> str:
 
 
 def _all_devices() -> list[cl.Device]:
-    try:
-        platforms = cl.get_platforms()
-    except cl.Error:  # the loader reports "no platform" as an error
-        return []
-    devices = []
-    for platform in platforms:
+    with _usable_caches():
         try:
-            devices += platform.get_devices()
-        except cl.Error:  # a platform without a device
-            continue
-    return devices
+            platforms = cl.get_platforms()
+        except cl.Error:  # the loader reports "no platform" as an error
+            return []
+        devices = []
+        for platform in platforms:
+            try:
+                devices += platform.get_devices()
+            except cl.Error:  # a platform without a device
+                continue
+        return devices
+
+
+@contextlib.contextmanager
+def _usable_caches() -> Iterator[None]:
+    """Let PoCL and pyopencl start where the user's cache folder cannot be written.
+
+    Without a folder to write to, PoCL has no device or compiles nothing, and pyopencl makes no kernel. Each
+    looks for its folder once, so the environment names a temporary one only while they start.
+    """
+    caches = {"POCL_CACHE_DIR": _pocl_cache(), "XDG_CACHE_HOME": _pyopencl_cache()}
+    unusable = [name for name, folder in caches.items() if os.name == "posix" and not _writable(folder)]
+    before = {name: os.environ.get(name) for name in unusable}
+    try:
+        with contextlib.suppress(OSError):  # there is no temporary folder either
+            os.environ.update({name: str(_temporary_folder() / name) for name in unusable})
+            if "XDG_CACHE_HOME" in unusable:
+                import pyopencl.invoker  # noqa: F401, PLC0415 - opens its cache when it is imported
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+def _pocl_cache() -> str:
+    """Where PoCL keeps programs and machine code."""
+    named, home = os.environ.get("POCL_CACHE_DIR"), os.environ.get("HOME")
+    if named is not None:
+        return named
+    caches = os.environ.get("XDG_CACHE_HOME") or (f"{home}/.cache" if home is not None else "/tmp")  # noqa: S108
+    return f"{caches}/pocl/kcache"
+
+
+def _pyopencl_cache() -> str:
+    """Where pyopencl keeps the Python code that launches kernels."""
+    caches = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")  # noqa: PTH111
+    return f"{caches}/pytools"
+
+
+def _writable(path: str) -> bool:
+    """Whether the folder and what is in it can be written, or the folder can be made."""
+    if not path:
+        return False
+    folder = Path(path).absolute()
+    try:
+        if folder.is_dir():
+            return all(os.access(inner, os.W_OK) for inner in (folder, *folder.iterdir()))
+        there = next(outer for outer in (folder, *folder.parents) if os.path.lexists(outer))
+        return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+    except OSError:
+        return False
+
+
+@functools.cache
+def _temporary_folder() -> Path:
+    """Make a folder that lasts as long as the process."""
+    folder = Path(tempfile.mkdtemp(prefix="tfm_cl-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -67,11 +67,10 @@ def density_scale_for(volume: "Volume") -> float:
     It is that of σ_t = 1, so that a medium given by hand does what its numbers say.
     """
     depths = [
-        volume.data.sum(axis=axis, dtype=np.float64).ravel() * voxel
-        for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True)
+        volume.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True)
     ]
     lines = np.concatenate(depths)
-    if lines.max() <= 0:
+    if lines.max(initial=0.0) <= 0:
         return 1.0
     lines /= lines.max()
     # Weighted by themselves: wisps fill much of the frame, but the body is what is looked at.

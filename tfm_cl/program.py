@@ -1,8 +1,15 @@
-"""Building kernels: one small stub a program, that names the headers and the entry file."""
+"""Building kernels: one small stub a program, that names the headers and the entry file.
 
+Nothing is cached here: drivers do. PoCL keeps, by the preprocessed text, each program and, for each
+work-group size a kernel is launched with, its machine code (``POCL_CACHE_DIR``); for drivers without a cache
+of their own pyopencl keeps binaries.
+"""
+
+import hashlib
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pyopencl as cl
 
@@ -22,10 +29,74 @@ def kernels_dir() -> Path:
 def source(entry: str, headers: tuple[str, ...], defines: dict[str, int]) -> str:
     """Return the text handed to the compiler.
 
-    The sources are included, not pasted, so that the compiler's messages name file and line.
+    The sources are included, not pasted, so that the compiler's messages name file and line. Ours by their
+    whole path: drivers look in the working directory first, where a file may have the same name.
     """
+    folder = kernels_dir()
     lines = [f"#define {name} {value}" for name, value in sorted(defines.items())]
-    return "\n".join([*lines, c_declaration(), *(f'#include "{name}"' for name in (*headers, entry)), ""])
+    files = [folder / name if (folder / name).is_file() else name for name in (*headers, entry)]
+    return "\n".join([*lines, c_declaration(), *(f'#include "{name}"' for name in files), ""])
+
+
+def fingerprint(folder: Path) -> str:
+    """Return a digest of all OpenCL sources below a folder, by name and content."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".cl", ".h"}):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()} {len(content)} ".encode() + content)
+    return digest.hexdigest()
+
+
+class _LaunchClock:
+    """Adds up what the driver does between taking a launch and starting it on the device.
+
+    That is compilation: PoCL makes a kernel's machine code when it first meets a work-group size, and GPU
+    drivers finish theirs likewise. The launches before it on an in-order queue are not counted.
+    """
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._events: list[cl.Event] = []
+        self._busy_until = 0
+
+    def add(self, event: cl.Event) -> None:
+        """Take note of a launch."""
+        self._settle()
+        self._events.append(event)
+
+    @property
+    def seconds(self) -> float:
+        """Of the launches that are finished."""
+        self._settle()
+        return self._seconds
+
+    def _settle(self) -> None:
+        running = []
+        for event in self._events:
+            if event.command_execution_status > cl.command_execution_status.COMPLETE:
+                running.append(event)
+                continue
+            try:
+                queued, start, end = event.profile.queued, event.profile.start, event.profile.end
+            except cl.Error:  # it failed, or its queue takes no times
+                continue
+            self._seconds += max(0, start - max(queued, self._busy_until)) * 1e-9
+            self._busy_until = end
+        self._events = running
+
+
+class _Kernel(cl.Kernel):
+    """A kernel whose launches are timed."""
+
+    def __init__(self, program: cl.Program, name: str, clock: _LaunchClock) -> None:
+        super().__init__(program, name)
+        self._clock = clock
+
+    def __call__(self, *args: Any, **options: Any) -> cl.Event:
+        """Launch it, as `pyopencl.Kernel` does."""
+        event = super().__call__(*args, **options)
+        self._clock.add(event)
+        return event
 
 
 class KernelLibrary:
@@ -43,8 +114,13 @@ class KernelLibrary:
         self._context = context
         self._options = ("-cl-std=CL1.2", *options)
         self._kernels: dict[tuple[str, str], cl.Kernel] = {}
-        self.seconds = 0.0
-        """Time spent compiling so far."""
+        self._build_seconds = 0.0
+        self._clock = _LaunchClock()
+
+    @property
+    def seconds(self) -> float:
+        """Time spent compiling so far: building programs, and what drivers put off until a launch."""
+        return self._build_seconds + self._clock.seconds
 
     def kernel(
         self, name: str, entry: str, headers: tuple[str, ...] = (), defines: dict[str, int] | None = None
@@ -68,18 +144,22 @@ class KernelLibrary:
         text = source(entry, headers, defines or {})
         if (text, name) not in self._kernels:
             started = time.perf_counter()
-            for kernel in self._build(text, entry).all_kernels():
-                self._kernels[text, kernel.function_name] = kernel
-            self.seconds += time.perf_counter() - started
+            program = self._build(text, entry)
+            for found in program.kernel_names.split(";"):
+                self._kernels[text, found] = _Kernel(program, found, self._clock)
+            self._build_seconds += time.perf_counter() - started
         return self._kernels[text, name]
 
     def _build(self, text: str, entry: str) -> cl.Program:
+        folder = kernels_dir()
+        # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
+        text += f"/* kernels: {fingerprint(folder)} */\n"
         try:
             with warnings.catch_warnings():
                 # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
                 warnings.simplefilter("ignore", cl.CompilerWarning)
                 program: cl.Program = cl.Program(self._context, text).build(
-                    [*self._options, "-I", str(kernels_dir())]
+                    [*self._options, "-I", str(folder)]
                 )
         except cl.Error as error:
             raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error

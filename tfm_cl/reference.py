@@ -179,6 +179,7 @@ def _light_rays(light: SpotLight, points: Floats) -> tuple[Rays, Floats, Floats]
 
 def light_optical_depth(scene: Scene, light: SpotLight, points: Floats) -> Floats:
     """March from the light's entry into the bounds to each point: the inner march of the dual method."""
+    scene = scene.resolved()
     rays, distance, _ = _light_rays(light, points)
     k_in, k_out = march_bounds(scene.volume, *rays)
     return _optical_depth(scene.volume, rays, (k_in, np.clip(distance, k_in, k_out)), scene.map.steps)
@@ -202,6 +203,7 @@ def density_weighting(scene: Scene) -> float:
     """α of TFM eq. 19; ``"auto"``: half the largest optical depth seen by a light, between 1 and 16."""
     if scene.map.density_weighting != "auto":
         return scene.map.density_weighting
+    scene = scene.resolved()
     sigma_t, deepest = float(scene.medium.sigma_t.max()), 0.0
     for rays in (texel_rays(light, AUTO_RES) for light in _spots(scene)):
         bounds = march_bounds(scene.volume, *rays)
@@ -212,6 +214,7 @@ def density_weighting(scene: Scene) -> float:
 
 def build_map(scene: Scene, light: SpotLight) -> Floats:
     """Coefficients ``[y, x, n]`` of f = exp(-τ/α) along the texels' rays (TFM Alg. 2, normalised)."""
+    scene = scene.resolved()
     alpha, res, steps = density_weighting(scene), scene.map.res, scene.map.steps
     every, orders = texel_rays(light, res), np.arange(scene.map.coeffs)
     coefficients = np.zeros((res * res, len(orders)))
@@ -294,6 +297,7 @@ def render_with_aovs(
     SceneError
         The scene has another kind of light, or the crop is not inside the frame.
     """
+    scene = scene.resolved()
     scene = scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene)))
     depths = [
         partial(light_optical_depth, scene, light)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import time
 import weakref
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl import params as parameters
+from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
-from tfm_cl.errors import DeviceMemoryError, SceneError
+from tfm_cl.errors import SceneError
 from tfm_cl.passes.launch import Launcher, Progress
 from tfm_cl.passes.light_pass import LightPass
 from tfm_cl.passes.view_pass import Frame, ViewPass
@@ -22,6 +23,7 @@ from tfm_cl.transmittance_map import TransmittanceMap
 if TYPE_CHECKING:
     import pyopencl as cl
 
+    from tfm_cl.bricks import BrickGrid, VoxelType
     from tfm_cl.lights import Light
     from tfm_cl.scene import Scene
     from tfm_cl.volume import Volume
@@ -33,8 +35,6 @@ AUTO_WEIGHTING = (1.0, 16.0)
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
-MAX_INDEX = (1 << 31) - 1
-"""Voxels that a kernel's 32-bit index reaches."""
 VISIBLE_DEPTH = 7.0
 """Optical depth beyond which light (less than 0.1 % of it) is not missed."""
 
@@ -48,8 +48,12 @@ class Renderer:
         Part of an OpenCL device's or platform's name; by default PoCL, else the first device.
     build_options
         Further OpenCL compiler options.
+    lanes
+        Rays that a work-item carries, 1, 8 or 16; by default what suits the device.
+    largest_buffer
+        Bytes that one device buffer may have; by default the device's limit.
     work_group
-        Work-group size (x, y) of maps and images; None leaves it to the driver.
+        Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
 
     Raises
     ------
@@ -62,22 +66,37 @@ class Renderer:
         device: str | None = None,
         *,
         build_options: tuple[str, ...] = (),
-        work_group: tuple[int, int] | None = (8, 8),
+        lanes: int | None = None,
+        largest_buffer: int | None = None,
+        work_group: tuple[int, int] | Literal["auto"] | None = "auto",
     ) -> None:
-        self._launcher = Launcher(choose_device(device), build_options, work_group)
+        self._launcher = Launcher(
+            choose_device(device),
+            build_options,
+            lanes=lanes,
+            largest_buffer=largest_buffer,
+            work_group=work_group,
+        )
         self._light_pass = LightPass(self._launcher)
         self._view_pass = ViewPass(self._launcher)
-        self._grids: weakref.WeakKeyDictionary[Volume, cl.Buffer] = weakref.WeakKeyDictionary()
+        self._grids: weakref.WeakKeyDictionary[Volume, dict[VoxelType, BrickGrid]] = (
+            weakref.WeakKeyDictionary()
+        )
 
     @property
     def device_name(self) -> str:
         """Name of the OpenCL device."""
         return str(self._launcher.device.name).strip()
 
+    @property
+    def lanes(self) -> int:
+        """Rays that a work-item carries."""
+        return self._launcher.lanes
+
     def close(self) -> None:
         """Release the device's memory."""
         self._grids.clear()
-        self._launcher.queue.finish()
+        self._launcher.release()
 
     def __enter__(self) -> Self:
         return self
@@ -101,13 +120,14 @@ class Renderer:
             Memory or compilation.
         """
         progress = progress or _silent
-        grid = self._upload(scene.volume)
-        deepest = max(self._largest_optical_depth(scene, light, grid) for light in scene.lights)
+        scene = scene.resolved()
+        bricks = self._upload(scene)
+        deepest = max(self._largest_optical_depth(scene, light, bricks) for light in scene.lights)
         weighting = _density_weighting(scene, deepest)
         maps = []
         for light in scene.lights:
-            params = self._params(scene, light, (0, 0, 1, 1), weighting)
-            buffers = self._light_pass.build(scene.map, light, params, grid, progress)
+            params = self._params(scene, light, (0, 0, 1, 1), weighting, bricks)
+            buffers = self._light_pass.build(scene.map, light, params, bricks, progress)
             maps.append(
                 TransmittanceMap(
                     light=light,
@@ -117,6 +137,7 @@ class Renderer:
                     largest_optical_depth=deepest,
                     buffers=buffers,
                     params=params,
+                    bricks=bricks,
                     light_pass=self._light_pass,
                 )
             )
@@ -158,11 +179,12 @@ class Renderer:
         method = method or scene.march.method
         if method not in ("tfm", "dual"):
             raise SceneError(f"method '{method}' is unknown; known: tfm, dual")
+        scene = scene.resolved(maps[0].settings if maps and method == "tfm" else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
 
-        grid = self._upload(scene.volume)
+        bricks = self._upload(scene)
         if method == "dual":
             maps = None
         elif maps is None:
@@ -176,16 +198,14 @@ class Renderer:
         view_seconds = 0.0
         for index, light in enumerate(scene.lights):
             weighting = maps[index].density_weighting if maps else 1.0
-            params = self._params(scene, light, crop, weighting)
-            if index == 0:
-                view_seconds += self._view_pass.march_medium(scene, crop, params, grid, frame, progress)
+            params = self._params(scene, light, crop, weighting, bricks)
             view_seconds += self._view_pass.add_light(
                 scene,
                 index,
                 method,
                 crop,
                 params,
-                grid,
+                bricks,
                 maps[index].buffers if maps else None,
                 frame,
                 progress,
@@ -206,28 +226,25 @@ class Renderer:
         stats.density_weighting = maps[0].density_weighting if maps else None
         return RenderResult(image, aovs, stats, scene, crop, warnings)
 
-    def _upload(self, volume: Volume) -> cl.Buffer:
-        """Put the grid on the device with a border of zeros, once for each volume."""
-        grid = self._grids.get(volume)
-        if grid is None:
+    def _upload(self, scene: Scene) -> BrickGrid:
+        """Put the volume on the device, once for each volume and voxel type."""
+        volume, voxels = scene.volume, scene.march.voxels
+        grids = self._grids.setdefault(volume, {})
+        if voxels not in grids:
             z, y, x = volume.shape
             what = f"the volume ({x}×{y}×{z} voxels)"
-            count = (z + 2) * (y + 2) * (x + 2)
-            if count > MAX_INDEX:
-                raise DeviceMemoryError(f"{what} has {count:,} with its border; kernels index {MAX_INDEX:,}")
-            # Asked for before the padded copy is made: a volume too large costs no memory.
-            grid = self._launcher.empty(what, 4 * count)
-            self._launcher.write(grid, np.pad(volume.data, 1))
-            self._grids[volume] = grid
-        return grid
+            grids[voxels] = build_bricks(self._launcher, volume.leaves, what, voxels)
+        return grids[voxels]
 
-    def _params(self, scene: Scene, light: Light, crop: Crop, density_weighting: float) -> cl.Buffer:
-        struct = parameters.fill(scene, light, crop=crop, density_weighting=density_weighting)
+    def _params(
+        self, scene: Scene, light: Light, crop: Crop, density_weighting: float, bricks: BrickGrid
+    ) -> cl.Buffer:
+        struct = parameters.fill(scene, light, crop=crop, density_weighting=density_weighting, bricks=bricks)
         return self._launcher.upload("the parameters", struct)
 
-    def _largest_optical_depth(self, scene: Scene, light: Light, grid: cl.Buffer) -> float:
-        params = self._params(scene, light, (0, 0, 1, 1), 1.0)
-        return self._light_pass.largest_optical_depth(scene.map, light, params, grid)
+    def _largest_optical_depth(self, scene: Scene, light: Light, bricks: BrickGrid) -> float:
+        params = self._params(scene, light, (0, 0, 1, 1), 1.0, bricks)
+        return self._light_pass.largest_optical_depth(scene.map, light, params, bricks)
 
 
 def _density_weighting(scene: Scene, deepest: float) -> float:

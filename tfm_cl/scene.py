@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tfm_cl import placement
+from tfm_cl import placement, resolution
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import Light
@@ -83,3 +83,13 @@ class Scene:
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""
         return replace(self, **changes)
+
+    def resolved(self, maps: MapSettings | None = None) -> Scene:
+        """Return the scene with numbers for every ``"auto"`` of map resolution and steps.
+
+        Parameters
+        ----------
+        maps
+            Settings of maps that are there already, and whose numbers are to be kept.
+        """
+        return resolution.resolved(self, maps)

@@ -18,7 +18,7 @@ from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
 from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, number_or_auto, unknown_key
 from tfm_cl.scene import Scene
-from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
+from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, is_auto
 from tfm_cl.volume import Volume
 
 MAX_BYTES = 1 << 20
@@ -171,7 +171,7 @@ class SceneFile:
             raise SceneError(f"image.crop = {crop}: does not lie in the image of {width}×{height} pixels")
 
     def chosen(self, scene: Scene) -> Values:
-        """Return what was placed or scaled by itself, by dotted key, to be shown and fixed by hand."""
+        """Return what was placed, scaled or counted by itself, by dotted key, to be fixed by hand."""
         values: Values = {}
         if self.volume.density_scale == "auto":
             values["volume.density_scale"] = scene.volume.density_scale
@@ -181,10 +181,15 @@ class SceneFile:
             light = scene.lights[0].to_dict()
             placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
             values |= {f"light.{key}": light[key] for key in placed}
+        resolved = scene.resolved()
+        for section, key in (("map", "res"), ("map", "steps"), ("march", "steps")):
+            if is_auto(getattr(getattr(self, section), key)):
+                values[f"{section}.{key}"] = getattr(getattr(resolved, section), key)
         return values
 
     def resolved(self, scene: Scene) -> Values:
         """Return every option as resolved, in the shape of a scene file that reproduces this run."""
+        scene = scene.resolved()
         volume = self.volume.to_dict() | {
             "file": str((self.path.parent / self.volume.file).resolve()),
             "grid": scene.volume.name or None,
@@ -214,7 +219,11 @@ def _without_none(value: Any) -> Any:
 
 def _values_of(path: Path) -> Values:
     if path.suffix.lower() in volume_io.FORMATS:
-        return {"volume": {"file": path.name, "density_scale": "auto"}}
+        return {
+            "volume": {"file": path.name, "density_scale": "auto"},
+            "map": {"res": "auto", "steps": "auto"},
+            "march": {"steps": "auto"},
+        }
     if path.suffix.lower() != ".toml":
         known = " ".join([".toml", *sorted(volume_io.FORMATS)])
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")

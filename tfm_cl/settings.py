@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from tfm_cl.bases import BASES
 from tfm_cl.model import Model, number_or_auto, unknown_key
@@ -19,6 +19,27 @@ AOVS = {
 
 MAX_WEIGHTING = 1e6
 """Beyond it float32 cannot tell e^(-τ/α) from 1."""
+MAX_RES = 8192
+MAX_STEPS = 100_000
+
+
+def is_auto(value: object) -> bool:
+    """Tell whether a setting is left to `Scene.resolved`."""
+    return value == "auto"
+
+
+def _count_or_auto(largest: int) -> PlainValidator:
+    """Make the validator of a whole number from 1 that may also be ``"auto"``.
+
+    Fields say `int`: what computes with them gets them resolved, without ``"auto"``.
+    """
+
+    def check(value: Any) -> Any:
+        if is_auto(value) or (type(value) is int and 1 <= value <= largest):
+            return value
+        raise ValueError(f"should be a whole number from 1 to {largest}, or 'auto'")
+
+    return PlainValidator(check)
 
 
 def _basis(value: Any) -> Any:
@@ -39,9 +60,13 @@ class MapSettings(Model):
         description="α ≥ 1 of eq. 19 on the density's own transmittance; auto: half the "
         "largest optical depth seen by the lights, between 1 and 16",
     )
-    res: int = Field(1024, ge=1, le=8192, description="map is res × res texels")
-    steps: int = Field(
-        100, ge=1, le=100_000, description="steps along a light ray, of the map and of the dual march"
+    res: Annotated[int, _count_or_auto(MAX_RES)] = Field(
+        1024, description="map is res × res texels; auto: as fine as voxels and pixels, 64 to 2048"
+    )
+    steps: Annotated[int, _count_or_auto(MAX_STEPS)] = Field(
+        100,
+        description="steps along a light ray, of the map and of the dual march; auto: at most 1.5 voxels "
+        "long, 16 to 1024",
     )
     storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored coefficients")
 
@@ -61,7 +86,9 @@ class MarchSettings(Model):
     method: Literal["tfm", "dual"] = Field(
         "tfm", description="tfm: look the light up in its map; dual: march to the light at every sample"
     )
-    steps: int = Field(100, ge=1, le=100_000, description="steps along the lit part of a camera ray")
+    steps: Annotated[int, _count_or_auto(MAX_STEPS)] = Field(
+        100, description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024"
+    )
     sampling: Literal["projective", "world"] = Field(
         "projective", description="uniform in the light's projective space (section 4.2) or in the world"
     )
@@ -70,6 +97,21 @@ class MarchSettings(Model):
         ge=1,
         description="projective sampling: the longest step is at most this times the mean one; large values "
         "are the paper's, which starves the far end of rays that pass near the light",
+    )
+    cutoff: float = Field(
+        1e-4,
+        ge=0,
+        lt=1,
+        description="a camera ray ends where less than this of its transmittance is left: the error is "
+        "at most this part of the brightest light behind; 0 marches every ray to its end",
+    )
+    skip_empty: bool = Field(
+        default=True, description="jump over bricks without density; the samples taken stay where they are"
+    )
+    voxels: Literal["f32", "f16", "u8"] = Field(
+        "f32",
+        description="type of the voxels on the device: f16 errs by 2^-11 of a density, u8 by 1/510 of the "
+        "largest in or beside its block of 8x8x8",
     )
 
 

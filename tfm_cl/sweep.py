@@ -182,6 +182,7 @@ class _Sweep:
     steps: _Steps
 
     def scene(self, scene: Scene, name: str, settings: list[tuple[Weighting, int]]) -> list[SweepRow]:
+        scene = scene.resolved()
         # All settings are checked before the first, possibly long, rendering.
         variants = [
             scene.replace(map=scene.map.replace(coeffs=n, density_weighting=alpha)) for alpha, n in settings
@@ -381,7 +382,9 @@ def _feed(digest: hashlib._Hash, value: Any) -> None:
         digest.update(f"{value.dtype.str}{value.shape}".encode())
         digest.update(np.ascontiguousarray(value).data)
     elif isinstance(value, Volume):
-        _feed(digest, (value.data, value.world_from_index, value.density_scale))
+        # As stored: the dense array of a sparse volume may be far larger than memory.
+        stored = value._voxels.stored  # noqa: SLF001 - asking for either form may make it
+        _feed(digest, (stored, value.world_from_index, value.density_scale))
     elif isinstance(value, BaseModel):
         _feed(digest, {name: getattr(value, name) for name in type(value).model_fields})
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -16,6 +16,7 @@ from tfm_cl.settings import MapSettings
 if TYPE_CHECKING:
     import pyopencl as cl
 
+    from tfm_cl.bricks import BrickGrid
     from tfm_cl.passes.light_pass import LightPass, MapBuffers
     from tfm_cl.scene import Scene
     from tfm_cl.volume import Volume
@@ -39,12 +40,22 @@ class TransmittanceMap:
     """Of the density, along the rays of all the scene's lights, on a coarse map."""
     buffers: MapBuffers
     params: cl.Buffer
+    bricks: BrickGrid
     light_pass: LightPass
 
     @cached_property
     def coefficients(self) -> NDArray[np.float32]:
         """The numbers of every texel, float32 [y, x, n] (a copy on the host)."""
         return self.light_pass.read(self.settings, self.buffers)
+
+    @cached_property
+    def occupied(self) -> NDArray[np.float32]:
+        """The part of every texel's light ray that holds density, float32 [y, x, 2]: first and last u.
+
+        u is 0 where the ray enters the medium's bounds (or the light itself) and 1 where it leaves them;
+        both are 0 for a ray without density. Accurate to a light step.
+        """
+        return self.light_pass.read_occupied(self.settings, self.buffers)
 
     @property
     def nbytes(self) -> int:
@@ -76,7 +87,9 @@ class TransmittanceMap:
         if world.shape[-1:] != (3,) or not np.isfinite(world).all():
             raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
         device = (world - self.volume.bounds.mean(axis=0)).astype(np.float32).reshape(-1, 3)
-        depths = self.light_pass.evaluate(self.settings, self.light, self.params, self.buffers, device)
+        depths = self.light_pass.evaluate(
+            self.settings, self.light, self.params, self.bricks, self.buffers, device
+        )
         depths = depths.reshape(world.shape[:-1])
         sigma = np.asarray(sigma_t, dtype=np.float32)
         reached = depths >= 0
@@ -92,6 +105,7 @@ class TransmittanceMap:
             ("volume", _same_density(self.volume, scene.volume)),
             ("light", self.light.map_key() == light.map_key()),
             ("map settings", self.settings == scene.map),
+            ("voxel type", self.bricks.voxels == scene.march.voxels),
         ):
             if not same:
                 raise SceneError(f"map {index + 1} was built for another {what}; build the maps again")
@@ -99,7 +113,7 @@ class TransmittanceMap:
 
 def _same_density(one: Volume, other: Volume) -> bool:
     return (
-        one.data is other.data
+        one.same_voxels(other)
         and one.density_scale == other.density_scale
         and one.world_from_index is other.world_from_index
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.grid import world_from_index_of
 
@@ -22,10 +24,14 @@ class Volume:
     Between voxel centres the density is trilinear; beyond the outermost centres it falls to 0 over one
     more voxel, and `bounds` include that voxel.
 
+    The voxels are held in the form they came in, dense or as leaves (`.vdb` and `.nvdb` files); what asks
+    for the other form makes it.
+
     Parameters
     ----------
     data
-        Densities ``[z, y, x]`` of any real or integer type; kept as float32. Finite and ≥ 0.
+        Densities ``[z, y, x]`` of any real or integer type; kept as float32. Finite and ≥ 0. An array of
+        float32 that nobody can write to is kept itself, any other is copied. Or sparse, as `Leaves`.
     voxel_size
         Edge length in world units, one number or (x, y, z).
     origin
@@ -49,12 +55,11 @@ class Volume:
         (the message says where), or the transform cannot be inverted.
     """
 
-    data: NDArray[np.float32]
     world_from_index: NDArray[np.float64]
 
     def __init__(
         self,
-        data: ArrayLike,
+        data: ArrayLike | Leaves,
         *,
         voxel_size: float | tuple[float, float, float] | None = None,
         origin: tuple[float, float, float] | None = None,
@@ -67,7 +72,10 @@ class Volume:
         self.name = name
         self.source = source
         self.density_scale = _non_negative(density_scale, "density_scale", self._label)
-        self.data = _as_density(data, self._label, sanitize=sanitize)
+        if isinstance(data, Leaves):
+            self._voxels = _Voxels(_as_density_leaves(data, self._label, sanitize=sanitize))
+        else:
+            self._voxels = _Voxels(_as_density(data, self._label, sanitize=sanitize))
         if world_from_index is None:
             self.world_from_index = world_from_index_of(
                 _voxel_size(1.0 if voxel_size is None else voxel_size, self._label),
@@ -81,7 +89,6 @@ class Volume:
         else:
             self.world_from_index = np.array(world_from_index, dtype=np.float64)
         _check_transform(self.world_from_index, self._label)
-        self.data.flags.writeable = False
         self.world_from_index.flags.writeable = False
 
     @classmethod
@@ -96,6 +103,8 @@ class Volume:
         sanitize: bool = False,
     ) -> Volume:
         """Read a volume file; the extension tells the format.
+
+        The voxels of ``.vdb`` and ``.nvdb`` files stay leaves, which cost memory for what is not empty.
 
         Parameters
         ----------
@@ -115,7 +124,9 @@ class Volume:
         """
         path = Path(path)
         described = volume_io.choose_grid(path, grid)
-        data = volume_io.read_grid(path, described)
+        data = volume_io.read_stored(path, described)
+        if isinstance(data, np.ndarray):
+            data.flags.writeable = False  # nobody else has it: the volume can keep it without a copy
         placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin}
         if described.has_transform:
             placed["world_from_index"] = described.world_from_index
@@ -126,8 +137,41 @@ class Volume:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of voxels (z, y, x)."""
-        z, y, x = self.data.shape
-        return z, y, x
+        return self._voxels.shape
+
+    @property
+    def data(self) -> NDArray[np.float32]:
+        """Densities ``[z, y, x]``, float32, read-only, before ``density_scale``.
+
+        A volume of leaves makes this array when first asked for it, and keeps it.
+
+        Raises
+        ------
+        VolumeError
+            The volume holds leaves, and the dense array would be larger than `volume_io.MAX_VOXELS`.
+        """
+        reason = volume_io.too_large(self.shape, sparse=False)
+        if reason and self._voxels.leaves is not None:
+            raise VolumeError(f"{self._label}: {reason} for a dense array; .leaves are its voxels without")
+        return self._voxels.dense
+
+    @property
+    def leaves(self) -> Leaves:
+        """The 8³ leaves that are not empty, before ``density_scale``.
+
+        A dense volume makes them anew each time.
+
+        Raises
+        ------
+        VolumeError
+            The volume is dense and has more than `leaves.MAX_LEAVES` of them.
+        """
+        if self._voxels.leaves is not None:
+            return self._voxels.leaves
+        try:
+            return Leaves.from_dense(self._voxels.dense)
+        except VolumeError as error:
+            raise VolumeError(f"{self._label}: {error}") from error
 
     @property
     def voxel_size(self) -> NDArray[np.float64]:
@@ -143,15 +187,32 @@ class Volume:
     @property
     def occupied_bounds(self) -> NDArray[np.float64]:
         """World-space box around the voxels > 0, border included; `bounds` when there are none."""
-        low, high = [], []
-        for axis in (2, 1, 0):
-            others = tuple(other for other in range(3) if other != axis)
-            occupied = np.flatnonzero(self.data.max(axis=others) > 0)
-            if occupied.size == 0:
-                return self.bounds
-            low.append(occupied[0] - 1.0)
-            high.append(occupied[-1] + 1.0)
-        return _world_box(self.world_from_index, low, high)
+        box = self._voxels.occupied_box
+        if box is None:
+            return self.bounds
+        low, high = (index[::-1] for index in box)
+        return _world_box(self.world_from_index, [i - 1.0 for i in low], [i + 1.0 for i in high])
+
+    def line_sums(self, axis: int) -> NDArray[np.float64]:
+        """Sum the voxels along the grid's lines of one direction, before ``density_scale``.
+
+        Parameters
+        ----------
+        axis
+            0, 1 or 2: along z, y or x.
+
+        Returns
+        -------
+        float64 [n], in no particular order. Lines that are left out are empty: their sums are 0.
+        """
+        if self._voxels.leaves is not None:
+            return self._voxels.leaves.column_sums(axis)[1].ravel()
+        sums: NDArray[np.float64] = self._voxels.dense.sum(axis=axis, dtype=np.float64)
+        return sums.ravel()
+
+    def same_voxels(self, other: Volume) -> bool:
+        """Tell whether both hold the very same voxels in memory, whatever their scale and place."""
+        return self._voxels.stored is other._voxels.stored
 
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels (not copied) under another density scale."""
@@ -171,6 +232,44 @@ class Volume:
         return f"{self.source}: grid '{self.name}'" if self.name else str(self.source)
 
 
+class _Voxels:
+    """Voxels in the form they came in, and what was made of them; shared by volumes of another scale."""
+
+    def __init__(self, stored: NDArray[np.float32] | Leaves) -> None:
+        self.stored = stored
+
+    @property
+    def leaves(self) -> Leaves | None:
+        return self.stored if isinstance(self.stored, Leaves) else None
+
+    @property
+    def shape(self) -> Index:
+        z, y, x = self.stored.shape
+        return z, y, x
+
+    @cached_property
+    def dense(self) -> NDArray[np.float32]:
+        if not isinstance(self.stored, Leaves):
+            return self.stored
+        dense = self.stored.to_dense()
+        dense.flags.writeable = False
+        return dense
+
+    @cached_property
+    def occupied_box(self) -> tuple[Index, Index] | None:
+        """First and last voxel (z, y, x) of the box around the voxels > 0."""
+        if isinstance(self.stored, Leaves):
+            return self.stored.occupied_box()
+        ends = []
+        for others in ((1, 2), (0, 2), (0, 1)):
+            occupied = np.flatnonzero(self.stored.max(axis=others) > 0)
+            if occupied.size == 0:
+                return None
+            ends.append((int(occupied[0]), int(occupied[-1])))
+        (z, last_z), (y, last_y), (x, last_x) = ends
+        return (z, y, x), (last_z, last_y, last_x)
+
+
 def bounds_of(shape: tuple[int, int, int], world_from_index: NDArray[np.float64]) -> NDArray[np.float64]:
     """World-space box around a grid of ``shape`` (z, y, x) and its border voxel."""
     z, y, x = shape
@@ -188,27 +287,64 @@ def _world_box(
 
 def _as_density(data: ArrayLike, label: str, *, sanitize: bool) -> NDArray[np.float32]:
     array = np.asarray(data)
-    if array.ndim != 3 or array.size == 0:  # noqa: PLR2004 - a volume has three axes
-        raise VolumeError(
-            f"{label}: a volume is a non-empty array [z, y, x]; this one has the shape {array.shape}"
-        )
+    _check_shape(array.shape, label)
     if array.dtype.kind not in "fiub":
         raise VolumeError(f"{label}: densities are real numbers; these are of type {array.dtype}")
-    with np.errstate(over="ignore"):
-        density = np.array(array, dtype=np.float32, order="C")
+    if array.dtype == np.float32 and array.flags.c_contiguous and array.flags.aligned and _is_frozen(array):
+        density: NDArray[np.float32] = array
+    else:
+        with np.errstate(over="ignore"):
+            density = np.array(array, dtype=np.float32, order="C")
     # One pass over min and max finds all three defects without a mask of the volume's size.
     low, high = float(density.min()), float(density.max())
-    if np.isfinite(low) and np.isfinite(high) and low >= 0.0:
-        return density
-    wrong = ~np.isfinite(density) | (density < 0)
-    if sanitize:
+    if not (np.isfinite(low) and np.isfinite(high) and low >= 0.0):
+        wrong = ~np.isfinite(density) | (density < 0)
+        if not sanitize:
+            z, y, x = (int(i) for i in np.argwhere(wrong)[0])
+            raise _not_densities(
+                NotDensities(int(np.count_nonzero(wrong)), (z, y, x), float(density[z, y, x])), label
+            )
+        if not density.flags.writeable:
+            density = density.copy()
         density[wrong] = 0.0
-        return density
-    z, y, x = (int(i) for i in np.argwhere(wrong)[0])
-    raise VolumeError(
-        f"{label}: {np.count_nonzero(wrong)} densities are negative, infinite or NaN, the first "
-        f"{density[z, y, x]:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true"
+    density.flags.writeable = False
+    return density
+
+
+def _as_density_leaves(leaves: Leaves, label: str, *, sanitize: bool) -> Leaves:
+    _check_shape(leaves.shape, label)
+    wrong = leaves.not_densities()
+    if wrong is None:
+        return leaves
+    if not sanitize:
+        raise _not_densities(wrong, label)
+    return leaves.sanitized()
+
+
+def _check_shape(shape: tuple[int, ...], label: str) -> None:
+    if len(shape) != 3 or 0 in shape:  # noqa: PLR2004 - a volume has three axes
+        raise VolumeError(f"{label}: a volume is a non-empty array [z, y, x]; this one has the shape {shape}")
+
+
+def _not_densities(wrong: NotDensities, label: str) -> VolumeError:
+    z, y, x = wrong.first
+    return VolumeError(
+        f"{label}: {wrong.total} densities are negative, infinite or NaN, the first "
+        f"{wrong.value:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true"
     )
+
+
+def _is_frozen(array: NDArray[Any]) -> bool:
+    """Whether nobody can write to an array, or to what it is a view of."""
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    try:
+        return owner is None or memoryview(owner).readonly
+    except TypeError:
+        return False
 
 
 def _check_transform(matrix: NDArray[np.float64], label: str) -> None:

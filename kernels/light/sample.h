@@ -1,22 +1,27 @@
-/* How light arrives at a point, whatever kind of light it is. */
+/* How light arrives at a point, whatever kind of light it is.
+   Requires: TFM_INVERSE_SQUARE 0 or 1. */
 #ifndef TFM_LIGHT_SAMPLE_H
 #define TFM_LIGHT_SAMPLE_H
 
-#include "ray.h"
+#include "../ray.h"
 
 typedef struct {
-  Ray ray;         /* world ray of the light through the point, unit direction of travel */
-  float distance;  /* of the point along it */
-  float2 uv;       /* the ray's position in the map, [0, 1]^2 */
-  float3 radiance; /* intensity with falloff, without the medium */
+  Vec3 direction;  /* world, unit: of travel */
+  Floats distance; /* travelled, world */
+  Floats u, v;     /* the ray's position in the map, [0, 1]^2 */
+  Floats strength; /* falloff and edge: what the light's intensity is multiplied by, without the medium */
 } LightSample;
 
-inline float light_falloff(__constant const Params *params, float distance)
+TFM_INLINE Floats light_falloff(__constant const Params *params, Floats inverse_distance)
 {
-  if (!params->light_inverse_square)
-    return 1.0f;
-  const float safe = fmax(distance, params->light_min_distance);
-  return 1.0f / (safe * safe);
+#if TFM_INVERSE_SQUARE
+  const Floats nearest = least(inverse_distance, floats(params->light_nearest_inverse));
+  return nearest * nearest;
+#else
+  (void)params;
+  (void)inverse_distance;
+  return floats(1.0f);
+#endif
 }
 
 #endif

@@ -3,97 +3,106 @@
 #ifndef TFM_LIGHT_SPOT_H
 #define TFM_LIGHT_SPOT_H
 
-#include "light/sample.h"
+#include "sample.h"
 
-inline float3 spot_position(__constant const Params *params)
+TFM_INLINE Vec3 spot_position(__constant const Params *params)
 {
-  return (float3)(params->world_from_light[3], params->world_from_light[7], params->world_from_light[11]);
+  return vec3(floats(params->world_from_light[3]), floats(params->world_from_light[7]),
+              floats(params->world_from_light[11]));
 }
 
-inline Ray light_texel_ray(__constant const Params *params, float2 uv)
+TFM_INLINE Ray light_texel_ray(__constant const Params *params, Floats u, Floats v)
 {
-  const float2 tangent = (2.0f * uv - 1.0f) * params->light_shape[0];
+  const float tangent = params->light_shape[0];
   Ray ray;
   ray.origin = spot_position(params);
-  ray.direction = normalize(transform_vector(params->world_from_light, (float3)(tangent, 1.0f)));
+  ray.direction = unit3(transform_vector(
+      params->world_from_light, vec3((2.0f * u - 1.0f) * tangent, (2.0f * v - 1.0f) * tangent, floats(1.0f))));
   return ray;
 }
 
-inline float light_projective_depth(__constant const Params *params, float3 point)
+/* The light's ray through a point, both in index space: its parameter is 0 at the light and 1 at the point. */
+TFM_INLINE Ray light_ray_to(__constant const Params *params, Vec3 point)
 {
-  return fmax(transform_point(params->light_from_world, point).z, 0.0f);
+  Ray ray;
+  ray.origin = uniform_vec3(params->light_in_grid);
+  ray.direction = vec3(point.x - ray.origin.x, point.y - ray.origin.y, point.z - ray.origin.z);
+  return ray;
 }
 
-inline int light_reaches(__constant const Params *params, float3 point)
+TFM_INLINE Floats light_projective_depth(__constant const Params *params, Vec3 point)
 {
-  const float3 p = transform_point(params->light_from_world, point);
-  return p.z > 0.0f && length(p.xy) <= params->light_shape[0] * p.z;
+  return greatest(transform_point(params->light_from_world, point).z, floats(0.0f));
+}
+
+TFM_INLINE Ints light_reaches(__constant const Params *params, Vec3 point)
+{
+  const Vec3 p = transform_point(params->light_from_world, point);
+  return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= params->light_shape[0] * p.z);
 }
 
 /* Intersection of a ray with the solid cone x^2 + y^2 <= k^2 z^2, z >= 0: one interval, as it is convex.
    A t^2 + 2 B t + C <= 0 holds on both nappes; the sign of A and of the axis component pick ours. */
-inline int light_clip(__constant const Params *params, Ray world_ray, Interval *interval)
+TFM_INLINE Ints light_clip(__constant const Params *params, Ray world_ray, Interval *interval)
 {
   const float k2 = params->light_shape[0] * params->light_shape[0];
   const Ray ray = transform_ray(params->light_from_world, world_ray);
   /* Measured from the point of the ray nearest to the apex, where the terms do not cancel. */
-  const float shift = -dot(ray.origin, ray.direction);
-  const float3 o = ray_at(ray, shift);
-  const float3 d = ray.direction;
-  const float a = d.x * d.x + d.y * d.y - k2 * d.z * d.z;
-  const float b = o.x * d.x + o.y * d.y - k2 * o.z * d.z;
-  const float c = o.x * o.x + o.y * o.y - k2 * o.z * o.z;
-  /* B^2 - A C, by Lagrange's identity for the form diag(1, 1, -k^2). */
-  const float3 n = cross(o, d);
-  const float discriminant = k2 * (n.x * n.x + n.y * n.y) - n.z * n.z;
-  if (a > 0.0f && discriminant < 0.0f)
-    return 0;
+  const Vec3 d = ray.direction;
+  const Floats shift = -dot3(ray.origin, d);
+  const Vec3 o = ray_at(ray, shift);
+  const Floats a = d.x * d.x + d.y * d.y - k2 * d.z * d.z;
+  const Floats b = o.x * d.x + o.y * d.y - k2 * o.z * d.z;
+  const Floats c = o.x * o.x + o.y * o.y - k2 * o.z * o.z;
+  /* B^2 - A C, by Lagrange's identity for the form diag(1, 1, -k^2); n = o x d. */
+  const Floats nx = o.y * d.z - o.z * d.y, ny = o.z * d.x - o.x * d.z, nz = o.x * d.y - o.y * d.x;
+  const Floats discriminant = k2 * (nx * nx + ny * ny) - nz * nz;
+  const Ints shallow = a > 0.0f; /* the ray crosses the side twice, or not at all */
   /* Both roots without cancellation; q = 0 only when they meet at t = 0. */
-  const float q = -(b + copysign(sqrt(fmax(discriminant, 0.0f)), b));
-  const float near_root = q == 0.0f ? 0.0f : c / q;
-  float begin, end;
-  if (a > 0.0f) {
-    const float far_root = q / a;
-    begin = fmin(near_root, far_root);
-    end = fmax(near_root, far_root);
-    if (o.z + 0.5f * (begin + end) * d.z < 0.0f)
-      return 0;
-  } else {
-    /* Steeper than the side: one root on each nappe; ours is the one further along +z. Parallel to the side
-       (a = 0) one of the roots, ours or the other nappe's, has gone to infinity. */
-    const float far_root = q == 0.0f ? 0.0f : a < 0.0f ? q / a : copysign(INFINITY, -q);
-    begin = d.z > 0.0f ? fmax(near_root, far_root) : -INFINITY;
-    end = d.z > 0.0f ? INFINITY : fmin(near_root, far_root);
-  }
-  interval->begin = fmax(interval->begin, begin + shift);
-  interval->end = fmin(interval->end, end + shift);
+  const Floats q = -(b + copysign(sqrt(greatest(discriminant, floats(0.0f))), b));
+  const Ints meet = q == 0.0f;
+  const Floats near_root = meet ? floats(0.0f) : c / q;
+  /* Parallel to the side (a = 0) one of the roots, ours or the other nappe's, has gone to infinity. */
+  const Floats far_root = meet ? floats(0.0f) : a == 0.0f ? copysign(floats(INFINITY), -q) : q / a;
+  const Floats first = least(near_root, far_root), last = greatest(near_root, far_root);
+  /* Steeper than the side: one root on each nappe; ours is the one further along +z. */
+  const Ints rising = d.z > 0.0f;
+  const Floats begin = shallow ? first : rising ? last : floats(-INFINITY);
+  const Floats end = shallow ? last : rising ? floats(INFINITY) : first;
+  const Ints other_nappe = shallow & ((discriminant < 0.0f) | (o.z + 0.5f * (first + last) * d.z < 0.0f));
+  interval->begin = greatest(interval->begin, begin + shift);
+  interval->end = other_nappe ? floats(-INFINITY) : least(interval->end, end + shift);
   return interval->begin < interval->end;
 }
 
-/* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. */
-inline float spot_edge(__constant const Params *params, float3 p)
+/* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. unit: in light space. */
+TFM_INLINE Floats spot_edge(__constant const Params *params, Vec3 unit)
 {
   const float cone = params->light_shape[1];
   const float blend = params->light_shape[2];
   if (blend <= 0.0f)
-    return 1.0f;
-  const float angle = atan2(length(p.xy), p.z);
-  return smoothstep(0.0f, 1.0f, (cone - angle) / (cone * blend));
+    return floats(1.0f);
+  const Floats angle = atan2(sqrt(unit.x * unit.x + unit.y * unit.y), unit.z);
+  const Floats t = least(greatest((cone - angle) / (cone * blend), floats(0.0f)), floats(1.0f));
+  return t * t * (3.0f - 2.0f * t);
 }
 
-inline LightSample light_at(__constant const Params *params, float3 point)
+TFM_INLINE LightSample light_at(__constant const Params *params, Vec3 point)
 {
-  const float3 p = transform_point(params->light_from_world, point);
-  LightSample sample;
-  sample.ray.origin = spot_position(params);
-  sample.distance = length(p);
+  const Vec3 p = transform_point(params->light_from_world, point);
+  const Floats square = dot3(p, p);
+  const Floats inverse = reciprocal_sqrt(square);
   /* At the apex itself any direction serves. */
-  const float3 unit = sample.distance > 0.0f ? p / sample.distance : (float3)(0.0f, 0.0f, 1.0f);
-  sample.ray.direction = transform_vector(params->world_from_light, unit);
-  const float2 tangent = unit.xy / fmax(unit.z, 1e-6f);
-  sample.uv = 0.5f + 0.5f * tangent / params->light_shape[0];
-  sample.radiance = vload3(0, params->light_intensity) * light_falloff(params, sample.distance) *
-                    spot_edge(params, unit);
+  const Ints apart = square > 0.0f;
+  const Vec3 unit = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
+  LightSample sample;
+  sample.direction = transform_vector(params->world_from_light, unit);
+  sample.distance = square * inverse;
+  /* Within the cone z is not much smaller than x and y. */
+  const Floats scale = 0.5f / (params->light_shape[0] * (apart ? p.z : floats(1.0f)));
+  sample.u = 0.5f + p.x * scale;
+  sample.v = 0.5f + p.y * scale;
+  sample.strength = light_falloff(params, inverse) * spot_edge(params, unit);
   return sample;
 }
 

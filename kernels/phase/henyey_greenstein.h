@@ -3,14 +3,17 @@
 #ifndef TFM_PHASE_H
 #define TFM_PHASE_H
 
+#include "../fast_math.h"
+
 /* mu: cosine between the light's travel and the direction to the camera; 1 is forward. */
-inline float phase_eval(__constant const Params *params, float mu)
+TFM_INLINE Floats phase_eval(__constant const Params *params, Floats mu)
 {
   const float g = params->phase[0];
-  const float size = fabs(g);
-  const float off_peak = fmax(1.0f - copysign(1.0f, g) * mu, 0.0f);
-  const float base = (1.0f - size) * (1.0f - size) + 2.0f * size * off_peak;
-  return 0.25f * M_1_PI_F * (1.0f - g * g) / (base * sqrt(base));
+  const float size = g < 0.0f ? -g : g;
+  const Floats off_peak = greatest(g < 0.0f ? 1.0f + mu : 1.0f - mu, floats(0.0f));
+  const Floats base = (1.0f - size) * (1.0f - size) + 2.0f * size * off_peak;
+  const Floats inverse = reciprocal_sqrt(base);
+  return 0.25f * M_1_PI_F * (1.0f - g * g) * inverse * inverse * inverse;
 }
 
 #endif

@@ -2,12 +2,14 @@
 #ifndef TFM_PHASE_H
 #define TFM_PHASE_H
 
+#include "../fast_math.h"
+
 /* mu: cosine between the light's travel and the direction to the camera. */
-inline float phase_eval(__constant const Params *params, float mu)
+TFM_INLINE Floats phase_eval(__constant const Params *params, Floats mu)
 {
   (void)params;
   (void)mu;
-  return 0.25f * M_1_PI_F;
+  return floats(0.25f * M_1_PI_F);
 }
 
 #endif

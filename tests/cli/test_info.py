@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from scenes import blobs
 
+import tfm_cl as tfm
+from tfm_cl.bricks import build_bricks
+from tfm_cl.device import choose_device
+from tfm_cl.passes.launch import Launcher
+from tfm_cl.volume_io import open_grids
+
 DATA = Path(__file__).resolve().parents[1] / "volume_io" / "data"
+
+DEVICE_BYTES = 11 * 4 * 1332 + 4 * (6 * 4 * 4)
+"""Of `blobs`: ten of 3 × 2 × 2 blocks and the empty record, each of 11³ + 1 voxels, and 6 × 4 × 4 bricks."""
 
 KEYS = [
     *("name", "class", "values", "dims", "voxel_size", "bounds", "min", "max", "mean"),
@@ -30,7 +39,7 @@ def test_json_of_an_array(cli, cloud):
     assert grid["mean"] == pytest.approx(density.mean(dtype=np.float64))
     assert grid["active_voxels"] == np.count_nonzero(density)
     assert grid["active_share"] == np.count_nonzero(density) / density.size
-    assert grid["device_bytes"] == 4 * 18 * 14 * 16
+    assert grid["device_bytes"] == DEVICE_BYTES
     assert grid["renders"] == "yes"
 
 
@@ -43,7 +52,7 @@ def test_text_of_an_array(cli, cloud):
     assert "dims 16 × 12 × 14" in lines
     assert "bounds (-0.5, -0.5, -0.5) to (16.5, 12.5, 14.5)" in lines
     assert "max 1" in lines
-    assert "device bytes 16,128" in lines
+    assert f"device bytes {DEVICE_BYTES:,}" in lines
 
 
 def test_a_terminal_without_the_multiplication_sign(cloud, program, monkeypatch):
@@ -89,6 +98,64 @@ def test_several_grids_of_a_vdb(cli):
                 assert any(
                     np.isclose(grid["max"], array.max()) for array in truth.values() if array.ndim == 3
                 )
+
+
+@pytest.fixture(scope="module")
+def on_device(device_name):
+    """``on_device(path)`` is the memory that the volume takes on a device of 16 lanes."""
+    launcher = Launcher(choose_device(device_name), lanes=16)
+    return lambda path: build_bricks(launcher, tfm.Volume.load(path).leaves, "the volume", "f32").nbytes
+
+
+def device_bytes(cli, path):
+    return cli("info", path, "--json").json["grids"][0]["device_bytes"]
+
+
+def test_device_bytes_of_every_place_of_a_voxel(cli, on_device):
+    """A voxel is read by its own block and by those before it, if it is one of their last."""
+    for place in range(20):
+        density = np.zeros((3, 20, 30), np.float32)
+        density[1, place, place + 5] = 1
+        np.save("voxel.npy", density)
+        assert device_bytes(cli, "voxel.npy") == on_device("voxel.npy"), place
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (7, 8, 9), (40, 33, 17)])
+def test_device_bytes_of_arrays(cli, on_device, rng, shape):
+    np.save("sparse.npy", (rng.random(shape) > 0.999).astype(np.float32))
+    assert device_bytes(cli, "sparse.npy") == on_device("sparse.npy")
+    np.save("zero.npy", np.zeros(shape))
+    assert device_bytes(cli, "zero.npy") == on_device("zero.npy")
+
+
+def test_device_bytes_of_leaves_that_begin_anywhere(cli, on_device):
+    assert device_bytes(cli, DATA / "negative.vdb") == on_device(DATA / "negative.vdb")
+
+
+@pytest.mark.parametrize("name", ["wdas_cloud_sixteenth.vdb", "cortex_smoke.vdb"])
+def test_device_bytes_of_real_volumes(cli, on_device, shared_volumes, name):
+    assert device_bytes(cli, shared_volumes / name) == on_device(shared_volumes / name)
+
+
+def test_what_is_not_read_has_no_device_bytes(cli):
+    report = cli("info", DATA / "several.vdb", "--json").json
+    unread = [grid for grid in report["grids"] if grid["max"] is None]
+    assert unread
+    assert all(grid["device_bytes"] is None for grid in unread)
+
+
+@pytest.mark.parametrize("name", ["negative", "tiles", "half", "sphere", "several"])
+def test_figures_of_a_vdb_are_those_of_its_dense_array(cli, name):
+    grids = [grid for grid in open_grids(DATA / f"{name}.vdb") if not grid.unsupported]
+    report = cli("info", DATA / f"{name}.vdb", "--json").json["grids"]
+    shown = [grid for grid in report if grid["max"] is not None]
+    assert len(shown) == len(grids) > 0
+    for grid, facts in zip(grids, shown, strict=True):
+        values = grid.read()
+        assert (facts["min"], facts["max"]) == (values.min(), values.max())
+        assert facts["mean"] == pytest.approx(values.mean(dtype=np.float64), rel=1e-12)
+        assert facts["active_voxels"] == grid.active_voxels
+        assert facts["active_share"] == grid.active_voxels / values.size
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from tfm_cl.scene_file import SECTIONS
 PROMISED = {
     *("--res", "--crop", "--exposure", "--aov", "--method"),
     *("--basis", "--coeffs", "--density-weighting", "--map-res", "--light-steps", "--storage"),
+    *("--cutoff", "--voxels"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--phase"),
     *("--camera-from", "--camera-to", "--up", "--fov"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
@@ -35,9 +36,14 @@ FLAGS = [
     ("--density-weighting", "1", "map.density_weighting", 1),
     ("--density-weighting", "auto", "map.density_weighting", "auto"),
     ("--map-res", "33", "map.res", 33),
+    ("--map-res", "auto", "map.res", 128),  # a cone 58 wide over half a voxel of 1, rounded up
     ("--light-steps", "7", "map.steps", 7),
+    ("--light-steps", "auto", "map.steps", 16),  # the least
     ("--storage", "u8", "map.storage", "u8"),
     ("--steps", "9", "march.steps", 9),
+    ("--steps", "auto", "march.steps", 16),
+    ("--cutoff", "0.25", "march.cutoff", 0.25),
+    ("--voxels", "f16", "march.voxels", "f16"),
     ("--sampling", "world", "march.sampling", "world"),
     ("--grid", "smoke", "volume.grid", "smoke"),
     ("--density-scale", "2.5", "volume.density_scale", 2.5),
@@ -72,6 +78,7 @@ KEYS = [
     ("camera.to", "[1, 2, -3.5]", [1, 2, -3.5]),
     ("camera.up", "1,0,0", [1, 0, 0]),
     ("march.max_stretch", "8", 8),
+    ("march.skip_empty", "false", False),
     ("image.crop", "1,2,3,4", [1, 2, 3, 4]),
     ("image.aov", "['depth']", ["depth"]),
     ("image.pixel_type", "half", "half"),
@@ -126,7 +133,9 @@ def resolved(cli, scene):
 
     def run(*arguments):
         done = cli("render", scene, "--print-config", *arguments)
-        assert (done.code, done.err) == (0, "")
+        assert done.code == 0, done.err
+        # What "auto" chose is told.
+        assert done.err == "" or ("auto" in " ".join(arguments) and done.err.startswith("chosen for "))
         return tomllib.loads(done.out)
 
     return run

@@ -109,6 +109,56 @@ def test_what_was_chosen_can_be_given_as_flags(render, folder, array, placed):
     assert (folder / "a.npy").read_bytes() == (folder / "b.npy").read_bytes()
 
 
+def test_what_was_counted_is_told_and_written(cli, cloud, device_name):
+    device = ("--device", device_name) if device_name else ()
+    first = cli(
+        "render",
+        cloud,
+        "-o",
+        "a.npy",
+        "-o",
+        "a.exr",
+        "--res",
+        "16x9",
+        "--steps",
+        "20",
+        "--json",
+        "-",
+        *device,
+    )
+    options, flags = first.json["options"], shlex.split(first.err)
+    chosen = {flag: flags[flags.index(flag) + 1] for flag in ("--map-res", "--light-steps")}
+    assert "--steps" not in flags
+    assert chosen == {
+        "--map-res": str(options["map"]["res"]),
+        "--light-steps": str(options["map"]["steps"]),
+    }
+    assert options["march"]["steps"] == 20
+    assert first.json["map_bytes"] == options["map"]["res"] ** 2 * 8 * 4
+    assert json.loads(OpenEXR.File("a.exr").header()["tfm_cl:options"]) == options
+
+
+def test_a_scene_counts_by_itself_only_when_asked(cli, scene):
+    printed = tomllib.loads(cli("render", scene, "--print-config").out)
+    assert (printed["map"]["res"], printed["map"]["steps"], printed["march"]["steps"]) == (1024, 100, 100)
+    asked = cli("render", scene, "--print-config", "--set", "march.steps=auto")
+    steps = tomllib.loads(asked.out)["march"]["steps"]
+    assert asked.err == f"chosen for scene.toml: --steps {steps}\n"
+
+
+def test_cutoff_and_voxels_reach_the_render(render, cloud):
+    render(cloud, "-o", "a.npy", "--density-scale", "0.05")
+    render(cloud, "-o", "b.npy", "--density-scale", "0.05", "--cutoff", "0.9")
+    render(cloud, "-o", "c.npy", "--density-scale", "0.05", "--voxels", "u8")
+    render(cloud, "-o", "d.npy", "--density-scale", "0.05", "--set", "march.skip_empty=false")
+    opacity = pixels("a.npy")[..., 3]
+    assert np.mean((opacity > 0) & (opacity < 0.09)) > 0.05
+    np.testing.assert_allclose(pixels("b.npy")[..., 3], np.where(opacity > 0.1, 1, opacity), atol=1e-5)
+    assert 0 < np.abs(pixels("c.npy") - pixels("a.npy")).max() < 0.02
+    # Only what rounding makes of other loops.
+    np.testing.assert_allclose(pixels("d.npy"), pixels("a.npy"), atol=1e-5)
+
+
 def test_a_volume_far_from_the_origin_looks_the_same(render, folder):
     np.save(folder / "cloud.npy", blobs())
     render("cloud.npy", "-o", "a.npy", "-q")

@@ -10,7 +10,11 @@ from tolerances import DEVICE_FUNCTION, FLOAT32, GRAZING, RECURRENCE
 import tfm_cl as tfm
 from tfm_cl import params as parameters
 from tfm_cl import reference
+from tfm_cl.bases import BASES
+from tfm_cl.bricks import build_bricks
 from tfm_cl.phases import PHASES, HenyeyGreenstein, Isotropic
+
+GRID = object()
 
 
 class Device:
@@ -20,25 +24,35 @@ class Device:
         self.launcher = launcher
         self.scene = scene or make_scene()
         light = self.scene.lights[0]
+        self.bricks = build_bricks(launcher, self.scene.volume.leaves, "the volume", "f32")
         self.headers = ("basis/dct.h", light.HEADER, self.scene.medium.phase.HEADER)
-        self.defines = {"TFM_N_COEFF": coeffs, "TFM_STORAGE_BITS": storage_bits}
-        struct = parameters.fill(self.scene, light, crop=(0, 0, 1, 1), density_weighting=density_weighting)
+        self.defines = {"TFM_N_COEFF": coeffs, "TFM_STORAGE_BITS": storage_bits, **self.bricks.defines}
+        self.defines["TFM_INVERSE_SQUARE"] = int(light.falloff == "inverse-square")
+        struct = parameters.fill(
+            self.scene,
+            light,
+            crop=(0, 0, 1, 1),
+            density_weighting=density_weighting,
+            bricks=self.bricks,
+        )
         self.params = launcher.upload("params", struct)
         self.centre = self.scene.volume.bounds.mean(axis=0)
 
     def run(self, name, count, *args, shape, dtype=np.float32, with_params=True):
-        """Arrays are uploaded, `...` is the output, numbers are passed by value."""
+        """Arrays are uploaded, `...` is the output, `GRID` the volume, numbers are passed by value."""
         buffers, output = [self.params] if with_params else [], None
         for arg in args:
             if arg is ...:
                 output = self.launcher.empty("output", int(np.prod(shape)) * np.dtype(dtype).itemsize)
                 buffers.append(output)
+            elif arg is GRID:
+                buffers.extend(self.bricks.arguments)
             elif isinstance(arg, np.ndarray):
                 buffers.append(self.launcher.upload("input", arg))
             else:
                 buffers.append(arg)
         kernel = self.launcher.kernels.kernel(name, "device_functions.cl", self.headers, self.defines)
-        self.launcher.run(kernel, (count,), *buffers)
+        self.launcher.run(kernel, (count,), *buffers, np.int32(count))
         return self.launcher.download(output, shape, dtype)
 
     def local(self, world):
@@ -74,9 +88,8 @@ def test_density_is_trilinear_and_0_outside(launcher, rng):
     volume = device.scene.volume
     index = rng.uniform(-2.5, np.add(volume.shape[::-1], 1.5), (4000, 3))
     points = index @ volume.world_from_index[:3, :3].T + volume.world_from_index[:3, 3]
-    grid = np.pad(volume.data, 1)
 
-    densities = device.run("call_density_at", 4000, grid, device.local(points), ..., shape=(4000,))
+    densities = device.run("call_density_at", 4000, GRID, device.local(points), ..., shape=(4000,))
 
     expected = reference.density(volume, points)
     assert np.count_nonzero(expected) > 500
@@ -193,7 +206,8 @@ def test_light_at(launcher, rng, falloff, blend):
     uv_distance, radiance = (np.empty((500, 3), np.float32) for _ in range(2))
     kernel = launcher.kernels.kernel("call_light_at", "device_functions.cl", device.headers, device.defines)
     out = [launcher.empty("out", 12 * 500) for _ in range(2)]
-    launcher.run(kernel, (500,), device.params, launcher.upload("points", device.local(points)), *out)
+    uploaded = launcher.upload("points", device.local(points))
+    launcher.run(kernel, (500,), device.params, uploaded, *out, np.int32(500))
     uv_distance, radiance = (launcher.download(buffer, (500, 3), np.float32) for buffer in out)
 
     expected = reference.unshadowed(device.scene.volume, light, points)
@@ -211,7 +225,8 @@ def test_texel_rays_point_where_light_at_looks_them_up(launcher, rng):
     points = np.asarray(light.from_) + directions * 2.5
     kernel = launcher.kernels.kernel("call_light_at", "device_functions.cl", device.headers, device.defines)
     out = [launcher.empty("out", 12 * 300) for _ in range(2)]
-    launcher.run(kernel, (300,), device.params, launcher.upload("points", device.local(points)), *out)
+    uploaded = launcher.upload("points", device.local(points))
+    launcher.run(kernel, (300,), device.params, uploaded, *out, np.int32(300))
 
     assert np.abs(launcher.download(out[0], (300, 3), np.float32)[:, :2] - uv).max() < 1e-5
 
@@ -288,8 +303,9 @@ def test_dct_of_an_exponential_has_the_closed_form(launcher, tau, alpha):
     assert device.scene.map.steps >= coeffs
     u = (np.arange(steps) + 0.5) / steps
     depths = (tau * u).astype(np.float32)[None]
+    table = BASES["dct"].table(steps, coeffs)
 
-    c = device.run("call_basis_project", 1, depths, ..., np.int32(steps), shape=(1, coeffs))[0]
+    c = device.run("call_basis_project", 1, depths, ..., np.int32(steps), table, shape=(1, coeffs))[0]
 
     # bases/dct.py: the closed form for e^{-τu}, with τ/α for the weighted transmittance.
     k, j = tau / alpha, np.arange(coeffs)
@@ -343,6 +359,7 @@ def test_map_storage_error(launcher, rng, bits, error):
         launcher.upload("ranges", ranges),
         launcher.empty("map", values.nbytes * bits // 32),
         loaded,
+        np.int32(200),
     )
 
     difference = np.abs(launcher.download(loaded, values.shape, np.float32) - values)
@@ -361,7 +378,7 @@ def test_optical_depth_of_a_march(launcher):
     depths = device.run(
         "call_march_optical_depth",
         3,
-        np.pad(volume.data, 1),
+        GRID,
         device.local(origins),
         directions.astype(np.float32),
         ...,

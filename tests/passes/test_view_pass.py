@@ -79,6 +79,7 @@ def test_intensity_is_linear(renderer, small_scene):
 
 
 def test_samples_are_counted(renderer, small_scene):
+    small_scene = small_scene.replace(march=small_scene.march.replace(skip_empty=False))
     tfm_result = renderer.render(small_scene)
     dual_result = renderer.render(small_scene, method="dual")
 

@@ -6,7 +6,7 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl.errors import DeviceMemoryError, SceneError
-from tfm_cl.passes import launch, light_pass
+from tfm_cl.passes import launch
 
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])
@@ -30,29 +30,56 @@ def test_a_crop_outside_the_frame_is_refused(renderer, small_scene, crop):
 def test_tiles_do_not_show(renderer, small_scene, method, monkeypatch):
     scene = small_scene.replace(camera=small_scene.camera.replace(res=(61, 47)))
     whole = renderer.render(scene, method=method)
-    monkeypatch.setattr(launch, "SAMPLES_PER_LAUNCH", 1000)
-    monkeypatch.setattr(light_pass, "SAMPLES_PER_LAUNCH", 1000)
+    monkeypatch.setattr(launch, "FIRST_SAMPLES", 1)
+    monkeypatch.setattr(launch, "LAUNCH_SECONDS", 1e-9)
 
     tiled = renderer.render(scene, method=method)
 
-    assert len(list(launch.tiles(0, 0, 61, 47, 30))) > 20
+    assert len(windows_of(0, 0, 61, 47, seconds=1.0)) == 4
     assert (tiled.image == whole.image).all()
     assert tiled.stats.samples == whole.stats.samples
 
 
-def test_tiles_cover_every_pixel_once():
-    count = np.zeros((47, 61), int)
-    for x, y, width, height in launch.tiles(3, 5, 61, 47, 1 << 16):
-        count[y : y + height, x : x + width] += 1
+def windows_of(*bounds, seconds, **options):
+    """Windows of launches that all take so long."""
+    windows, found = launch.Windows(*bounds, 1 << 16, **options), []
+    for window in windows:
+        found.append(window)
+        windows.took(seconds)
+    assert windows.done == 1
+    return found
+
+
+@pytest.mark.parametrize("seconds", [1e-6, 0.01, 0.1, 10.0])
+@pytest.mark.parametrize("whole_rows", [False, True])
+def test_windows_cover_every_pixel_once(seconds, whole_rows):
+    count = np.zeros((470, 611), int)
+    windows = windows_of(3, 5, 611, 470, seconds=seconds, whole_rows=whole_rows)
+    for x0, y0, x1, y1 in windows:
+        assert not whole_rows or (x0, x1) == (3, 611)
+        assert x0 == 3 or x0 % 32 == 0
+        assert y0 == 5 or y0 % 32 == 0
+        count[y0:y1, x0:x1] += 1
 
     assert count[5:, 3:].min() == count[5:, 3:].max() == 1
     assert count[:5].max() == count[:, :3].max() == 0
 
 
+def test_windows_follow_the_time_that_launches_take():
+    areas = [
+        [(x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in windows_of(0, 0, 4096, 2304, seconds=seconds)]
+        for seconds in (1e-3, launch.LAUNCH_SECONDS, 10.0)
+    ]
+
+    assert len(areas[0]) < len(areas[1]) == len(areas[2])
+    assert areas[1][1] == areas[1][0] == areas[2][-1] == 32 * 32
+    assert areas[0][1] > 2 * areas[0][0]
+
+
 @pytest.mark.parametrize("work_group", [None, (1, 1), (4, 2), (3, 5), (16, 16)])
 def test_work_groups_do_not_show(device_name, renderer, small_scene, work_group):
     expected = renderer.render(small_scene)
-    with tfm.Renderer(device_name, work_group=work_group) as other:
+    with tfm.Renderer(device_name, work_group=work_group, lanes=renderer.lanes) as other:
         result = other.render(small_scene)
 
     # Another vectorisation may round differently.
@@ -132,20 +159,21 @@ def test_a_light_moving_through_the_face_of_the_medium_does_not_jump(renderer, s
     assert steps.max() < 3 * np.median(steps) + 1e-4
 
 
-def test_a_volume_beyond_the_device_is_refused_with_both_numbers(small_scene, monkeypatch):
-    class SmallDevice:
-        name = "small"
-        max_mem_alloc_size = 1000
-
-    with tfm.Renderer() as other:
-        monkeypatch.setattr(other._launcher, "device", SmallDevice)
-        with pytest.raises(DeviceMemoryError, match=r"16×12×14 voxels\) needs .* MiB; small allows 0 MiB"):
-            other.render(small_scene)
+def test_a_volume_beyond_the_device_is_refused_with_both_numbers(device_name, small_scene):
+    data = np.zeros((200, 200, 200), np.float32)
+    data[::20, ::20, ::20] = 1
+    sparse = small_scene.replace(volume=tfm.Volume(data))
+    message = r"200×200×200 voxels\) needs .* MiB; .* allows 4.6 MiB"
+    with (
+        tfm.Renderer(device_name, largest_buffer=600_000) as other,
+        pytest.raises(DeviceMemoryError, match=message),
+    ):
+        other.render(sparse)
 
 
 def test_a_volume_beyond_the_kernels_index_is_refused(device_name, small_scene, monkeypatch):
-    monkeypatch.setattr("tfm_cl.renderer.MAX_INDEX", 18 * 14 * 16 - 1)
-    with tfm.Renderer(device_name) as other, pytest.raises(DeviceMemoryError, match="4,032 with its border"):
+    monkeypatch.setattr("tfm_cl.bricks.MAX_INDEX", 6 * 4 * 4 - 1)
+    with tfm.Renderer(device_name) as other, pytest.raises(DeviceMemoryError, match="has 96 bricks"):
         other.render(small_scene)
 
 
@@ -153,11 +181,7 @@ def test_progress_reaches_1_and_interrupts(renderer, small_scene):
     seen = []
     renderer.render(small_scene, progress=lambda stage, fraction: seen.append((stage, fraction)))
 
-    assert [stage for stage, fraction in seen if fraction == 1] == [
-        "light pass",
-        "medium",
-        "view pass, light 1",
-    ]
+    assert [stage for stage, fraction in seen if fraction == 1] == ["light pass", "view pass, light 1"]
 
     def interrupt(*_):
         raise KeyboardInterrupt

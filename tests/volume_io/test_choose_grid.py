@@ -5,7 +5,8 @@ import pytest
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
-from tfm_cl.volume_io import FORMATS, choose_grid, open_grids, read_grid
+from tfm_cl.leaves import Leaves
+from tfm_cl.volume_io import FORMATS, choose_grid, open_grids, read_grid, read_stored
 from tfm_cl.volume_io.grid import Grid
 
 
@@ -96,6 +97,40 @@ def test_the_largest_grid_is_accepted(described):
     assert choose_grid(described({"shape": (2048, 1024, 1024)})).name == "density"
 
 
+def no_leaves():
+    return Leaves.from_dense(np.zeros((2, 3, 4)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"shape": (4096, 4096, 1032)},
+            r"spans 1032×4096×4096 = 17,314,086,912 voxels; the limit is 17,179,869,184",
+        ),
+        ({"shape": (8, 8, (1 << 24) + 8)}, r"spans 16777224×8×8 voxels; .* along an axis is 16,777,216"),
+        ({"leaf_count": (1 << 22) + 1}, r"takes 4,194,305 leaves of 8³ voxels; the limit is 4,194,304"),
+    ],
+)
+def test_grids_of_too_many_leaves(described, fields, message):
+    path = described(fields | {"read_leaves": no_leaves})
+    with pytest.raises(VolumeError, match=f"a.vdb: grid 'density' {message}"):
+        choose_grid(path)
+
+
+@pytest.mark.parametrize("shape", [(4096, 2048, 2048), (8, 128, 1 << 24)])
+def test_the_largest_grid_of_leaves_is_accepted(described, shape):
+    fields = {"shape": shape, "read_leaves": no_leaves, "leaf_count": 1 << 22}
+    assert choose_grid(described(fields)).name == "density"
+
+
+def test_what_is_stored_is_read(described):
+    path = described({"read_leaves": no_leaves})
+    assert isinstance(read_stored(path, choose_grid(path)), Leaves)
+    path = described({})
+    assert isinstance(read_stored(path, choose_grid(path)), np.ndarray)
+
+
 def test_a_level_set_beside_a_fog_volume_is_passed_over(described):
     path = described({"name": "surface", "grid_class": "level set"}, {"name": "smoke"})
     assert choose_grid(path).name == "smoke"
@@ -108,6 +143,9 @@ def test_no_failure_while_reading_is_another_exception(described):
     path = described({"read": read})
     with pytest.raises(VolumeError, match=r"a\.vdb: cannot be read \(Permission denied\)"):
         read_grid(path, choose_grid(path))
+    path = described({"read_leaves": read})
+    with pytest.raises(VolumeError, match=r"a\.vdb: cannot be read \(Permission denied\)"):
+        read_stored(path, choose_grid(path))
 
 
 def test_unknown_extension_lists_the_known(tmp_path):

@@ -1,5 +1,6 @@
 """The NanoVDB reader against real files, against an encoder written for these tests, and under attack."""
 
+import itertools
 import math
 import os
 import struct
@@ -13,7 +14,10 @@ import pytest
 from numcodecs import blosc
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import MAX_LEAVES
+from tfm_cl.volume import Volume
 from tfm_cl.volume_io import binary, choose_grid, nvdb, open_grids
+from tfm_cl.volume_io import tree as vdb_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 VOLUMES = Path(os.environ.get("TFM_VOLUMES", ROOT.parent / "shared" / "volumes"))
@@ -458,6 +462,92 @@ def test_versions(version, is_read, tmp_path):
             open_grids(path)
 
 
+# --------------------------------------------------------------------------------------- leaves
+
+
+def assert_leaves_are_the_dense_voxels(grid):
+    """Leaves hold the same bits as the dense array, and none is empty."""
+    leaves = grid.read_leaves()
+    assert leaves.shape == grid.shape
+    assert len(leaves.values) <= grid.leaf_count
+    assert leaves.values.view(np.int32).any(axis=(1, 2, 3)).all()
+    np.testing.assert_array_equal(leaves.to_dense().view(np.int32), grid.read().view(np.int32))
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_leaves_of_real_volumes(name):
+    (grid,) = open_grids(real_volume(name))
+    assert_leaves_are_the_dense_voxels(grid)
+
+
+@pytest.mark.parametrize("batch", [2, 256])
+@pytest.mark.parametrize("background", [0, 2])
+@pytest.mark.parametrize("kind", FORMS)
+def test_leaves_of_every_type(kind, background, batch, tmp_path, monkeypatch):
+    monkeypatch.setattr(vdb_tree, "LEAVES_PER_BATCH", batch)
+    tree = random_tree(kind=kind, background=background)
+    tree.tiles |= {((128, 0, -128), 128): (2, True), ((256, 0, 0), 128): (0, True)}
+    for codec in (NONE, ZIP, BLOSC):
+        (grid,) = open_grids(write(tmp_path, encode([("density", encode_grid(tree))], codec=codec)))
+        assert_leaves_are_the_dense_voxels(grid)
+
+
+def test_other_types_have_no_leaves(tmp_path):
+    grid = bytearray(encode_grid(random_tree()))
+    struct.pack_into("<I", grid, 636, 6)
+    (listed,) = open_grids(write(tmp_path, encode([("velocity", bytes(grid))])))
+    assert listed.read_leaves is None
+
+
+def peak_of(function):
+    """What a function returns (or a `VolumeError` it raises), and the memory that takes at most."""
+    tracemalloc.start()
+    try:
+        result = function()
+    except VolumeError as error:
+        result = error
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return result, peak
+
+
+def test_leaves_far_apart_are_read_without_the_space_between(tmp_path):
+    ones = (np.ones((8, 8, 8)), np.ones((8, 8, 8), bool))
+    tree = Tree(leaves={(0, 0, 0): ones, (2000, 2000, 2000): ones})
+    path = write(tmp_path, encode([("density", encode_grid(tree))], codec=ZIP))
+    volume, peak = peak_of(lambda: Volume.load(path))
+    assert volume.shape == (2008, 2008, 2008)
+    assert volume.leaves.coordinates.tolist() == [[0, 0, 0], [250, 250, 250]]
+    assert peak < 4 << 20
+
+
+def test_tiles_that_expand_to_too_many_leaves_cost_nothing(tmp_path):
+    """A small file whose tiles, each of 4096 leaves, would take more than 8 GiB."""
+    places = list(itertools.product(range(11), range(10), range(10)))
+    tree = Tree(tiles={((128 * x, 128 * y, 128 * z), 128): (1, True) for x, y, z in places})
+    path = write(tmp_path, encode([("density", encode_grid(tree))], codec=ZIP))
+    (grid,) = open_grids(path)
+    for function in (lambda: choose_grid(path), grid.read_leaves):
+        error, peak = peak_of(function)
+        assert isinstance(error, VolumeError)
+        assert str(path) in str(error)
+        assert f"takes {1100 * 4096:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" in str(error)
+        assert peak < 4 << 20
+
+
+@pytest.mark.parametrize("codec", [NONE, ZIP, BLOSC])
+def test_leaves_take_no_more_memory_than_they_must(codec, tmp_path):
+    numbers = np.arange(512, dtype="<f4").reshape(8, 8, 8)
+    corners = itertools.product(range(0, 128, 8), repeat=3)
+    tree = Tree(leaves={corner: (numbers, np.ones((8, 8, 8), bool)) for corner in corners})
+    content = encode_grid(tree)
+    (grid,) = open_grids(write(tmp_path, encode([("density", content)], codec=codec)))
+    leaves, peak = peak_of(grid.read_leaves)
+    unpacked = len(content) if codec else 0
+    # Besides, some batches of 256 leaves, and the piece that a step of zlib returns.
+    assert peak < 1.1 * leaves.nbytes + unpacked + (6 << 20)
+
+
 # --------------------------------------------------------------------------------------- damage
 
 
@@ -467,6 +557,7 @@ def try_to_read(path):
         for grid in open_grids(path):
             if math.prod(grid.shape) <= SMALL and not grid.unsupported:
                 grid.read()
+                grid.read_leaves()
     except VolumeError as error:
         return str(error)
     return ""

@@ -18,8 +18,13 @@ import numpy as np
 import pytest
 from numcodecs import blosc
 
+from tfm_cl.cli.info import describe
 from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import MAX_LEAVES
+from tfm_cl.placement import camera_for, density_scale_for
+from tfm_cl.volume import Volume
 from tfm_cl.volume_io import binary, choose_grid, open_grids, vdb
+from tfm_cl.volume_io import tree as vdb_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(__file__).parent / "data"
@@ -486,6 +491,169 @@ def test_grids_behind_an_unreadable_one_in_a_stream_are_named_lost(tmp_path):
     assert grids[1].unsupported == "vec3s values; 1 grid(s) behind it cannot be reached"
 
 
+# --------------------------------------------------------------------------------------- leaves
+
+
+def assert_leaves_are_the_dense_voxels(grid):
+    """Leaves hold the same bits as the dense array, and none is empty."""
+    leaves = grid.read_leaves()
+    assert leaves.shape == grid.shape
+    assert len(leaves.values) <= grid.leaf_count
+    assert leaves.values.view(np.int32).any(axis=(1, 2, 3)).all()
+    np.testing.assert_array_equal(leaves.to_dense().view(np.int32), grid.read().view(np.int32))
+    return leaves
+
+
+@pytest.mark.parametrize("name", FIXTURES)
+def test_leaves_of_fixtures(name):
+    for grid in open_grids(DATA / f"{name}.vdb"):
+        if grid.unsupported:
+            assert grid.read_leaves is None
+        else:
+            assert_leaves_are_the_dense_voxels(grid)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_leaves_of_real_volumes(name):
+    (grid,) = open_grids(real_volume(f"{name}.vdb"))
+    assert_leaves_are_the_dense_voxels(grid)
+
+
+@pytest.mark.parametrize("batch", [2, 256])
+@pytest.mark.parametrize("background", [0.0, 0.5])
+@pytest.mark.parametrize("kind", ["float", "double", "int32", "bool"])
+def test_leaves_of_every_type(kind, background, batch, tmp_path, monkeypatch):
+    monkeypatch.setattr(vdb_tree, "LEAVES_PER_BATCH", batch)
+    stored = random_tree(type=kind, background=1 if background and kind == "bool" else background)
+    stored.leaves[-1600, 0, 0] = (
+        np.full((8, 8, 8), stored.background).astype(stored.dtype),
+        np.ones((8, 8, 8), bool),
+    )
+    (grid,) = open_grids(write(tmp_path, encode({"density": stored})))
+    leaves = assert_leaves_are_the_dense_voxels(grid)
+    assert len(leaves.values) < grid.leaf_count  # at least one is empty
+
+
+def test_leaves_of_large_tiles(tmp_path):
+    stored = Tree(tiles={((128, 0, -128), 128): (2, True), ((0, 0, 0), 128): (0, True)})
+    stored.tiles |= {((384, 8, 0), 8): (3, False), ((384, 16, 0), 8): (-0.0, True)}
+    stored.leaves[136, 128, 0] = (np.arange(512).reshape(8, 8, 8), np.ones((8, 8, 8), bool))
+    (grid,) = open_grids(write(tmp_path, encode({"density": stored})))
+    assert grid.leaf_count == 16**3 + 2
+    leaves = assert_leaves_are_the_dense_voxels(grid)
+    assert len(leaves.values) == 16**3 + 2
+
+
+def test_leaves_keep_a_negative_zero(tmp_path):
+    values = np.zeros((8, 8, 8))
+    values[1, 2, 3] = -0.0
+    stored = Tree(leaves={(0, 0, 0): (values, np.ones((8, 8, 8), bool))})
+    (grid,) = open_grids(write(tmp_path, encode({"density": stored})))
+    leaves = assert_leaves_are_the_dense_voxels(grid)
+    assert np.signbit(leaves.values[0, 3, 2, 1])
+
+
+def test_an_empty_tree_has_no_leaves(tmp_path):
+    (grid,) = open_grids(write(tmp_path, encode({"density": Tree()})))
+    assert len(grid.read_leaves().values) == 0
+    zeros = Tree(leaves={(0, 0, 0): (np.zeros((8, 8, 8)), np.ones((8, 8, 8), bool))})
+    (grid,) = open_grids(write(tmp_path, encode({"density": zeros})))
+    assert grid.read_leaves().to_dense().shape == (8, 8, 8)
+    assert len(grid.read_leaves().values) == 0
+
+
+def peak_of(function):
+    """What a function returns (or a `VolumeError` it raises), and the memory that takes at most."""
+    tracemalloc.start()
+    try:
+        result = function()
+    except VolumeError as error:
+        result = error
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return result, peak
+
+
+def two_leaves(tmp_path, corner):
+    ones = (np.ones((8, 8, 8)), np.ones((8, 8, 8), bool))
+    return write(tmp_path, encode({"density": Tree(leaves={(0, 0, 0): ones, corner: ones})}))
+
+
+def test_leaves_far_apart_are_read_without_the_space_between(tmp_path):
+    path = two_leaves(tmp_path, (2000, 2000, 2000))
+    volume, peak = peak_of(lambda: Volume.load(path))
+    assert volume.shape == (2008, 2008, 2008)
+    assert volume.leaves.coordinates.tolist() == [[0, 0, 0], [250, 250, 250]]
+    assert peak < 4 << 20
+    (grid,) = open_grids(path)
+    for function in (
+        lambda: camera_for(volume),
+        lambda: density_scale_for(volume),
+        lambda: describe(path, grid),
+    ):
+        result, peak = peak_of(function)
+        assert not isinstance(result, VolumeError)
+        assert peak < 4 << 20
+    assert result["mean"] == pytest.approx(1024 / 2008**3)
+    assert (result["renders"], result["active_voxels"]) == ("yes", 1024)
+    with pytest.raises(
+        VolumeError, match=r"file\.vdb: .*spans 2008×2008×2008 = 8,096,384,512 .*2,147,483,648.*\.leaves"
+    ):
+        _ = volume.data
+
+
+def test_a_box_beyond_the_limits_is_refused(tmp_path):
+    for corner, words in [
+        ((1 << 24, 0, 0), r"spans 16777224×8×8 voxels; the limit along an axis is 16,777,216"),
+        ((1 << 20, 1 << 12, 0), r"spans 1048584×4104×8 = 34,427,109,888 voxels; the limit is 17,179,869,184"),
+    ]:
+        path = two_leaves(tmp_path, corner)
+        with pytest.raises(VolumeError, match=words):
+            choose_grid(path)
+        (grid,) = open_grids(path)
+        with pytest.raises(VolumeError, match=words):
+            grid.read_leaves()
+        assert describe(path, grid)["max"] is None
+
+
+def test_tiles_that_expand_to_too_many_leaves_cost_nothing(tmp_path):
+    """A file of some kB whose tiles, each of 4096 leaves, would take more than 8 GiB."""
+    places = list(itertools.product(range(11), range(10), range(10)))
+    tiles = {((128 * x, 128 * y, 128 * z), 128): (1, True) for x, y, z in places}
+    path = write(tmp_path, encode({"density": Tree(tiles=tiles, compression=ZIP | MASK)}))
+    assert path.stat().st_size < 20_000
+    words = f"takes {1100 * 4096:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}"
+    (grid,) = open_grids(path)
+    for function in (lambda: choose_grid(path), grid.read_leaves):
+        error, peak = peak_of(function)
+        assert isinstance(error, VolumeError)
+        assert str(error).startswith(str(path))
+        assert words in str(error)
+        assert peak < 4 << 20
+    shown = describe(path, grid)
+    assert (shown["max"], shown["renders"]) == (None, words)
+
+
+def test_leaves_take_no_more_memory_than_they_must(tmp_path):
+    ones = np.ones((8, 8, 8), bool)
+    numbers = np.arange(512, dtype="<f4").reshape(8, 8, 8)
+    corners = itertools.product(range(0, 128, 8), repeat=3)
+    stored = Tree(leaves=dict.fromkeys(corners, (numbers, ones)), compression=BLOSC | MASK)
+    (grid,) = open_grids(write(tmp_path, encode({"density": stored})))
+    leaves, peak = peak_of(grid.read_leaves)
+    assert len(leaves.values) == 4096
+    assert peak < 1.1 * leaves.nbytes + (3 << 20)  # besides, some batches of 256 leaves
+
+
+def test_leaves_of_a_changed_file(tmp_path):
+    path = write(tmp_path, encode({"density": random_tree()}))
+    (grid,) = open_grids(path)
+    path.unlink()  # the old pages stay mapped
+    two_leaves(tmp_path, (2000, 0, 0))
+    with pytest.raises(VolumeError, match=r"changed since|damaged"):
+        grid.read_leaves()
+
+
 # --------------------------------------------------------------------------------------- damage
 
 
@@ -495,6 +663,7 @@ def try_to_read(path):
         for grid in open_grids(path):
             if math.prod(grid.shape) <= SMALL and not grid.unsupported:
                 grid.read()
+                grid.read_leaves()
     except VolumeError as error:
         return str(error)
     return ""

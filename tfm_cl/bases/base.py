@@ -1,6 +1,10 @@
 """What a basis is to the rest of the project."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -13,4 +17,6 @@ class Basis:
     """Kernel header, below ``kernels/``, with the functions that ``kernels/basis/README.md`` names."""
     summary: str
     """One line for ``--help``."""
+    table: Callable[[int, int], NDArray[np.float32]]
+    """``table(steps, coeffs)``: what the kernel header needs for every step of the light march."""
     max_coeffs: int = 32

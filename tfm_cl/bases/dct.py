@@ -14,10 +14,26 @@ For T = e^{-τu}: c_0 = (1 - e^{-τ})/τ, c_j = 2τ(1 - (-1)^j e^{-τ})/(τ² + 
 Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tfm_cl.bases.base import Basis
+
+
+def suffix_sums(steps: int, coeffs: int) -> NDArray[np.float32]:
+    """Sum the cosines over the steps from each one on, [steps, coeffs]: S_j(n) of ``kernels/basis/dct.h``.
+
+    Columns beyond ``steps`` are 0: M midpoints determine M cosines, higher ones would only alias.
+    """
+    u = (np.arange(steps) + 0.5) / steps
+    cosines = np.cos(np.pi * u[:, None] * np.arange(coeffs)) / steps
+    cosines[:, steps:] = 0
+    return cosines[::-1].cumsum(axis=0)[::-1].astype(np.float32)
+
 
 DCT = Basis(
     name="dct",
     header="basis/dct.h",
+    table=suffix_sums,
     summary="cosines of the density-weighted transmittance (TFM eq. 8–10)",
 )

@@ -4,7 +4,6 @@ import json
 
 import click
 
-from tfm_cl.device import HOW_TO_GET_ONE, list_devices
 from tfm_cl.errors import NoDeviceError
 
 
@@ -12,6 +11,9 @@ from tfm_cl.errors import NoDeviceError
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 def command(*, as_json: bool) -> None:
     """List every OpenCL device, its limits, and which one would be used (*)."""
+    # Imported here: the help of `tfm` needs no OpenCL.
+    from tfm_cl.device import HOW_TO_GET_ONE, list_devices  # noqa: PLC0415
+
     devices = list_devices()
     if as_json:
         print(json.dumps([device.to_dict() for device in devices], indent=2))

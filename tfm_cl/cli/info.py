@@ -1,15 +1,26 @@
 """``tfm info``: what a volume file holds."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl import volume_io
+from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import LEAF, Leaves
 from tfm_cl.volume import bounds_of
 from tfm_cl.volume_io.grid import Grid
+
+LANES = 16
+"""Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
+TABLE_ENTRY = 4
+"""Bytes of a brick in the table."""
+BATCH = 1024
+"""Leaves looked at at a time."""
 
 
 @click.command("info")
@@ -44,27 +55,75 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
         "mean": None,
         "active_voxels": grid.active_voxels,
         "active_share": None,
-        "device_bytes": 4 * (x + 2) * (y + 2) * (z + 2),
+        "device_bytes": None,
         "renders": volume_io.refusal(grid) or "yes",
     }
     if min(grid.shape) < 1:
         return shown
     shown["bounds"] = bounds_of(grid.shape, grid.world_from_index).tolist()
-    if grid.unsupported or x * y * z > volume_io.MAX_VOXELS:
+    if grid.unsupported or volume_io.beyond_limits(grid):
         return shown
-    data = volume_io.read_grid(path, grid)
-    finite = data[np.isfinite(data)]
-    active = grid.active_voxels if grid.active_voxels is not None else int(np.count_nonzero(data))
-    shown |= {
-        "min": float(finite.min()) if finite.size else None,
-        "max": float(finite.max()) if finite.size else None,
-        "mean": float(finite.mean(dtype=np.float64)) if finite.size else None,
-        "active_voxels": active,
-        "active_share": active / data.size,
-    }
-    if finite.size < data.size:
-        shown["not_finite"] = data.size - finite.size
+    voxels = volume_io.read_stored(path, grid)
+    measured, active, finite = _measured(voxels)
+    shown |= measured
+    shown["device_bytes"] = _device_bytes(voxels)
+    shown["active_voxels"] = active if grid.active_voxels is None else grid.active_voxels
+    shown["active_share"] = shown["active_voxels"] / (x * y * z)
+    if finite < x * y * z:
+        shown["not_finite"] = x * y * z - finite
     return shown
+
+
+def _measured(voxels: NDArray[np.float32] | Leaves) -> tuple[dict[str, float | None], int, int]:
+    """Range and mean of the finite voxels; how many voxels are not 0, and how many are finite."""
+    if isinstance(voxels, Leaves):
+        count = math.prod(voxels.shape) - voxels.not_finite()
+        values = (voxels.min(), voxels.max(), voxels.mean())
+        nonzero = voxels.active()
+    else:
+        finite = voxels[np.isfinite(voxels)]
+        count, nonzero = finite.size, int(np.count_nonzero(voxels))
+        values = (math.nan,) * 3
+        if count:
+            values = float(finite.min()), float(finite.max()), float(finite.mean(dtype=np.float64))
+    named = zip(("min", "max", "mean"), values, strict=True)
+    return {name: value if count else None for name, value in named}, nonzero, count
+
+
+def _device_bytes(voxels: NDArray[np.float32] | Leaves) -> int | None:
+    """Size of the bricks of float32 voxels on a device of `LANES`; None for more leaves than can be."""
+    # Imported here: the help of `tfm info` needs no OpenCL.
+    from tfm_cl.bricks import brick_count_of, record_bytes  # noqa: PLC0415
+
+    try:
+        leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)
+    except VolumeError:
+        return None
+    records = 1 + _blocks(leaves, LANES)  # the first record is empty
+    return records * record_bytes(LANES, "f32") + TABLE_ENTRY * math.prod(brick_count_of(leaves.shape))
+
+
+def _blocks(leaves: Leaves, lanes: int) -> int:
+    """Count the blocks of bricks whose records have a voxel > 0."""
+    from tfm_cl.bricks import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED, brick_count_of  # noqa: PLC0415
+
+    edge = BLOCK_BRICKS * BRICK_EDGE
+    found = np.zeros([n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1]], np.bool_)
+    # Padded by one voxel, a leaf begins at the same place within a block wherever it lies.
+    shift = np.array([1 - first for first in leaves.first])
+    candidates = np.arange(-1, 1 + LEAF // edge)
+    low = edge * candidates[:, None] - shift[:, None, None] % edge
+    reads = (low <= np.arange(LEAF)) & (np.arange(LEAF) < low + edge + MOST_SHARED[lanes])
+    for start in range(0, len(leaves.values), BATCH):
+        occupied = (leaves.values[start : start + BATCH] > 0).astype(np.float32)
+        z, y, x = reads.astype(np.float32)
+        touched = np.einsum("nzyx,kz,jy,ix->nkji", occupied, z, y, x, optimize=True) > 0
+        leaf, *place = np.nonzero(touched)
+        base = (LEAF * leaves.coordinates[start : start + BATCH].astype(np.int64) + shift) // edge
+        block = base[leaf] + candidates[np.stack(place, axis=-1)]
+        inside = ((block >= 0) & (block < found.shape)).all(axis=1)
+        found[tuple(block[inside].T)] = True
+    return int(np.count_nonzero(found))
 
 
 def _shown(value: Any) -> str:

@@ -27,6 +27,14 @@ def number_or_auto(text: str) -> Any:
     return text if text == "auto" else numbers(text)
 
 
+def count_or_auto(text: str) -> Any:
+    """``100`` or ``auto``."""
+    try:
+        return text if text == "auto" else int(text)
+    except ValueError:
+        raise click.BadParameter(f"'{text}' is not a whole number, nor auto") from None
+
+
 def pixels(text: str) -> list[int]:
     """``x0,y0,x1,y1``."""
     try:
@@ -109,11 +117,13 @@ SCENE_OPTIONS = (
     SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(list(BASES))),
     SceneOption("Map", "--coeffs", "map.coeffs", "N", click.INT),
     SceneOption("Map", "--density-weighting", "map.density_weighting", "A|auto", number_or_auto),
-    SceneOption("Map", "--map-res", "map.res", "N", click.INT),
-    SceneOption("Map", "--light-steps", "map.steps", "N", click.INT),
+    SceneOption("Map", "--map-res", "map.res", "N|auto", count_or_auto, "bare: auto"),
+    SceneOption("Map", "--light-steps", "map.steps", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("Map", "--storage", "map.storage", "", click.Choice(["f32", "f16", "u8"])),
-    SceneOption("March", "--steps", "march.steps", "N", click.INT),
+    SceneOption("March", "--steps", "march.steps", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("March", "--sampling", "march.sampling", "", click.Choice(["projective", "world"])),
+    SceneOption("March", "--cutoff", "march.cutoff", "T", click.FLOAT),
+    SceneOption("March", "--voxels", "march.voxels", "", click.Choice(["f32", "f16", "u8"])),
     SceneOption("Medium", "--grid", "volume.grid", "NAME", click.STRING, "density, else the only one"),
     SceneOption("Medium", "--density-scale", "volume.density_scale", "X|auto", number_or_auto, "bare: auto"),
     SceneOption("Medium", "--sigma-s", "medium.sigma_s", COLOUR, numbers),

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from tqdm import tqdm
-
 if TYPE_CHECKING:  # printing a configuration needs no OpenCL
     from tfm_cl.passes.launch import Progress
 
@@ -14,6 +12,11 @@ if TYPE_CHECKING:  # printing a configuration needs no OpenCL
 @contextmanager
 def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
     """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda _stage, _fraction: None
+        return
+    from tqdm import tqdm  # noqa: PLC0415 - only where a bar is drawn
+
     bar: tqdm[None] | None = None
 
     def advance(stage: str, fraction: float) -> None:
@@ -25,7 +28,6 @@ def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
                 total=100,
                 desc=stage,
                 leave=False,
-                disable=quiet or not sys.stderr.isatty(),
                 bar_format="{desc}: {percentage:3.0f}% {bar:30} {elapsed}<{remaining}",
             )
             bar.desc = stage

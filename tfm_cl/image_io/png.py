@@ -57,7 +57,7 @@ def png_bytes(rgb: NDArray[np.float32], exposure: float = 0.0) -> bytes:
     tagged = PngInfo()
     tagged.add(b"sRGB", b"\x00")  # says what the numbers are; 0: perceptual intent
     stream = io.BytesIO()
-    PIL.Image.fromarray(pixels).save(stream, format="PNG", pnginfo=tagged)
+    PIL.Image.fromarray(pixels).save(stream, format="PNG", pnginfo=tagged, compress_level=4)
     return stream.getvalue()
 
 

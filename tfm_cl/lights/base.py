@@ -40,6 +40,10 @@ class Light(Model):
     def frame(self) -> LightFrame:
         """Place the light's map in the world."""
 
+    @abstractmethod
+    def footprint(self, distance: float) -> float:
+        """Width of what the map covers at a distance from the light's origin, world units."""
+
     def map_key(self) -> tuple[object, ...]:
         """All of the light that its transmittance map depends on: not its colour."""
         frame = self.frame()

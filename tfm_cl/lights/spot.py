@@ -38,3 +38,7 @@ class SpotLight(Light):
         up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)
         cone = np.radians(self.cone)
         return LightFrame(look_at(self.from_, self.to, up), (float(np.tan(cone)), float(cone), self.blend))
+
+    def footprint(self, distance: float) -> float:
+        """Width of the cone there."""
+        return 2 * distance * float(np.tan(np.radians(self.cone)))

@@ -1,11 +1,13 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
+from pyopencl import cltypes
+from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.errors import DeviceError, DeviceMemoryError
 from tfm_cl.program import KernelLibrary
@@ -13,8 +15,33 @@ from tfm_cl.program import KernelLibrary
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
 
-SAMPLES_PER_LAUNCH = 1 << 24
-"""Work is cut so that a launch takes about this many density samples: a few tenths of a second on a CPU."""
+LAUNCH_SECONDS = 0.1
+"""Work is cut so that a launch takes about this long: a device shared with a screen stays responsive, and
+Ctrl-C is heard."""
+
+FIRST_SAMPLES = 1 << 25
+"""Density samples, at most, of the first launch of a pass: the following ones are cut by its time."""
+
+WORK_GROUPS: dict[int, tuple[int, ...]] = {1: (64,), 2: (4, 4), 3: (4, 4, 4)}
+"""Dimensions -> work-group size. Always the same: CPU drivers compile a kernel anew for every size; kernels
+check their bounds."""
+GPU_TILES = (8, 8)
+"""Work-group of texels and pixels where a work-item carries one."""
+
+TILE = {1: (1, 1), 8: (4, 2), 16: (4, 4)}
+"""Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/lanes.h``."""
+
+
+def int4(x: int, y: int, z: int, w: int) -> Any:
+    """Make a kernel argument of OpenCL's type int4."""
+    return cltypes.make_int4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
+
+
+def lanes_of(device: cl.Device) -> int:
+    """Rays a work-item carries: a CPU's vector width, or 1 where the hardware groups work-items itself."""
+    if not device.type & cl.device_type.CPU:
+        return 1
+    return 16 if device.native_vector_width_float >= 16 else 8  # noqa: PLR2004 - lanes
 
 
 class Launcher:
@@ -26,28 +53,45 @@ class Launcher:
         OpenCL device.
     options
         Further compiler options.
+    lanes
+        Rays a work-item carries, 1, 8 or 16; by default what suits the device.
+    largest_buffer
+        Bytes; by default the device's limit.
     work_group
-        Work-group size (x, y); None leaves it to the driver.
+        Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
     """
 
     def __init__(
-        self, device: cl.Device, options: tuple[str, ...] = (), work_group: tuple[int, int] | None = (8, 8)
+        self,
+        device: cl.Device,
+        options: tuple[str, ...] = (),
+        *,
+        lanes: int | None = None,
+        largest_buffer: int | None = None,
+        work_group: tuple[int, int] | Literal["auto"] | None = "auto",
     ) -> None:
         self.device = device
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-        self.kernels = KernelLibrary(self.context, options)
-        self.work_group = work_group
+        self.lanes = lanes or lanes_of(device)
+        self.kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
+        tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
+        self._groups: dict[int, tuple[int, ...] | None] = {
+            **WORK_GROUPS,
+            2: tiles if work_group == "auto" else work_group,
+        }
+        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
 
-    def run(
-        self, kernel: cl.Kernel, size: tuple[int, ...], *args: Any, offset: tuple[int, ...] | None = None
-    ) -> float:
-        """Run a kernel over exactly ``size`` work-items, wait, and return its seconds on the device."""
-        group = self.work_group
-        if group is None or len(group) != len(size) or any(n % g for n, g in zip(size, group, strict=True)):
-            group = None  # the driver finds one that divides the size
+    def run(self, kernel: cl.Kernel, size: tuple[int, ...], *args: Any) -> float:
+        """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
+
+        The size is rounded up to whole work-groups: kernels check their bounds.
+        """
+        group = self._groups[len(size)]
+        whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
         try:
-            event = kernel(self.queue, size, group, *args, global_offset=offset)
+            event = kernel(self.queue, whole, group, *args)
             event.wait()
         except cl.MemoryError as error:
             raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
@@ -57,21 +101,41 @@ class Launcher:
             ) from error
         return float(event.profile.end - event.profile.start) * 1e-9
 
-    def empty(self, what: str, nbytes: int) -> cl.Buffer:
+    def run_tiles(self, kernel: cl.Kernel, window: tuple[int, int, int, int], *args: Any) -> float:
+        """Run a kernel whose work-items each take a tile, over the tiles that x0, y0, x1, y1 touches."""
+        return self.run(kernel, self.tiles(window), *args)
+
+    def tiles(self, window: tuple[int, int, int, int]) -> tuple[int, int]:
+        """Tiles along x and y that x0, y0, x1, y1 touches."""
+        x0, y0, x1, y1 = window
+        width, height = TILE[self.lanes]
+        return -(-x1 // width) - x0 // width, -(-y1 // height) - y0 // height
+
+    def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
         """Allocate a device buffer.
+
+        Parameters
+        ----------
+        what
+            Names it in messages.
+        reuse
+            Take memory that an earlier frame gave back: fresh pages cost as much as filling them.
 
         Raises
         ------
         DeviceMemoryError
             When it exceeds the device's largest allocation, or allocation fails: with both numbers.
         """
-        limit = self.device.max_mem_alloc_size
+        limit = self.largest_buffer
         if nbytes > limit:
             raise DeviceMemoryError(
                 f"{what} needs a buffer of {nbytes / 2**20:,.0f} MiB; "
                 f"{self.device.name.strip()} allows {limit / 2**20:,.0f} MiB"
             )
         try:
+            if reuse:
+                pooled: cl.Buffer = self._pool.allocate(max(nbytes, 16))  # type: ignore[assignment]
+                return pooled
             return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
         except cl.Error as error:
             raise DeviceMemoryError(
@@ -80,10 +144,15 @@ class Launcher:
             ) from error
 
     def zeros(self, what: str, nbytes: int) -> cl.Buffer:
-        """Allocate a device buffer of zeros."""
-        buffer = self.empty(what, nbytes)
+        """Allocate a device buffer of zeros, reusing memory."""
+        buffer = self.empty(what, nbytes, reuse=True)
         cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, 16))
         return buffer
+
+    def release(self) -> None:
+        """Give back the memory kept for reuse."""
+        self.queue.finish()
+        self._pool.free_held()
 
     def upload(self, what: str, array: NDArray[Any]) -> cl.Buffer:
         """Copy an array to the device."""
@@ -102,11 +171,63 @@ class Launcher:
         return array
 
 
-def tiles(x0: int, y0: int, x1: int, y1: int, samples_per_pixel: int) -> Iterator[tuple[int, int, int, int]]:
-    """Cut a rectangle into square tiles (x, y, width, height) of about `SAMPLES_PER_LAUNCH` samples."""
-    edge = 256
-    while edge > 8 and edge * edge * samples_per_pixel > SAMPLES_PER_LAUNCH:  # noqa: PLR2004 - a work-group
-        edge //= 2
-    for y in range(y0, y1, edge):
-        for x in range(x0, x1, edge):
-            yield x, y, min(edge, x1 - x), min(edge, y1 - y)
+class Windows:
+    """Cuts a rectangle into windows whose launches take about `LAUNCH_SECONDS` each.
+
+    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, the next ones
+    follow from its time.
+
+    Parameters
+    ----------
+    x0, y0, x1, y1
+        The rectangle.
+    samples_per_item
+        Density samples that one texel or pixel may need.
+    whole_rows
+        Never cut a row.
+    """
+
+    EDGE = 32
+    """Windows end at multiples of it: a multiple of every tile and work-group."""
+
+    def __init__(
+        self, x0: int, y0: int, x1: int, y1: int, samples_per_item: int, *, whole_rows: bool = False
+    ) -> None:
+        self._bounds = x0, y0, x1, y1
+        self._whole_rows = whole_rows
+        self._items = max(self.EDGE**2, FIRST_SAMPLES // samples_per_item)
+        self._area = 0
+        self._done = 0
+
+    def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield windows, row by row."""
+        x0, y0, x1, y1 = self._bounds
+        x, y = x0, y0
+        while y < y1:
+            # Cut where tiles of the whole frame end.
+            rows = min(self.EDGE - y % self.EDGE, y1 - y)
+            columns = x1 - x
+            if self._items < rows * columns and not self._whole_rows:
+                wide = max(self._items // rows // self.EDGE, 1) * self.EDGE
+                columns = min(columns, wide - x % self.EDGE)
+            elif x == x0:
+                more = max(self._items // columns // self.EDGE - 1, 0) * self.EDGE
+                rows = min(rows + more, y1 - y)
+            self._area = rows * columns
+            self._done += self._area
+            yield x, y, x + columns, y + rows
+            x += columns
+            if x >= x1:
+                x, y = x0, y + rows
+
+    def took(self, seconds: float) -> float:
+        """Choose the next window's size by the seconds that the last one took; returns them."""
+        wanted = self._area * LAUNCH_SECONDS / max(seconds, 1e-6)
+        self._items = int(min(max(wanted, self._items / 4), 8 * self._items))
+        return seconds
+
+    @property
+    def done(self) -> float:
+        """The part of the rectangle handed out, 0 to 1."""
+        x0, y0, x1, y1 = self._bounds
+        return self._done / ((x1 - x0) * (y1 - y0))

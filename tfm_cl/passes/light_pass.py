@@ -8,8 +8,9 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from tfm_cl.bases import BASES
+from tfm_cl.bricks import BrickGrid
 from tfm_cl.lights import Light
-from tfm_cl.passes.launch import SAMPLES_PER_LAUNCH, Launcher, Progress
+from tfm_cl.passes.launch import Launcher, Progress, Windows
 from tfm_cl.settings import MapSettings
 
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
@@ -17,10 +18,17 @@ PROBE_RES = 64
 """Texels along a side of the map that density_weighting = auto looks at."""
 
 
-def map_variant(settings: MapSettings, light: Light) -> tuple[tuple[str, ...], dict[str, int]]:
+def map_variant(
+    settings: MapSettings, light: Light, bricks: BrickGrid
+) -> tuple[tuple[str, ...], dict[str, int]]:
     """Headers and macros of every kernel that reads or writes such a map."""
     headers = (BASES[settings.basis].header, light.HEADER)
-    return headers, {"TFM_N_COEFF": settings.coeffs, "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage]}
+    defines = {
+        "TFM_N_COEFF": settings.coeffs,
+        "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage],
+        "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
+    }
+    return headers, defines | bricks.defines
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,11 @@ class MapBuffers:
     seconds: float
     """Device time."""
     samples: int
-    """Density samples taken."""
+    """Densities read."""
+    hits: int
+    """Texels whose ray meets the medium's bounds."""
+    occupied: cl.Buffer
+    """int2 [res, res]: the first light step with density and the one after the last; equal without any."""
 
 
 class LightPass:
@@ -45,17 +57,19 @@ class LightPass:
         self._launcher = launcher
 
     def largest_optical_depth(
-        self, settings: MapSettings, light: Light, params: cl.Buffer, grid: cl.Buffer
+        self, settings: MapSettings, light: Light, params: cl.Buffer, bricks: BrickGrid
     ) -> float:
         """Largest optical depth of the density along the light's rays, on a coarse map."""
         launcher = self._launcher
-        kernel = self._kernel("light_optical_depths", settings, light)
+        kernel = self._kernel("light_optical_depths", settings, light, bricks)
         depths = launcher.empty("the optical depths", 4 * PROBE_RES**2)
-        launcher.run(kernel, (PROBE_RES, PROBE_RES), params, grid, depths)
+        launcher.run_tiles(
+            kernel, (0, 0, PROBE_RES, PROBE_RES), params, *bricks.arguments, depths, np.int32(PROBE_RES)
+        )
         return float(launcher.download(depths, (PROBE_RES, PROBE_RES), np.float32).max())
 
     def build(
-        self, settings: MapSettings, light: Light, params: cl.Buffer, grid: cl.Buffer, progress: Progress
+        self, settings: MapSettings, light: Light, params: cl.Buffer, bricks: BrickGrid, progress: Progress
     ) -> MapBuffers:
         """Project the transmittance along every light ray of the map.
 
@@ -63,31 +77,56 @@ class LightPass:
         ----------
         params
             The struct of `tfm_cl.params` for this light.
-        grid
-            The padded density grid.
+        bricks
+            The density.
         """
         launcher, res, n = self._launcher, settings.res, settings.coeffs
-        kernel = self._kernel("light_pass", settings, light)
-        coefficients = launcher.empty("the map", 4 * n * res * res)
-        hits = launcher.zeros("a counter", 4)
-        seconds = 0.0
-        rows = min(res, max(8, SAMPLES_PER_LAUNCH // (res * settings.steps) // 8 * 8))
-        for row in range(0, res, rows):
-            seconds += launcher.run(
-                kernel, (res, min(rows, res - row)), params, grid, coefficients, hits, offset=(0, row)
+        kernel = self._kernel("light_pass", settings, light, bricks)
+        table = launcher.upload("the basis's table", BASES[settings.basis].table(settings.steps, n))
+        coefficients = self._allocate(settings, 32)
+        occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
+        seconds, hits, samples = 0.0, 0, 0
+        windows = Windows(0, 0, res, res, settings.steps, whole_rows=True)
+        for _, row, _, end in windows:
+            tiles = launcher.tiles((0, row, res, end))
+            counts = launcher.empty("the counters", 8 * tiles[0] * tiles[1])
+            seconds += windows.took(
+                launcher.run_tiles(
+                    kernel,
+                    (0, row, res, end),
+                    params,
+                    *bricks.arguments,
+                    table,
+                    coefficients,
+                    occupied,
+                    counts,
+                    np.int32(row),
+                    np.int32(end),
+                )
             )
-            progress("light pass", min(1.0, (row + rows) / res))
-        packed, ranges, packing = self._pack(settings, light, coefficients)
+            met, read = launcher.download(counts, (*tiles, 2), np.uint32).sum(axis=(0, 1), dtype=np.int64)
+            hits, samples = hits + int(met), samples + int(read)
+            progress("light pass", windows.done)
+        packed, ranges, packing = self._pack(settings, light, bricks, coefficients)
         return MapBuffers(
             coefficients=packed,
             ranges=ranges,
             nbytes=STORAGE_BITS[settings.storage] // 8 * n * res * res,
             seconds=seconds + packing,
-            samples=int(launcher.download(hits, (1,), np.uint32)[0]) * settings.steps,
+            samples=samples,
+            hits=hits,
+            occupied=occupied,
         )
 
+    def _allocate(self, settings: MapSettings, bits: int) -> cl.Buffer:
+        """Make room for the map, and one texel more: two neighbours may be read at once."""
+        nbytes = bits // 8 * settings.coeffs * (settings.res**2 + 1)
+        if settings.res == 1:  # then the one beyond is read, and weighs 0
+            return self._launcher.zeros("the map", nbytes)
+        return self._launcher.empty("the map", nbytes, reuse=True)
+
     def _pack(
-        self, settings: MapSettings, light: Light, coefficients: cl.Buffer
+        self, settings: MapSettings, light: Light, bricks: BrickGrid, coefficients: cl.Buffer
     ) -> tuple[cl.Buffer, cl.Buffer, float]:
         """Store the coefficients in the type asked for; 8 bits span each coefficient's own range."""
         launcher, res, n = self._launcher, settings.res, settings.coeffs
@@ -99,9 +138,9 @@ class LightPass:
             limits[:, 0] = values.min(axis=0)
             limits[:, 1] = values.max(axis=0) - limits[:, 0]
         ranges = launcher.upload("the ranges", limits)
-        packed = launcher.empty("the map", STORAGE_BITS[settings.storage] // 8 * n * res * res)
-        kernel = self._kernel("pack_map", settings, light)
-        seconds = launcher.run(kernel, (res * res,), coefficients, packed, ranges)
+        packed = self._allocate(settings, STORAGE_BITS[settings.storage])
+        kernel = self._kernel("pack_map", settings, light, bricks)
+        seconds = launcher.run(kernel, (res * res,), coefficients, packed, ranges, np.int32(res * res))
         return packed, ranges, seconds
 
     def evaluate(
@@ -109,6 +148,7 @@ class LightPass:
         settings: MapSettings,
         light: Light,
         params: cl.Buffer,
+        bricks: BrickGrid,
         buffers: MapBuffers,
         points: NDArray[np.float32],
     ) -> NDArray[np.float32]:
@@ -116,7 +156,7 @@ class LightPass:
         launcher, count = self._launcher, len(points)
         if count == 0:
             return np.zeros(0, np.float32)
-        kernel = self._kernel("evaluate_map", settings, light)
+        kernel = self._kernel("evaluate_map", settings, light, bricks)
         depths = launcher.empty("the optical depths", 4 * count)
         launcher.run(
             kernel,
@@ -126,6 +166,7 @@ class LightPass:
             buffers.ranges,
             launcher.upload("the points", points),
             depths,
+            np.int32(count),
         )
         return launcher.download(depths, (count,), np.float32)
 
@@ -140,6 +181,11 @@ class LightPass:
         stored: Any = np.float32 if settings.storage == "f32" else np.float16
         return launcher.download(buffers.coefficients, shape, stored).astype(np.float32)
 
-    def _kernel(self, name: str, settings: MapSettings, light: Light) -> cl.Kernel:
-        headers, defines = map_variant(settings, light)
+    def read_occupied(self, settings: MapSettings, buffers: MapBuffers) -> NDArray[np.float32]:
+        """First and last u with density of every texel's ray, [y, x, 2]."""
+        steps = self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.int32)
+        return (steps / settings.steps).astype(np.float32)
+
+    def _kernel(self, name: str, settings: MapSettings, light: Light, bricks: BrickGrid) -> cl.Kernel:
+        headers, defines = map_variant(settings, light, bricks)
         return self._launcher.kernels.kernel(name, "light_pass.cl", headers, defines)

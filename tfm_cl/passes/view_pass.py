@@ -1,12 +1,14 @@
 """The view pass: from the grid and the maps to radiance (TFM algorithm 1 with section 4.2)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.passes.launch import Launcher, Progress, tiles
+from tfm_cl.bricks import BrickGrid
+from tfm_cl.passes.launch import Launcher, Progress, Windows, int4
 from tfm_cl.passes.light_pass import MapBuffers, map_variant
 from tfm_cl.scene import Scene
 
@@ -38,7 +40,7 @@ class Frame:
 
 
 class ViewPass:
-    """Runs ``medium_pass.cl`` once a frame and ``view_pass.cl`` once a light."""
+    """Runs ``view_pass.cl`` once a light; the first light's camera rays also give transmittance and depth."""
 
     def __init__(self, launcher: Launcher) -> None:
         self._launcher = launcher
@@ -56,29 +58,6 @@ class ViewPass:
             samples=launcher.zeros("the image", 4 * pixels),
         )
 
-    def march_medium(
-        self,
-        scene: Scene,
-        crop: tuple[int, int, int, int],
-        params: cl.Buffer,
-        grid: cl.Buffer,
-        frame: FrameBuffers,
-        progress: Progress,
-    ) -> float:
-        """Fill transmittance and depth; returns device seconds."""
-        kernel = self._launcher.kernels.kernel("medium_pass", "medium_pass.cl")
-        return self._over_tiles(
-            kernel,
-            crop,
-            scene.march.steps,
-            "medium",
-            progress,
-            params,
-            grid,
-            frame.transmittance,
-            frame.samples,
-        )
-
     def add_light(
         self,
         scene: Scene,
@@ -86,7 +65,7 @@ class ViewPass:
         method: str,
         crop: tuple[int, int, int, int],
         params: cl.Buffer,
-        grid: cl.Buffer,
+        bricks: BrickGrid,
         light_map: MapBuffers | None,
         frame: FrameBuffers,
         progress: Progress,
@@ -94,43 +73,45 @@ class ViewPass:
         """Add one light's single scattering; returns device seconds."""
         light = scene.lights[index]
         dual = method == "dual"
-        headers, defines = map_variant(scene.map, light)
+        headers, defines = map_variant(scene.map, light, bricks)
         headers = (*headers, scene.medium.phase.HEADER)
-        kernel = self._launcher.kernels.kernel(
-            "view_pass", "view_pass.cl", headers, {**defines, "TFM_METHOD_DUAL": int(dual)}
-        )
+        grey = len(set(scene.medium.sigma_t.tolist())) == 1
+        defines |= {"TFM_METHOD_DUAL": int(dual), "TFM_CHANNELS": 1 if grey else 3}
+        kernel = self._launcher.kernels.kernel("view_pass", "view_pass.cl", headers, defines)
         # The dual march has no map, but the kernel's arguments are the same.
         unused = self._launcher.empty("the map", 16) if light_map is None else None
-        return self._over_tiles(
+        return self._over_windows(
             kernel,
             crop,
             scene.march.steps * (scene.map.steps if dual else 1),
             f"view pass, light {index + 1}",
             progress,
             params,
-            grid,
+            *bricks.arguments,
             unused if light_map is None else light_map.coefficients,
             unused if light_map is None else light_map.ranges,
             frame.radiance,
             frame.light_seen,
+            frame.transmittance,
             frame.samples,
+            np.int32(index == 0),
         )
 
-    def _over_tiles(
+    def _over_windows(
         self,
         kernel: cl.Kernel,
         crop: tuple[int, int, int, int],
         samples_per_pixel: int,
         stage: str,
         progress: Progress,
-        *args: cl.Buffer | None,
+        *args: Any,
     ) -> float:
-        seconds, done = 0.0, 0
-        x0, y0, x1, y1 = crop
-        for x, y, width, height in tiles(*crop, samples_per_pixel):
-            seconds += self._launcher.run(kernel, (width, height), *args, offset=(x, y))
-            done += width * height
-            progress(stage, done / ((x1 - x0) * (y1 - y0)))
+        seconds = 0.0
+        windows = Windows(*crop, samples_per_pixel)
+        for window in windows:
+            corners = int4(*window)
+            seconds += windows.took(self._launcher.run_tiles(kernel, window, *args, corners))
+            progress(stage, windows.done)
         return seconds
 
     def read(self, frame: FrameBuffers) -> Frame:

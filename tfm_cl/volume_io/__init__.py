@@ -5,12 +5,14 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 """
 
 import importlib
+import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import MAX_LEAVES, Leaves
 from tfm_cl.volume_io.grid import Grid, VolumeFormat
 
 FORMATS: dict[str, str] = {
@@ -27,8 +29,23 @@ FORMATS: dict[str, str] = {
 
 MAX_VOXELS = 1 << 31
 """Largest dense grid read into memory (8 GiB of float32)."""
+MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
+"""Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
 
-__all__ = ["FORMATS", "MAX_VOXELS", "choose_grid", "open_grids", "read_grid", "refusal"]
+__all__ = [
+    "FORMATS",
+    "MAX_BOX_EDGE",
+    "MAX_BOX_VOXELS",
+    "MAX_VOXELS",
+    "beyond_limits",
+    "choose_grid",
+    "open_grids",
+    "read_grid",
+    "read_stored",
+    "refusal",
+    "too_large",
+    "too_many_leaves",
+]
 
 
 def open_grids(path: Path) -> list[Grid]:
@@ -92,9 +109,39 @@ def read_grid(path: Path, grid: Grid) -> NDArray[np.float32]:
         raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
+def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
+    """Read the voxels of a grid of ``path`` in the form its format stores: leaves of a tree, or all."""
+    if grid.read_leaves is None:
+        return read_grid(path, grid)
+    try:
+        return grid.read_leaves()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def beyond_limits(grid: Grid) -> str:
+    """Why a grid is too large to be read with `read_stored`; empty when it is not."""
+    return too_large(grid.shape, sparse=grid.read_leaves is not None) or too_many_leaves(grid.leaf_count)
+
+
+def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
+    """Why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty when it can."""
+    z, y, x = shape
+    limit = MAX_BOX_VOXELS if sparse else MAX_VOXELS
+    if math.prod(shape) > limit:
+        return f"spans {x}×{y}×{z} = {x * y * z:,} voxels; the limit is {limit:,}"
+    if sparse and max(shape) > MAX_BOX_EDGE:
+        return f"spans {x}×{y}×{z} voxels; the limit along an axis is {MAX_BOX_EDGE:,}"
+    return ""
+
+
+def too_many_leaves(count: int) -> str:
+    """Why that many leaves cannot be read; empty when they can."""
+    return f"takes {count:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" if count > MAX_LEAVES else ""
+
+
 def refusal(grid: Grid) -> str:
     """Why a grid cannot be rendered as a density; empty when it can."""
-    z, y, x = grid.shape
     if grid.unsupported:
         return f"cannot be rendered: {grid.unsupported}"
     if grid.grid_class == "level set":
@@ -104,8 +151,6 @@ def refusal(grid: Grid) -> str:
         )
     if grid.background != 0.0:
         return f"has the background {grid.background:g}: it fills all space, where a fog volume ends in 0"
-    if z * y * x > MAX_VOXELS:
-        return f"spans {x}×{y}×{z} = {x * y * z:,} voxels; the limit is {MAX_VOXELS:,}"
     if min(grid.shape) < 1:
         return "is empty: it stores no voxel"
-    return ""
+    return beyond_limits(grid)

@@ -8,6 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.leaves import Leaves
+
 GridClass = Literal["fog volume", "level set", "staggered", "unknown"]
 
 
@@ -32,7 +34,11 @@ class Grid:
     has_transform: bool
     """False where the format says nothing of position and size: a voxel of edge 1, low corner at 0."""
     read: Callable[[], NDArray[np.float32]] = field(repr=False)
-    """Reads the voxels as float32 [z, y, x], C order; raises `VolumeError` on damage."""
+    """Reads the voxels as a new array, float32 [z, y, x], C order; raises `VolumeError` on damage."""
+    read_leaves: Callable[[], Leaves] | None = field(default=None, repr=False)
+    """Reads the same voxels without a dense array in between; None where the format stores no tree."""
+    leaf_count: int = 0
+    """Leaves that `read_leaves` makes room for: those stored, and those that tiles expand to."""
     background: float = 0.0
     """Value outside the array."""
     active_voxels: int | None = None

@@ -28,7 +28,7 @@ A file is a row of segments, or (since 32.6) bare grids one behind the other. Li
                 1 << (flags >> 5) bits; value = code · quantum + minimum
 
 `open_grids` describes the grids. `walk_topology` reads an unpacked grid's tree without its voxels,
-`walk_leaves` these in batches, so that they can go elsewhere than into a dense array.
+`walk_leaves` these in batches, which go into a dense array or stay leaves.
 """
 
 from __future__ import annotations
@@ -45,26 +45,32 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.leaves import Leaves
 from tfm_cl.volume_io.binary import (
+    Cursor,
+    check_packing,
+    distinct_names,
+    map_file,
+    unblosc_into,
+    unzip_into,
+)
+from tfm_cl.volume_io.grid import Grid, GridClass
+from tfm_cl.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
     ROOT_EDGE,
     UPPER_EDGE,
-    Cursor,
-    Leaves,
+    LeafBatch,
     Tiles,
     Tree,
     batches,
+    count_leaves,
     differs,
-    distinct_names,
     fill_dense,
-    map_file,
+    gather_leaves,
     offset_transform,
     place_origins,
-    unblosc,
-    unzip,
 )
-from tfm_cl.volume_io.grid import Grid, GridClass
 
 __all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 
@@ -300,9 +306,18 @@ def _unpack(file: Cursor, entry: _Entry) -> Cursor:
     chunks = list(_chunks(Cursor(file.data, file.source, entry.at), entry.size, entry.codec))
     source = f"{file.source}: grid {entry.name!r}"
     packed = Cursor(file.data, source, entry.at)
-    unpack = {_ZLIB: unzip, _BLOSC: unblosc}.get(entry.codec)
-    pieces = [data if unpack is None else unpack(data, size, packed) for data, size in chunks]
-    grid = Cursor(memoryview(pieces[0] if len(pieces) == 1 else b"".join(pieces)), source)
+    unpack = {_ZLIB: unzip_into, _BLOSC: unblosc_into}.get(entry.codec)
+    if unpack is None:
+        plain = Cursor(file.data, source, entry.at).take(entry.size, "grid")
+    else:
+        for data, size in chunks:
+            check_packing(data, size, packed)
+        # One buffer for all: pieces that are joined would take the grid's size twice.
+        plain, at = memoryview(bytearray(entry.size)), 0
+        for data, size in chunks:
+            unpack(data, plain[at : at + size], packed)
+            at += size
+    grid = Cursor(plain, source)
     head = grid.take(_GRID_SIZE, "header of a grid")
     _check_version(grid, 16)
     (grid_type,) = struct.unpack_from("<I", head, 636)
@@ -332,6 +347,8 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
         world_from_index=offset_transform(world_from_tree, low, grid),
         has_transform=True,
         read=partial(_read_dense, path, entry, layout, shape),
+        read_leaves=partial(_read_leaves, path, entry, layout, shape),
+        leaf_count=count_leaves(topology.tree),
         background=topology.tree.background,
         active_voxels=topology.tree.active_voxels,
     )
@@ -363,6 +380,13 @@ def _read_dense(
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
     return fill_dense(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
+
+
+def _read_leaves(path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]) -> Leaves:
+    """Read a grid's voxels as `Grid.read_leaves` promises them."""
+    grid = _unpack(Cursor(map_file(path), str(path)), entry)
+    topology = walk_topology(grid, layout)
+    return gather_leaves(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
 
 
 # ------------------------------------------------------------------------------------------- the tree
@@ -462,7 +486,7 @@ class _Walk:
             self.active_voxels += int(np.unpackbits(_rows(self.grid, batch + 16, 64)).sum())
 
 
-def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[Leaves]:
+def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[LeafBatch]:
     """Read the voxels of a tree in batches of leaves.
 
     Parameters
@@ -484,7 +508,7 @@ def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[Le
             values = rows.view(layout.value)
         else:
             values = _decode_leaves(grid, at, layout)
-        yield Leaves(batch_origins, values.reshape(-1, 8, 8, 8))
+        yield LeafBatch(batch_origins, values.reshape(-1, 8, 8, 8))
 
 
 def _decode_leaves(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.float32]:

@@ -149,7 +149,8 @@ def read_voxels(
         done += step
     if order == "F":
         return np.ascontiguousarray(voxels.reshape(shape[::-1]).T)
-    return voxels.reshape(shape)
+    voxels.resize(shape, refcheck=False)  # not a view: an array of its own can be kept without a copy
+    return voxels
 
 
 def _read_sidecar(path: Path) -> tuple[Path, dict[str, Any]]:

@@ -36,7 +36,7 @@ Layout, little-endian; a *string* is a uint32 length and its bytes::
                                              kind 6  no inactive entry is left out
 
 `open_grids` describes the grids; `walk_topology` reads a tree without its voxels, `walk_leaves` its voxels
-in batches, so that they can go elsewhere than into a dense array.
+in batches, which go into a dense array or stay leaves.
 """
 
 from __future__ import annotations
@@ -52,26 +52,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.volume_io.binary import (
+from tfm_cl.leaves import Leaves
+from tfm_cl.volume_io.binary import Cursor, distinct_names, map_file, unblosc, unzip
+from tfm_cl.volume_io.grid import Grid, GridClass
+from tfm_cl.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
     ROOT_EDGE,
     UPPER_EDGE,
-    Cursor,
-    Leaves,
+    LeafBatch,
     Tiles,
     Tree,
     batches,
+    count_leaves,
     differs,
-    distinct_names,
     fill_dense,
-    map_file,
+    gather_leaves,
     offset_transform,
     place_origins,
-    unblosc,
-    unzip,
 )
-from tfm_cl.volume_io.grid import Grid, GridClass
 
 __all__ = ["EXTENSIONS", "StoredTree", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 
@@ -194,6 +193,7 @@ class _Found:
     shape: tuple[int, int, int]
     background: float
     active_voxels: int
+    leaf_count: int
 
 
 def _read_grid(
@@ -250,6 +250,8 @@ def _read_grid(
         world_from_index=offset_transform(world_from_tree, found.low, file),
         has_transform=True,
         read=partial(_read_dense, path, found.stored, found.shape),
+        read_leaves=partial(_read_leaves, path, found.stored, found.shape),
+        leaf_count=found.leaf_count,
         background=found.background,
         active_voxels=found.active_voxels,
     )
@@ -262,7 +264,7 @@ def _find_tree(file: Cursor, stored: StoredTree, *, skip_leaves: bool) -> _Found
     if skip_leaves:
         _skip_leaves(file, stored, topology)
     tree = topology.tree
-    return _Found(stored, *tree.box(), tree.background, tree.active_voxels)
+    return _Found(stored, *tree.box(), tree.background, tree.active_voxels, count_leaves(tree))
 
 
 def _stored_tree(tree_type: str, compression: int, at: int, *, is_half: bool) -> StoredTree | str:
@@ -328,6 +330,13 @@ def _read_dense(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> 
     file = Cursor(map_file(path), str(path), stored.at)
     topology = walk_topology(file, stored)
     return fill_dense(topology.tree, walk_leaves(file, stored, topology), shape, file)
+
+
+def _read_leaves(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> Leaves:
+    """Read a grid's voxels as `Grid.read_leaves` promises them."""
+    file = Cursor(map_file(path), str(path), stored.at)
+    topology = walk_topology(file, stored)
+    return gather_leaves(topology.tree, walk_leaves(file, stored, topology), shape, file)
 
 
 # ------------------------------------------------------------------------------------------- the tree
@@ -431,7 +440,7 @@ def _read_internal(
     return place_origins(origin, np.flatnonzero(has_child), edge)
 
 
-def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterator[Leaves]:
+def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterator[LeafBatch]:
     """Read the voxels of a tree in batches of leaves.
 
     Parameters
@@ -454,7 +463,7 @@ def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterato
         else:
             blocks = list(_read_leaf_blocks(file, stored, topology.background, masks))
             values = _unpack_blocks(blocks, _bits(masks), stored, file)
-        yield Leaves(origins, values.reshape(-1, 8, 8, 8))
+        yield LeafBatch(origins, values.reshape(-1, 8, 8, 8))
 
 
 def _skip_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> None:
@@ -551,7 +560,7 @@ def _unpack_blocks(
     return values
 
 
-def _unpack(block: _Block, file: Cursor) -> bytes | memoryview:
+def _unpack(block: _Block, file: Cursor) -> bytes | bytearray | memoryview:
     if block.size == 0:
         return b""  # Blosc wraps even nothing
     if block.codec & _BLOSC:

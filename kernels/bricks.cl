@@ -1,0 +1,81 @@
+/* From leaves of 8x8x8 voxels, as the host keeps them, to the bricks and records of volume.h.
+   Works on a slab of brick layers and the leaf layers that it touches. Requires: what volume.h does; Params. */
+#include "volume.h"
+
+#define LEAF_SHIFT 3
+#define LEAF_EDGE 8
+
+/* table: number of a leaf among the slab's, or -1; leaf_count: leaves along x, y and layers of the slab;
+   first: where voxel (0, 0, 0) of the padded grid lies, counted from the slab's first leaf voxel. */
+typedef struct {
+  __global const int *table;
+  __global const float *leaves;
+  int4 leaf_count;
+  int4 first;
+} LeafSlab;
+
+TFM_INLINE float leaf_voxel(LeafSlab slab, int x, int y, int z)
+{
+  const int vx = x + slab.first.x, vy = y + slab.first.y, vz = z + slab.first.z;
+  const int lx = vx >> LEAF_SHIFT, ly = vy >> LEAF_SHIFT, lz = vz >> LEAF_SHIFT;
+  if (vx < 0 || vy < 0 || vz < 0 || lx >= slab.leaf_count.x || ly >= slab.leaf_count.y || lz >= slab.leaf_count.z)
+    return 0.0f;
+  const int leaf = slab.table[(lz * slab.leaf_count.y + ly) * slab.leaf_count.x + lx];
+  if (leaf < 0)
+    return 0.0f;
+  const int within = ((vz & (LEAF_EDGE - 1)) * LEAF_EDGE + (vy & (LEAF_EDGE - 1))) * LEAF_EDGE + (vx & (LEAF_EDGE - 1));
+  return slab.leaves[(size_t)leaf * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE) + (size_t)within];
+}
+
+/* occupied  out: 1 for every brick of the slab (x fastest, from layer first_layer) with a voxel > 0 in the cells that
+   it answers for. brick_count  bricks along x, y and layers of the slab. One work-item a brick. */
+__kernel void find_occupied(__global const int *table, __global const float *leaves, int4 leaf_count, int4 first,
+                            int4 brick_count, int first_layer, __global uchar *occupied)
+{
+  const int bx = (int)get_global_id(0), by = (int)get_global_id(1), bz = (int)get_global_id(2);
+  if (bx >= brick_count.x || by >= brick_count.y || bz >= brick_count.z)
+    return;
+  const LeafSlab slab = {table, leaves, leaf_count, first};
+  int found = 0;
+  for (int z = 0; z < BRICK_EDGE + MOST_SHARED && !found; ++z)
+    for (int y = 0; y < BRICK_EDGE + MOST_SHARED && !found; ++y)
+      for (int x = 0; x < BRICK_EDGE + MOST_SHARED && !found; ++x)
+        found = leaf_voxel(slab, bx * BRICK_EDGE + x, by * BRICK_EDGE + y, (first_layer + bz) * BRICK_EDGE + z) > 0.0f;
+  occupied[((size_t)bz * (size_t)brick_count.y + (size_t)by) * (size_t)brick_count.x + (size_t)bx] = (uchar)found;
+}
+
+/* Write the records of the blocks listed: number first_record + i for block i of `blocks` (x, y, z, unused) in the
+   pool given. exponent: voxels are multiplied by 2 to this power before they are stored (16 bits). One work-item a
+   record. */
+__kernel void fill_records(__global const int *table, __global const float *leaves, int4 leaf_count, int4 first,
+                           __global const int4 *blocks, int count, int first_record, int exponent,
+                           __global Voxel *pool)
+{
+  const int i = (int)get_global_id(0);
+  if (i >= count)
+    return;
+  const LeafSlab slab = {table, leaves, leaf_count, first};
+  const int4 corner = blocks[i] * BLOCK_EDGE;
+  __global Voxel *record = pool + (size_t)(first_record + i) * RECORD_SIZE;
+#if TFM_VOXEL_BITS == 8
+  float most = 0.0f;
+  for (int z = 0; z < RECORD_EDGE; ++z)
+    for (int y = 0; y < RECORD_EDGE; ++y)
+      for (int x = 0; x < RECORD_EDGE; ++x)
+        most = fmax(most, leaf_voxel(slab, corner.x + x, corner.y + y, corner.z + z));
+  *(__global float *)(record + RECORD_VOXELS) = most / 255.0f;
+#endif
+  for (int z = 0; z < RECORD_EDGE; ++z)
+    for (int y = 0; y < RECORD_EDGE; ++y)
+      for (int x = 0; x < RECORD_EDGE; ++x) {
+        const float value = leaf_voxel(slab, corner.x + x, corner.y + y, corner.z + z);
+        const int at = z * RECORD_LAYER + y * RECORD_ROW + x;
+#if TFM_VOXEL_BITS == 32
+        record[at] = value;
+#elif TFM_VOXEL_BITS == 16
+        vstore_half(ldexp(value, exponent), at, (__global half *)record);
+#else
+        record[at] = most > 0.0f ? convert_uchar_sat_rte(255.0f * (value / most)) : (uchar)0;
+#endif
+      }
+}

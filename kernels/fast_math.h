@@ -1,0 +1,77 @@
+/* Elementary functions of all lanes without calls: a few ulp, bounded in tests/kernels. */
+#ifndef TFM_FAST_MATH_H
+#define TFM_FAST_MATH_H
+
+#include "lanes.h"
+
+/* 2^x = scale + scale * part and 2^x - 1 = (scale - 1) + scale * part, the latter without cancellation. */
+typedef struct {
+  Floats scale;
+  Floats part;
+} Exp2;
+
+/* For x in [-126, 0]. part: Taylor series of 2^f - 1 in [-1/2, 1/2], to 5e-9. */
+TFM_INLINE Exp2 exp2_split(Floats x)
+{
+  /* Adding 1.5 * 2^23 rounds to the nearest integer, left in the low bits. */
+  const Floats shifted = x + 12582912.0f;
+  const Floats f = x - (shifted - 12582912.0f);
+  Exp2 e;
+  e.scale = AS_FLOATS((AS_INTS(shifted) << 23) + 0x3f800000);
+  e.part = f * (0.693147181f + f * (0.240226507f + f * (0.0555041087f + f * (0.00961812911f +
+           f * (0.00133335581f + f * (0.000154035304f + f * 0.0000152527338f))))));
+  return e;
+}
+
+#define TFM_LOG2_E 1.44269504f
+
+/* e^-t and 1 - e^-t for t >= 0, both to a few ulp; beyond t = 87 they are 2^-126 and 1. */
+TFM_INLINE Exp2 exp_of_minus(Floats t)
+{
+  return exp2_split(greatest(t * -TFM_LOG2_E, floats(-126.0f)));
+}
+
+TFM_INLINE Floats transmittance_of(Floats optical_depth)
+{
+  const Exp2 e = exp_of_minus(optical_depth);
+  return e.scale + e.scale * e.part;
+}
+
+TFM_INLINE Floats opacity_of(Floats optical_depth)
+{
+  const Exp2 e = exp_of_minus(optical_depth);
+  return (1.0f - e.scale) - e.scale * e.part;
+}
+
+/* Natural logarithm of normal numbers > 0 (Cephes logf). */
+TFM_INLINE Floats log_of(Floats x)
+{
+  const Ints bits = AS_INTS(x) - 0x3f3504f3; /* the mantissa into [sqrt(1/2), sqrt(2)) */
+  const Floats exponent = TO_FLOATS(bits >> 23);
+  const Floats r = AS_FLOATS((bits & 0x7fffff) + 0x3f3504f3) - 1.0f;
+  const Floats r2 = r * r;
+  const Floats series = r * (3.3333331174e-1f + r * (-2.4999993993e-1f + r * (2.0000714765e-1f +
+                        r * (-1.6668057665e-1f + r * (1.4249322787e-1f + r * (-1.2420140846e-1f +
+                        r * (1.1676998740e-1f + r * (-1.1514610310e-1f + r * 7.0376836292e-2f))))))));
+  return exponent * 0.693147181f + (r + r2 * (series - 0.5f));
+}
+
+/* cos(pi u) for u in [0, 1]: the Taylor series of sin(pi (1/2 - u)), to 1e-9. */
+TFM_INLINE Floats cos_pi(Floats u)
+{
+  const Floats x = 0.5f - u;
+  const Floats x2 = x * x;
+  return x * (3.14159265f + x2 * (-5.16771278f + x2 * (2.55016404f + x2 * (-0.599264529f +
+         x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
+}
+
+/* 1 / sqrt(x) for x > 0; a large finite number for 0. */
+TFM_INLINE Floats reciprocal_sqrt(Floats x)
+{
+  Floats y = AS_FLOATS(0x5f375a86 - (AS_INTS(x) >> 1));
+  y = y * (1.5f - 0.5f * x * y * y);
+  y = y * (1.5f - 0.5f * x * y * y);
+  return y * (1.5f - 0.5f * x * y * y);
+}
+
+#endif

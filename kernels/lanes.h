@@ -1,0 +1,195 @@
+/* Explicit SIMD in plain OpenCL C: one work-item carries TFM_LANES rays, 1 on a GPU (whose hardware groups
+   work-items) and 8 or 16 on a CPU. The same source serves both: operators, ternaries and conversions mean the
+   same on scalars and vectors. Masks come from comparisons; combine them with & | !, choose with ?:.
+   Built-in functions stay out of the hot loops: CPU drivers call them, spilling every register.
+   Requires: TFM_LANES 1, 8 or 16. */
+#ifndef TFM_LANES_H
+#define TFM_LANES_H
+
+#define TFM_INLINE static inline __attribute__((always_inline))
+
+#if TFM_LANES == 1
+typedef float Floats;
+typedef int Ints;
+#define AS_FLOATS as_float
+#define AS_INTS as_int
+#define TO_FLOATS convert_float
+#define TO_INTS convert_int
+/* One expression a lane: OP(a, b, component). */
+#define FOR_LANES(OP, a, b) OP(a, b, )
+#define LANE(v, s) (v)
+/* Lanes of a tile, texels or pixels: TILE_WIDTH x TILE_HEIGHT. */
+#define TILE_WIDTH 1
+#define TILE_HEIGHT 1
+#define LANE_X 0
+#define LANE_Y 0
+#elif TFM_LANES == 8
+typedef float8 Floats;
+typedef int8 Ints;
+#define AS_FLOATS as_float8
+#define AS_INTS as_int8
+#define TO_FLOATS convert_float8
+#define TO_INTS convert_int8
+#define FOR_LANES(OP, a, b) \
+  (OP(a, b, s0), OP(a, b, s1), OP(a, b, s2), OP(a, b, s3), OP(a, b, s4), OP(a, b, s5), OP(a, b, s6), OP(a, b, s7))
+#define LANE(v, s) ((v).s)
+#define TILE_WIDTH 4
+#define TILE_HEIGHT 2
+#define LANE_X ((int8)(0, 1, 2, 3, 0, 1, 2, 3))
+#define LANE_Y ((int8)(0, 0, 0, 0, 1, 1, 1, 1))
+#elif TFM_LANES == 16
+typedef float16 Floats;
+typedef int16 Ints;
+#define AS_FLOATS as_float16
+#define AS_INTS as_int16
+#define TO_FLOATS convert_float16
+#define TO_INTS convert_int16
+#define FOR_LANES(OP, a, b) \
+  (OP(a, b, s0), OP(a, b, s1), OP(a, b, s2), OP(a, b, s3), OP(a, b, s4), OP(a, b, s5), OP(a, b, s6), OP(a, b, s7), \
+   OP(a, b, s8), OP(a, b, s9), OP(a, b, sa), OP(a, b, sb), OP(a, b, sc), OP(a, b, sd), OP(a, b, se), OP(a, b, sf))
+#define LANE(v, s) ((v).s)
+#define TILE_WIDTH 4
+#define TILE_HEIGHT 4
+#define LANE_X ((int16)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3))
+#define LANE_Y ((int16)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3))
+#else
+#error "TFM_LANES must be 1, 8 or 16"
+#endif
+
+/* The lanes as an array, for code outside the loops. */
+typedef union {
+  Floats lanes;
+  float lane[TFM_LANES];
+} FloatArray;
+
+typedef union {
+  Ints lanes;
+  int lane[TFM_LANES];
+} IntArray;
+
+TFM_INLINE Floats floats(float x)
+{
+  return (Floats)(x);
+}
+
+TFM_INLINE Ints ints(int x)
+{
+  return (Ints)(x);
+}
+
+/* A NaN in a becomes b. */
+TFM_INLINE Floats least(Floats a, Floats b)
+{
+  return a < b ? a : b;
+}
+
+TFM_INLINE Floats greatest(Floats a, Floats b)
+{
+  return a > b ? a : b;
+}
+
+TFM_INLINE Floats lerp(Floats a, Floats b, Floats t)
+{
+  return a + t * (b - a);
+}
+
+/* The least integer not below x, for 0 <= x < 2^31. */
+TFM_INLINE Ints rounded_up(Floats x)
+{
+  const Ints down = TO_INTS(x);
+  return TO_FLOATS(down) < x ? down + 1 : down;
+}
+
+/* All lanes' bits or-ed together. */
+TFM_INLINE int or_lanes(Ints v)
+{
+#if TFM_LANES == 1
+  return v;
+#else
+#if TFM_LANES == 16
+  const int8 v8 = v.lo | v.hi;
+#else
+  const int8 v8 = v;
+#endif
+  const int4 v4 = v8.lo | v8.hi;
+  const int2 v2 = v4.lo | v4.hi;
+  return v2.lo | v2.hi;
+#endif
+}
+
+TFM_INLINE int any_lane(Ints mask)
+{
+  return or_lanes(mask) != 0;
+}
+
+/* Smallest and largest of all lanes. */
+TFM_INLINE int least_lane(Ints v)
+{
+#if TFM_LANES == 1
+  return v;
+#else
+#if TFM_LANES == 16
+  const int8 v8 = v.lo < v.hi ? v.lo : v.hi;
+#else
+  const int8 v8 = v;
+#endif
+  const int4 v4 = v8.lo < v8.hi ? v8.lo : v8.hi;
+  const int2 v2 = v4.lo < v4.hi ? v4.lo : v4.hi;
+  return v2.lo < v2.hi ? v2.lo : v2.hi;
+#endif
+}
+
+TFM_INLINE float least_of_lanes(Floats v)
+{
+#if TFM_LANES == 1
+  return v;
+#else
+#if TFM_LANES == 16
+  const float8 v8 = v.lo < v.hi ? v.lo : v.hi;
+#else
+  const float8 v8 = v;
+#endif
+  const float4 v4 = v8.lo < v8.hi ? v8.lo : v8.hi;
+  const float2 v2 = v4.lo < v4.hi ? v4.lo : v4.hi;
+  return v2.lo < v2.hi ? v2.lo : v2.hi;
+#endif
+}
+
+TFM_INLINE float greatest_of_lanes(Floats v)
+{
+  return -least_of_lanes(-v);
+}
+
+/* pointer[index], a lane each. */
+#define GATHER_ONE(p, i, s) (p)[LANE(i, s)]
+TFM_INLINE Ints gather_ints(__global const int *p, Ints i)
+{
+  return (Ints)FOR_LANES(GATHER_ONE, p, i);
+}
+
+/* Two floats a lane, from PAIR(component), to one vector of the first and one of the second. */
+#if TFM_LANES == 1
+#define SPLIT_PAIRS(PAIR, first, second) \
+  do {                                   \
+    const float2 pair = PAIR();          \
+    first = pair.x;                      \
+    second = pair.y;                     \
+  } while (0)
+#elif TFM_LANES == 8
+#define SPLIT_PAIRS(PAIR, first, second)                                                                      \
+  do {                                                                                                        \
+    const float16 pairs = (float16)(PAIR(s0), PAIR(s1), PAIR(s2), PAIR(s3), PAIR(s4), PAIR(s5), PAIR(s6), PAIR(s7)); \
+    first = pairs.even;                                                                                       \
+    second = pairs.odd;                                                                                       \
+  } while (0)
+#else
+#define SPLIT_PAIRS(PAIR, first, second)                                                                      \
+  do {                                                                                                        \
+    const float16 low_lanes = (float16)(PAIR(s0), PAIR(s1), PAIR(s2), PAIR(s3), PAIR(s4), PAIR(s5), PAIR(s6), PAIR(s7)); \
+    const float16 high_lanes = (float16)(PAIR(s8), PAIR(s9), PAIR(sa), PAIR(sb), PAIR(sc), PAIR(sd), PAIR(se), PAIR(sf)); \
+    first = (float16)(low_lanes.even, high_lanes.even);                                                                   \
+    second = (float16)(low_lanes.odd, high_lanes.odd);                                                                    \
+  } while (0)
+#endif
+
+#endif

@@ -1,0 +1,230 @@
+"""The elementary functions of the kernels and the steps of a march, over their whole domains, in float64."""
+
+import numpy as np
+import pytest
+from tolerances import EXPONENT, FAST_MATH, FLOAT32, STEP
+
+from tfm_cl import reference
+
+HEADERS = ("basis/dct.h", "light/spot.h", "phase/isotropic.h")
+DEFINES = {"TFM_N_COEFF": 4, "TFM_STORAGE_BITS": 32, "TFM_VOXEL_BITS": 32, "TFM_POOLS": 1}
+
+SMALLEST = float(np.finfo(np.float32).tiny)
+"""The least normal float32."""
+LARGEST = float(np.finfo(np.float32).max)
+SPREADS = [1.0, 4.0, 50.0, 1e9]
+"""The settings' max_stretch; 10⁹ is as good as the paper's, which has none."""
+
+
+@pytest.fixture
+def call(launcher):
+    """``call(name, *inputs, shape=…)`` runs a kernel of ``device_functions.cl`` that takes no parameters."""
+
+    def run(name, *inputs, shape):
+        kernel = launcher.kernels.kernel(name, "device_functions.cl", HEADERS, DEFINES)
+        output = launcher.empty("output", 4 * int(np.prod(shape)))
+        arguments, placed = [], False
+        for value in inputs:
+            if isinstance(value, np.ndarray):
+                arguments.append(launcher.upload("input", np.asarray(value, np.float32)))
+                continue
+            if not placed:
+                arguments.append(output)
+                placed = True
+            arguments.append(value)
+        if not placed:
+            arguments.append(output)
+        launcher.run(kernel, shape[:1], *arguments, np.int32(shape[0]))
+        return launcher.download(output, shape, np.float32).astype(np.float64)
+
+    return run
+
+
+def float32s(*parts):
+    """Numbers as the device gets them, without repeats, and their neighbours."""
+    values = np.unique(np.concatenate([np.ravel(part) for part in parts]).astype(np.float32))
+    with np.errstate(over="ignore"):
+        above = np.nextafter(values, np.float32(np.inf))
+    below = np.nextafter(values, np.float32(-np.inf))
+    return np.unique(np.concatenate([below, values, above]))
+
+
+DEPTHS = float32s(
+    np.linspace(0, 90, 40_000),
+    np.logspace(-37.9, 1, 20_000),
+    np.log(2) * (np.arange(252) / 2),  # where the power of two changes
+)
+DEPTHS = DEPTHS[DEPTHS >= SMALLEST]
+
+
+def opacity_of(call, depths):
+    return call("call_opacity_of", depths, shape=depths.shape)
+
+
+def fast_math(call, values):
+    """Columns: transmittance_of, log_of, cos_pi, reciprocal_sqrt."""
+    return call("call_fast_math", values, shape=(len(values), 4)).T
+
+
+def test_transmittance(call):
+    found = fast_math(call, DEPTHS)[0]
+
+    depths = DEPTHS.astype(np.float64)
+    expected = np.exp(-np.minimum(depths, 87.0))
+    inside = depths <= 87
+    error = np.abs(found - expected) / expected
+    assert (error[inside] <= FAST_MATH + EXPONENT * depths[inside]).all()
+    # Beyond, float32 would soon have denormal numbers: one tiny number serves.
+    assert found[~inside].min() >= 0
+    assert found[~inside].max() <= 2 * SMALLEST
+
+
+def test_opacity_keeps_all_digits_however_thin_the_medium(call):
+    found = opacity_of(call, DEPTHS)
+
+    expected = -np.expm1(-DEPTHS.astype(np.float64))
+    # Of numbers near FLT_MIN the series' terms lose digits to denormal numbers, or are 0.
+    normal = DEPTHS > 2 * SMALLEST
+    assert (np.abs(found - expected) <= FAST_MATH * expected)[normal].all()
+    assert np.abs(found - expected)[~normal].max() <= SMALLEST
+    assert found.max() == 1
+
+
+def test_transmittance_and_opacity_at_the_ends_of_the_domain(call):
+    depths = np.array([0.0, 1e-45, SMALLEST / 3, 87.0, 87.5, 126.0, 128.0, 1e4, 1e30, LARGEST, np.inf])
+
+    transmittance, opacity = fast_math(call, depths)[0], opacity_of(call, depths)
+
+    assert transmittance[0] == 1
+    assert opacity[0] == 0
+    assert (transmittance[:3] == 1).all()
+    assert opacity[1:3].min() >= 0
+    assert opacity[1:3].max() <= SMALLEST
+    assert (opacity[3:] == 1).all()
+    assert transmittance[4:].min() >= 0
+    assert transmittance[4:].max() <= 2 * SMALLEST
+
+
+def test_transmittance_and_opacity_sum_to_1(call):
+    total = fast_math(call, DEPTHS)[0] + opacity_of(call, DEPTHS)
+
+    assert np.abs(total - 1).max() <= 4 * FLOAT32
+
+
+def test_a_thicker_medium_is_not_clearer(call):
+    # To a rounding: neighbouring floats may swap.
+    transmittance, opacity = fast_math(call, DEPTHS)[0], opacity_of(call, DEPTHS)
+
+    assert (np.diff(transmittance) <= 2 * (FAST_MATH + 87 * EXPONENT) * transmittance[1:]).all()
+    assert (np.diff(opacity) >= -2 * FAST_MATH * opacity[1:]).all()
+    assert 0 <= opacity.min() <= opacity.max() <= 1
+    assert 0 <= transmittance.min() <= transmittance.max() <= 1
+
+
+def test_logarithm_of_every_power_and_near_1(call):
+    numbers = float32s(
+        2.0 ** np.arange(-126, 128),
+        np.exp2(np.linspace(-125.9, 127.9, 60_000)),
+        1 + np.linspace(-0.6, 1.2, 40_000),
+        1 + np.logspace(-7, 0, 2000),
+        1 - np.logspace(-7, -0.01, 2000),
+        np.sqrt([0.5, 2.0]),
+        [1.0, LARGEST],
+    )
+    numbers = numbers[(numbers >= SMALLEST) & np.isfinite(numbers)]
+
+    found = fast_math(call, numbers)[1]
+
+    expected = np.log(numbers.astype(np.float64))
+    assert (np.abs(found - expected) <= FAST_MATH * np.abs(expected)).all()
+    assert found[numbers == 1] == 0
+
+
+def test_cosine_over_half_a_period(call):
+    parts = float32s(np.linspace(0, 1, 100_000), np.logspace(-37, -1, 500), 1 - np.logspace(-7, -1, 500))
+    parts = parts[(parts >= 0) & (parts <= 1)]
+
+    found = fast_math(call, parts)[2]
+
+    # As sin(π (1/2 - u)), which keeps its digits where it goes through 0.
+    exact = np.sin(np.pi * (0.5 - parts.astype(np.float64)))
+    assert (np.abs(found - exact) <= FAST_MATH * np.abs(exact)).all()
+    assert found[parts == 0] == -found[parts == 1]
+    # The recurrence of the cosines grows beyond |1|.
+    assert np.abs(found).max() <= 1 + 2 * FLOAT32
+
+
+def test_reciprocal_square_root(call):
+    numbers = float32s(2.0 ** np.arange(-126, 128), np.exp2(np.linspace(-125.9, 127.9, 60_000)), [LARGEST])
+    numbers = numbers[(numbers >= SMALLEST) & np.isfinite(numbers)]
+
+    found = fast_math(call, numbers)[3]
+
+    exact = 1 / np.sqrt(numbers.astype(np.float64))
+    assert (np.abs(found - exact) <= FAST_MATH * exact).all()
+
+
+def test_reciprocal_square_root_of_0_is_large_and_finite(call):
+    found = fast_math(call, np.array([0.0, 1e-45, SMALLEST / 2]))[3]
+
+    assert np.isfinite(found).all()
+    assert found.min() > 1e18  # with x ≤ FLT_MIN, x times it is near 0: the light's distance
+
+
+# ---------------------------------------------------------------------------------------- warped steps
+
+
+def segments(rng):
+    """Depths at the two ends of segments, equal ones and ends at the light among them."""
+    depths = rng.uniform(0, 3, (200, 2))
+    depths[::4] *= 10.0 ** rng.uniform(-6, 6, (50, 2))
+    depths[:6] = (0, 1), (1, 0), (1e-6, 3), (3, 1e-6), (0, 0), (2, 2)
+    return depths.astype(np.float32)
+
+
+def steps_of(call, depths, max_stretch, steps):
+    """Middles and lengths, [segments, steps] each, as fractions of the segment."""
+    placed = call(
+        "call_warped_step", depths, np.float32(max_stretch), np.int32(steps), shape=(len(depths), steps, 2)
+    )
+    return placed[..., 0], placed[..., 1]
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 41, 100, 1000])
+@pytest.mark.parametrize("max_stretch", SPREADS)
+def test_warped_steps_fill_the_segment_and_hold_their_middles(call, rng, max_stretch, steps):
+    middles, lengths = steps_of(call, segments(rng), max_stretch, steps)
+
+    ends = np.cumsum(lengths, axis=1)
+    assert lengths.min() > 0
+    assert np.abs(ends[:, -1] - 1).max() <= STEP
+    assert (middles >= ends - lengths - STEP).all()
+    assert (middles <= ends + STEP).all()
+    assert (np.diff(middles, axis=1) >= -STEP).all()
+
+
+@pytest.mark.parametrize("steps", [1, 7, 41, 100])
+@pytest.mark.parametrize("max_stretch", SPREADS)
+def test_warped_steps_are_the_reference_s(call, rng, max_stretch, steps):
+    depths = segments(rng)
+    middles, lengths = steps_of(call, depths, max_stretch, steps)
+
+    begin, end = np.zeros(len(depths)), np.ones(len(depths))
+    w = tuple(depths.T.astype(np.float64))
+    bounds, expected = reference.edges(begin, end, steps, w, max_stretch)
+    assert np.abs(middles - expected).max() <= STEP
+    assert np.abs(lengths - np.diff(bounds, axis=1)).max() <= STEP
+
+
+@pytest.mark.parametrize("max_stretch", SPREADS[:3])
+def test_unwarp_undoes_the_warp(call, rng, max_stretch):
+    depths = np.repeat(segments(rng), 50, axis=0)
+    parts = rng.uniform(0, 1, len(depths)).astype(np.float32)
+    parts[:100:2], parts[1:100:2] = 0, 1
+
+    found = call("call_unwarp_fraction", depths, parts, np.float32(max_stretch), shape=parts.shape)
+
+    # What the warp rounds, its inverse stretches.
+    assert np.abs(found - parts).max() <= max_stretch * 8 * FLOAT32
+    assert (found[parts == 0] == 0).all()
+    assert (found[parts == 1] == 1).all()

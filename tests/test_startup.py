@@ -1,0 +1,267 @@
+"""What starting costs: imports, caches, and compilation as it is counted."""
+
+import os
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from scenes import blobs
+
+from tfm_cl import device as devices
+from tfm_cl import program
+from tfm_cl.program import KernelLibrary, fingerprint, kernels_dir
+
+LIBRARIES = {"matplotlib", "nrrd", "numcodecs", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
+"""Imported where they are used, and by nothing below."""
+
+SECOND = 10**9
+"""In the nanoseconds of OpenCL's events."""
+
+
+@pytest.fixture
+def imports(tmp_path):
+    """``imports(code)`` runs it in a new process and returns the top-level modules it imported."""
+    np.save(tmp_path / "cloud.npy", blobs())
+
+    def run(code):
+        code += "\nimport sys; print('imported', *{name.partition('.')[0] for name in sys.modules})"
+        command = [sys.executable, "-W", "error", "-c", code]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        return set(done.stdout.rpartition("imported")[2].split())
+
+    return run
+
+
+def command_line(*arguments):
+    return f"from tfm_cl.cli import main; assert main({arguments!r}) == 0"
+
+
+def test_importing_the_package_imports_nothing(imports):
+    found = imports("import tfm_cl")
+    assert "tfm_cl" in found
+    assert not found & (LIBRARIES | {"click", "numpy", "pydantic", "pyopencl"})
+
+
+def test_the_version_needs_click_only(imports):
+    assert not imports(command_line("--version")) & (LIBRARIES | {"numpy", "pydantic", "pyopencl"})
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--help",),
+        ("render", "--help"),
+        ("devices", "--help"),
+        ("render", "cloud.npy", "--print-config", "-q"),
+    ],
+    ids=" ".join,
+)
+def test_what_needs_no_device_imports_no_opencl(imports, arguments):
+    assert not imports(command_line(*arguments)) & (LIBRARIES | {"pyopencl"})
+
+
+def test_rendering_a_png_imports_no_other_library_than_its_writer(imports, tiny_render):
+    found = imports(command_line("render", "cloud.npy", "-o", "a.png", "-q", *tiny_render))
+    assert "pyopencl" in found
+    assert found & LIBRARIES == {"PIL"}
+
+
+@pytest.fixture
+def tiny_render(device_name):
+    """Options that render in no time, on the tests' device."""
+    device = ("--device", device_name) if device_name else ()
+    return ("--res", "16x8", "--map-res", "16", "--steps", "8", "--light-steps", "8", *device)
+
+
+@pytest.fixture
+def locked(tmp_path):
+    """A folder that cannot be written, with the folders of both caches."""
+    folder = tmp_path / "locked"
+    inner = [folder / "pocl" / "kcache", folder / "pytools"]
+    for path in inner:
+        path.mkdir(parents=True)
+        path.chmod(0o500)
+    if os.access(inner[0], os.W_OK):
+        pytest.skip("this user may write everywhere")
+    yield folder
+    for path in inner:
+        path.chmod(0o700)
+
+
+def render_with(tmp_path, options, **environment):
+    """Render in a new process; returns the picture."""
+    np.save(tmp_path / "cloud.npy", blobs())
+    kept = os.environ.copy()
+    for name in ("POCL_CACHE_DIR", "XDG_CACHE_HOME"):
+        kept.pop(name, None)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "tfm_cl", "render", "cloud.npy", "-o", "a.npy", "-q", *options],
+        cwd=tmp_path,
+        env=kept | {"TMPDIR": str(temporary)} | {name: str(value) for name, value in environment.items()},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(temporary.iterdir()) == []  # nothing is left behind
+    return np.load(tmp_path / "a.npy")
+
+
+def test_a_broken_cache_folder_still_renders(tmp_path, tiny_render):
+    (tmp_path / "file").touch()
+    assert render_with(tmp_path, tiny_render, XDG_CACHE_HOME=tmp_path / "file")[..., 3].max() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("broken", ["file/cache", ""])
+def test_a_broken_pocl_cache_still_renders(tmp_path, tiny_render, broken):
+    (tmp_path / "file").touch()
+    folder = tmp_path / broken if broken else ""
+    assert render_with(tmp_path, tiny_render, POCL_CACHE_DIR=folder)[..., 3].max() > 0
+
+
+@pytest.mark.slow
+def test_a_locked_cache_folder_still_renders(tmp_path, tiny_render, locked):
+    assert render_with(tmp_path, tiny_render, XDG_CACHE_HOME=locked)[..., 3].max() > 0
+
+
+@pytest.mark.slow
+def test_a_missing_home_still_renders(tmp_path, tiny_render):
+    assert render_with(tmp_path, tiny_render, HOME=tmp_path / "no" / "home")[..., 3].max() > 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the caches are POSIX's")
+def test_the_environment_is_as_before(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    before = dict(os.environ)
+    with devices._usable_caches():
+        for name in ("POCL_CACHE_DIR", "XDG_CACHE_HOME"):
+            assert devices._writable(os.environ[name])
+    assert dict(os.environ) == before
+
+
+def test_usable_caches_stay_where_they_are(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "not" / "there yet"))
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    before = dict(os.environ)
+    with devices._usable_caches():
+        assert dict(os.environ) == before
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_writable(tmp_path):
+    (tmp_path / "file").touch()
+    assert devices._writable(str(tmp_path))
+    assert devices._writable(str(tmp_path / "a" / "b"))
+    for unusable in (tmp_path / "file", tmp_path / "file" / "b", ""):
+        assert not devices._writable(str(unusable))
+
+
+def test_a_locked_folder_is_not_writable(locked):
+    assert not devices._writable(str(locked / "pytools"))
+    assert not devices._writable(str(locked / "pytools" / "a"))
+
+
+@pytest.fixture
+def kernels(tmp_path, monkeypatch):
+    """A copy of the kernels, in use, with a kernel ``probe`` that answers the number in ``probe.h``."""
+    folder = tmp_path / "kernels"
+    shutil.copytree(kernels_dir(), folder)
+    (folder / "probe.h").write_text("#define ANSWER 1\n", encoding="utf-8")
+    (folder / "probe.cl").write_text(
+        '#include "probe.h"\nkernel void probe(global int *answer) { *answer = ANSWER; }\n', encoding="utf-8"
+    )
+    monkeypatch.setattr(program, "kernels_dir", lambda: folder)
+    return folder
+
+
+def answer(launcher, library):
+    kernel = library.kernel("probe", "probe.cl")
+    found = launcher.empty("the answer", 4)
+    kernel(launcher.queue, (1,), (1,), found).wait()
+    return int(launcher.download(found, (1,), np.int32)[0])
+
+
+def test_an_edited_header_is_compiled_again(launcher, kernels):
+    for number in (1, 2, 1):
+        (kernels / "probe.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
+        assert answer(launcher, KernelLibrary(launcher.context)) == number
+
+
+def test_the_text_that_drivers_know_a_program_by_tells_of_every_edit(launcher, kernels, monkeypatch):
+    texts = []
+
+    class Recorded(cl.Program):
+        def __init__(self, context, text):
+            texts.append(text)
+            super().__init__(context, text)
+
+    monkeypatch.setattr(cl, "Program", Recorded)
+    for number in (1, 2, 1):
+        (kernels / "probe.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
+        answer(launcher, KernelLibrary(launcher.context))
+    assert texts[0] == texts[2] != texts[1]
+
+
+def test_every_source_counts_in_the_fingerprint(kernels):
+    seen = {fingerprint(kernels)}
+    sources = [path for path in kernels.rglob("*") if path.suffix in {".cl", ".h"}]
+    for path in sources:
+        path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+        seen.add(fingerprint(kernels))
+    sources[0].rename(sources[0].with_stem("renamed"))
+    seen.add(fingerprint(kernels))
+    assert len(seen) == len(sources) + 2
+
+
+def test_what_a_driver_compiles_at_a_launch_is_counted(launcher, kernels):
+    # A number of its own makes a program that no cache holds.
+    (kernels / "probe.h").write_text(f"#define ANSWER {os.getpid()}\n", encoding="utf-8")
+    library = KernelLibrary(launcher.context)
+    library.kernel("probe", "probe.cl")
+    built = library.seconds
+    event = library.kernel("probe", "probe.cl")(launcher.queue, (1,), (1,), launcher.empty("the answer", 4))
+    event.wait()
+    waited = (event.profile.start - event.profile.queued) * 1e-9
+    assert library.seconds - built == pytest.approx(waited)
+
+
+def finished(queued, start, end):
+    profile = SimpleNamespace(queued=queued, start=start, end=end)
+    return SimpleNamespace(command_execution_status=cl.command_execution_status.COMPLETE, profile=profile)
+
+
+def test_launches_before_it_are_not_compilation():
+    clock = program._LaunchClock()
+    clock.add(finished(0, 3 * SECOND, 7 * SECOND))  # three seconds to start
+    clock.add(finished(1 * SECOND, 8 * SECOND, 9 * SECOND))  # waits for the first, then one second
+    clock.add(finished(2 * SECOND, 9 * SECOND, 9 * SECOND))
+    assert clock.seconds == pytest.approx(4.0)
+    assert clock.seconds == pytest.approx(4.0)  # counted once
+
+
+def test_a_launch_counts_when_it_is_finished():
+    clock, launch = program._LaunchClock(), finished(0, 2 * SECOND, 3 * SECOND)
+    launch.command_execution_status = cl.command_execution_status.RUNNING
+    clock.add(launch)
+    assert clock.seconds == 0
+    launch.command_execution_status = cl.command_execution_status.COMPLETE
+    assert clock.seconds == pytest.approx(2.0)
+
+
+@pytest.mark.usefixtures("kernels")
+def test_a_queue_without_times_counts_nothing(launcher):
+    library = KernelLibrary(launcher.context)
+    kernel = library.kernel("probe", "probe.cl")
+    built = library.seconds
+    kernel(cl.CommandQueue(launcher.context), (1,), (1,), launcher.empty("the answer", 4)).wait()
+    assert library.seconds == built
