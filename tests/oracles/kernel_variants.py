@@ -22,13 +22,17 @@ MAP: Choices = {
     "light": [light.HEADER for light in LIGHTS.values()],
     "TFM_STORAGE_BITS": (32, 16, 8),
     "TFM_N_COEFF": (1, 4, 8, 32),
+    "TFM_INVERSE_SQUARE": (0, 1),
 }
-VIEW: Choices = {"phase": [phase.HEADER for phase in PHASES.values()], "TFM_METHOD_DUAL": (0, 1)}
+VIEW: Choices = {
+    "phase": [phase.HEADER for phase in PHASES.values()],
+    "TFM_METHOD_DUAL": (0, 1),
+    "TFM_CHANNELS": (1, 3),
+}
 
 PROGRAMS: dict[str, Choices] = {
     "bricks.cl": {**RECORDS, "TFM_POOLS": (1,)},
     "light_pass.cl": {**VOLUME, **MAP},
-    "medium_pass.cl": VOLUME,
     "view_pass.cl": {**VOLUME, **MAP, **VIEW},
 }
 """Entry -> what it is compiled with."""

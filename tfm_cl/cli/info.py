@@ -108,7 +108,8 @@ def _blocks(leaves: Leaves, lanes: int) -> int:
     from tfm_cl.bricks import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED, brick_count_of  # noqa: PLC0415
 
     edge = BLOCK_BRICKS * BRICK_EDGE
-    found = np.zeros([n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1]], np.bool_)
+    size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
+    found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
     # Padded by one voxel, a leaf begins at the same place within a block wherever it lies.
     shift = np.array([1 - first for first in leaves.first])
     candidates = np.arange(-1, 1 + LEAF // edge)
@@ -121,9 +122,9 @@ def _blocks(leaves: Leaves, lanes: int) -> int:
         leaf, *place = np.nonzero(touched)
         base = (LEAF * leaves.coordinates[start : start + BATCH].astype(np.int64) + shift) // edge
         block = base[leaf] + candidates[np.stack(place, axis=-1)]
-        inside = ((block >= 0) & (block < found.shape)).all(axis=1)
-        found[tuple(block[inside].T)] = True
-    return int(np.count_nonzero(found))
+        inside = ((block >= 0) & (block < size)).all(axis=1)
+        found = np.union1d(found, np.ravel_multi_index(tuple(block[inside].T), size))
+    return len(found)
 
 
 def _shown(value: Any) -> str:

@@ -21,6 +21,8 @@ Ctrl-C is heard."""
 
 FIRST_SAMPLES = 1 << 25
 """Density samples, at most, of the first launch of a pass: the following ones are cut by its time."""
+MOST_SAMPLES = 1 << 28
+"""Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
 
 WORK_GROUPS: dict[int, tuple[int, ...]] = {1: (64,), 2: (4, 4), 3: (4, 4, 4)}
 """Dimensions -> work-group size. Always the same: CPU drivers compile a kernel anew for every size; kernels
@@ -195,6 +197,7 @@ class Windows:
     ) -> None:
         self._bounds = x0, y0, x1, y1
         self._whole_rows = whole_rows
+        self._most = max(self.EDGE**2, MOST_SAMPLES // samples_per_item)
         self._items = max(self.EDGE**2, FIRST_SAMPLES // samples_per_item)
         self._area = 0
         self._done = 0
@@ -223,7 +226,7 @@ class Windows:
     def took(self, seconds: float) -> float:
         """Choose the next window's size by the seconds that the last one took; returns them."""
         wanted = self._area * LAUNCH_SECONDS / max(seconds, 1e-6)
-        self._items = int(min(max(wanted, self._items / 4), 8 * self._items))
+        self._items = int(min(max(wanted, self._items / 4), 8 * self._items, self._most))
         return seconds
 
     @property
