@@ -14,17 +14,34 @@ typedef struct {
   int4 first;
 } LeafSlab;
 
-TFM_INLINE float leaf_voxel(LeafSlab slab, int x, int y, int z)
+/* Number of the leaf that holds a voxel of the padded grid, or -1. */
+TFM_INLINE int leaf_of(LeafSlab slab, int x, int y, int z)
 {
   const int vx = x + slab.first.x, vy = y + slab.first.y, vz = z + slab.first.z;
   const int lx = vx >> LEAF_SHIFT, ly = vy >> LEAF_SHIFT, lz = vz >> LEAF_SHIFT;
   if (vx < 0 || vy < 0 || vz < 0 || lx >= slab.leaf_count.x || ly >= slab.leaf_count.y || lz >= slab.leaf_count.z)
-    return 0.0f;
-  const int leaf = slab.table[(lz * slab.leaf_count.y + ly) * slab.leaf_count.x + lx];
+    return -1;
+  return slab.table[(lz * slab.leaf_count.y + ly) * slab.leaf_count.x + lx];
+}
+
+TFM_INLINE float leaf_voxel(LeafSlab slab, int x, int y, int z)
+{
+  const int leaf = leaf_of(slab, x, y, z);
   if (leaf < 0)
     return 0.0f;
+  const int vx = x + slab.first.x, vy = y + slab.first.y, vz = z + slab.first.z;
   const int within = ((vz & (LEAF_EDGE - 1)) * LEAF_EDGE + (vy & (LEAF_EDGE - 1))) * LEAF_EDGE + (vx & (LEAF_EDGE - 1));
   return slab.leaves[(size_t)leaf * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE) + (size_t)within];
+}
+
+/* Whether the cube of at most 8 voxels along each axis from (x, y, z) on touches a leaf: one does at its corners. */
+TFM_INLINE int touches_leaf(LeafSlab slab, int x, int y, int z, int edge)
+{
+  int touched = 0;
+  for (int corner = 0; corner < 8; ++corner)
+    touched |= leaf_of(slab, x + (corner & 1) * (edge - 1), y + (corner >> 1 & 1) * (edge - 1),
+                       z + (corner >> 2) * (edge - 1)) >= 0;
+  return touched;
 }
 
 /* occupied  out: 1 for every brick of the slab (x fastest, from layer first_layer) with a voxel > 0 in the cells that
@@ -36,11 +53,13 @@ __kernel void find_occupied(__global const int *table, __global const float *lea
   if (bx >= brick_count.x || by >= brick_count.y || bz >= brick_count.z)
     return;
   const LeafSlab slab = {table, leaves, leaf_count, first};
+  const int first_x = bx * BRICK_EDGE, first_y = by * BRICK_EDGE, first_z = (first_layer + bz) * BRICK_EDGE;
+  const int is_near = touches_leaf(slab, first_x, first_y, first_z, BRICK_EDGE + MOST_SHARED);
   int found = 0;
-  for (int z = 0; z < BRICK_EDGE + MOST_SHARED && !found; ++z)
+  for (int z = 0; z < BRICK_EDGE + MOST_SHARED && is_near && !found; ++z)
     for (int y = 0; y < BRICK_EDGE + MOST_SHARED && !found; ++y)
       for (int x = 0; x < BRICK_EDGE + MOST_SHARED && !found; ++x)
-        found = leaf_voxel(slab, bx * BRICK_EDGE + x, by * BRICK_EDGE + y, (first_layer + bz) * BRICK_EDGE + z) > 0.0f;
+        found = leaf_voxel(slab, first_x + x, first_y + y, first_z + z) > 0.0f;
   occupied[((size_t)bz * (size_t)brick_count.y + (size_t)by) * (size_t)brick_count.x + (size_t)bx] = (uchar)found;
 }
 
