@@ -2,11 +2,15 @@
    work-items) and 8 or 16 on a CPU. The same source serves both: operators, ternaries and conversions mean the
    same on scalars and vectors. Masks come from comparisons; combine them with & | !, choose with ?:.
    Built-in functions stay out of the hot loops: CPU drivers call them, spilling every register.
-   Requires: TFM_LANES 1, 8 or 16. */
+   Requires: TFM_LANES 1, 8 or 16. TFM_NO_INLINE is for tools that interpret what the compiler makes. */
 #ifndef TFM_LANES_H
 #define TFM_LANES_H
 
+#ifdef TFM_NO_INLINE
+#define TFM_INLINE static
+#else
 #define TFM_INLINE static inline __attribute__((always_inline))
+#endif
 
 #if TFM_LANES == 1
 typedef float Floats;
