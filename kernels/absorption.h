@@ -59,9 +59,10 @@ TFM_INLINE Floats camera_ray_step(__constant const Params *params, CameraRay *st
   return mean;
 }
 
-/* March a part of the camera ray on which no light is gathered: `steps` midpoints from begin to end. */
-static __attribute__((noinline)) void march_unlit(__constant const Params *params, const Grid *grid, Ray ray, Interval part, Ints steps,
-                            Ints active, CameraRay *state)
+/* March a part of the camera ray on which no light is gathered: `steps` midpoints from begin to end.
+   Not inlined: the view pass calls it twice a tile, and would take twice as long to compile. */
+static __attribute__((noinline)) void march_unlit(__constant const Params *params, const Grid *grid, Ray ray,
+                                                  Interval part, Ints steps, Ints active, CameraRay *state)
 {
   active &= steps > 0;
   if (!any_lane(active))
@@ -73,12 +74,12 @@ static __attribute__((noinline)) void march_unlit(__constant const Params *param
   while (any_lane(alive) && find_steps(grid, &walk, alive, 0, &list)) {
     Floats density[MOST_STEPS];
     for (int k = 0; k < list.count; ++k)
-      density[k] = density_at(grid, &walk, &list, k, &read);
+      density[k] = density_at(grid, &walk, &list, k, place_of(&walk, list.n[k]).t, &read);
     for (int k = 0; k < list.count; ++k) {
       Floats opacity[TFM_CHANNELS];
-      const Floats t = walk.begin + ((float)list.n[k] + 0.5f) * walk.step;
-      const Floats depth = least(density[k] * walk.step, floats(TFM_MAX_OPTICAL_DEPTH));
-      camera_ray_step(params, state, list.n[k] < walk.steps ? depth : floats(0.0f), t, opacity);
+      const Place place = place_of(&walk, list.n[k]);
+      const Floats depth = least(density[k] * place.length, floats(TFM_MAX_OPTICAL_DEPTH));
+      camera_ray_step(params, state, list.n[k] < walk.steps ? depth : floats(0.0f), place.t, opacity);
     }
     alive = active & is_visible(params, state);
   }

@@ -104,64 +104,42 @@ TFM_INLINE Ints rounded_up(Floats x)
   return TO_FLOATS(down) < x ? down + 1 : down;
 }
 
-/* All lanes' bits or-ed together. */
-TFM_INLINE int or_lanes(Ints v)
-{
+/* All lanes folded into one number by OP, half by half. */
 #if TFM_LANES == 1
-  return v;
+#define FOLD_LANES(name, lanes, type, OP) \
+  TFM_INLINE type name(lanes v)           \
+  {                                       \
+    return v;                             \
+  }
 #else
 #if TFM_LANES == 16
-  const int8 v8 = v.lo | v.hi;
+#define EIGHT_LANES(OP, v) OP((v).lo, (v).hi)
 #else
-  const int8 v8 = v;
+#define EIGHT_LANES(OP, v) (v)
 #endif
-  const int4 v4 = v8.lo | v8.hi;
-  const int2 v2 = v4.lo | v4.hi;
-  return v2.lo | v2.hi;
+#define FOLD_LANES(name, lanes, type, OP)   \
+  TFM_INLINE type name(lanes v)             \
+  {                                         \
+    const type##8 v8 = EIGHT_LANES(OP, v);  \
+    const type##4 v4 = OP(v8.lo, v8.hi);    \
+    const type##2 v2 = OP(v4.lo, v4.hi);    \
+    return OP(v2.lo, v2.hi);                \
+  }
 #endif
+#define BITS_OF(a, b) ((a) | (b))
+#define LEAST_OF(a, b) ((a) < (b) ? (a) : (b))
+FOLD_LANES(or_of_lanes, Ints, int, BITS_OF)
+FOLD_LANES(least_int, Ints, int, LEAST_OF)
+FOLD_LANES(least_float, Floats, float, LEAST_OF)
+
+TFM_INLINE float greatest_float(Floats v)
+{
+  return -least_float(-v);
 }
 
 TFM_INLINE int any_lane(Ints mask)
 {
-  return or_lanes(mask) != 0;
-}
-
-/* Smallest and largest of all lanes. */
-TFM_INLINE int least_lane(Ints v)
-{
-#if TFM_LANES == 1
-  return v;
-#else
-#if TFM_LANES == 16
-  const int8 v8 = v.lo < v.hi ? v.lo : v.hi;
-#else
-  const int8 v8 = v;
-#endif
-  const int4 v4 = v8.lo < v8.hi ? v8.lo : v8.hi;
-  const int2 v2 = v4.lo < v4.hi ? v4.lo : v4.hi;
-  return v2.lo < v2.hi ? v2.lo : v2.hi;
-#endif
-}
-
-TFM_INLINE float least_of_lanes(Floats v)
-{
-#if TFM_LANES == 1
-  return v;
-#else
-#if TFM_LANES == 16
-  const float8 v8 = v.lo < v.hi ? v.lo : v.hi;
-#else
-  const float8 v8 = v;
-#endif
-  const float4 v4 = v8.lo < v8.hi ? v8.lo : v8.hi;
-  const float2 v2 = v4.lo < v4.hi ? v4.lo : v4.hi;
-  return v2.lo < v2.hi ? v2.lo : v2.hi;
-#endif
-}
-
-TFM_INLINE float greatest_of_lanes(Floats v)
-{
-  return -least_of_lanes(-v);
+  return or_of_lanes(mask) != 0;
 }
 
 /* pointer[index], a lane each. */

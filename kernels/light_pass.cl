@@ -3,19 +3,19 @@
 #include "map.h"
 #include "walk.h"
 
-/* The texels of this work-item's tile; launches cover the map in bands from first_row to end_row. */
+/* The texels of this work-item's tile; launches cover the map in windows x0, y0, x1, y1. */
 typedef struct {
   Ints x, y;
   Ints inside;
   Floats u, v;
 } Texels;
 
-TFM_INLINE Texels tile_texels(int res, int first_row, int end_row)
+TFM_INLINE Texels tile_texels(int res, int4 window)
 {
   Texels texels;
-  texels.x = (int)get_global_id(0) * TILE_WIDTH + LANE_X;
-  texels.y = first_row + (int)get_global_id(1) * TILE_HEIGHT + LANE_Y;
-  texels.inside = (texels.x < res) & (texels.y < end_row);
+  texels.x = window.x + (int)get_global_id(0) * TILE_WIDTH + LANE_X;
+  texels.y = window.y + (int)get_global_id(1) * TILE_HEIGHT + LANE_Y;
+  texels.inside = (texels.x < window.z) & (texels.y < window.w);
   texels.u = (TO_FLOATS(texels.x) + 0.5f) / (float)res;
   texels.v = (TO_FLOATS(texels.y) + 0.5f) / (float)res;
   return texels;
@@ -25,24 +25,26 @@ TFM_INLINE Texels tile_texels(int res, int first_row, int end_row)
    table         what the basis needs for each step
    coefficients  out, [res, res, n]
    occupied      out, [res, res]: the first step with density and the one after the last; equal when there is none
-   counts        out, a tile each: the texels whose ray meets the medium's bounds, and the densities read */
+   counts        out, a tile each: the texels whose ray meets the medium's bounds, and the densities read
+   window        x0, y0, x1, y1 of the texels of this launch; x0 and y0 where tiles begin */
 __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __global const float *table,
-                         __global float *coefficients, __global int2 *occupied, __global uint2 *counts, int first_row, int end_row)
+                         __global float *coefficients, __global int2 *occupied, __global uint2 *counts, int4 window)
 {
   const int res = params->map_res;
-  const Texels texels = tile_texels(res, first_row, end_row);
+  const Texels texels = tile_texels(res, window);
   if (!any_lane(texels.inside))
     return;
   const Ray ray = index_ray(params, light_texel_ray(params, texels.u, texels.v));
-  Interval k;
-  const Ints active = texels.inside & light_medium_interval(params, ray, &k);
+  Interval medium;
+  const Ints active = texels.inside & light_medium_interval(params, ray, &medium);
 
   BasisState state;
   basis_begin(&state);
   Ints first = ints(0), end = ints(0), samples = ints(0);
   if (any_lane(active)) {
     PADDED_GRID(grid);
-    const Walk walk = walk_from(ray, k.begin, k.end - k.begin, no_warp(), 0, ints(params->light_steps), active);
+    const Walk walk = walk_from(ray, medium.begin, medium.end - medium.begin, no_warp(), 0,
+                                ints(params->light_steps), active);
     const Floats half_step = 0.5f * walk.step;
     Floats optical_depth = floats(0.0f), half_depth = floats(0.0f);
     Steps steps = no_steps();
@@ -50,7 +52,7 @@ __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __glob
     while (find_steps(&grid, &walk, active, 1, &steps)) {
       Floats density[MOST_STEPS];
       for (int k = 0; k < steps.count; ++k)
-        density[k] = density_at(&grid, &walk, &steps, k, &samples);
+        density[k] = density_at(&grid, &walk, &steps, k, place_of(&walk, steps.n[k]).t, &samples);
       for (int k = 0; k < steps.count; ++k) {
         const int n = steps.n[k];
         optical_depth += half_depth;
@@ -88,7 +90,7 @@ __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __glob
     for (int j = 0; j < TFM_N_COEFF; ++j)
       coefficients[texel * TFM_N_COEFF + (size_t)j] = stored[j].lane[lane];
   }
-  const size_t tiles_x = (size_t)((res + TILE_WIDTH - 1) / TILE_WIDTH);
+  const size_t tiles_x = (size_t)((window.z - window.x + TILE_WIDTH - 1) / TILE_WIDTH);
   counts[get_global_id(1) * tiles_x + get_global_id(0)] = (uint2)(met, read);
 }
 
@@ -97,7 +99,7 @@ __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __glob
 __kernel void light_optical_depths(__constant const Params *params, GRID_ARGUMENTS, __global float *optical_depths,
                                    int size)
 {
-  const Texels texels = tile_texels(size, 0, size);
+  const Texels texels = tile_texels(size, (int4)(0, 0, size, size));
   const Ray ray = index_ray(params, light_texel_ray(params, texels.u, texels.v));
   PADDED_GRID(grid);
   Interval k;

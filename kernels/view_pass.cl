@@ -108,7 +108,7 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
       int count = 0;
       for (int k = 0; k < list.count; ++k) {
         const Place place = place_of(&walk, list.n[k]);
-        const Floats density = density_at(&grid, &walk, &list, k, &read);
+        const Floats density = density_at(&grid, &walk, &list, k, place.t, &read);
         const Floats step_depth = least(density * place.length, floats(TFM_MAX_OPTICAL_DEPTH));
         const Ints scatters = active & (step_depth > 0.0f);
         depth[count] = scatters ? step_depth : floats(0.0f);

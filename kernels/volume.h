@@ -45,8 +45,8 @@ typedef uchar Voxel;
 #endif
 
 /* bricks: for every brick (x fastest) that has density the number of its block's record, from 1; for others -d,
-   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's size: a large volume's
-   records are spread over several. */
+   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's
+   size: a large volume's records are spread over several. */
 #if TFM_POOLS == 1
 #define GRID_ARGUMENTS __global const int *bricks, __global const Voxel *pool0
 #define GRID_POOLS {pool0}
@@ -215,9 +215,10 @@ TFM_INLINE Floats density_together(const Grid *grid, const Window *window, Vec3 
 }
 #endif
 
-/* Density D where every lane reads for itself; 0 where its brick has no record (<= 0). cell: each lane's. */
-TFM_INLINE Floats density_apart(const Grid *grid, Ints record, Ints ix, Ints iy, Ints iz, Vec3 point)
+/* Density D where every lane reads for itself, at points in the grid; 0 where its brick has no record (<= 0). */
+TFM_INLINE Floats density_apart(const Grid *grid, Ints record, Vec3 point)
 {
+  const Ints ix = TO_INTS(point.x), iy = TO_INTS(point.y), iz = TO_INTS(point.z);
   record = record > 0 ? record : ints(0);
 #if TFM_POOLS == 1
   const Ints pool = ints(0);

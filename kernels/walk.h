@@ -93,7 +93,7 @@ TFM_INLINE Walk walk_from(Ray ray, Floats begin, Floats length, Warp warp, int w
   walk.warp = warp;
   walk.warped = warped;
   walk.steps = active ? steps : ints(0);
-  walk.most = -least_lane(-walk.steps);
+  walk.most = -least_int(-walk.steps);
   walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
   walk.inverse = vec3(inverse_of(ray.direction.x), inverse_of(ray.direction.y), inverse_of(ray.direction.z));
   walk.inverse_length = inverse_of(length);
@@ -107,10 +107,10 @@ TFM_INLINE Walk walk_from(Ray ray, Floats begin, Floats length, Warp warp, int w
   float spread = 0.0f, extent = 0.0f;
 #pragma unroll
   for (int axis = 0; axis < 3; ++axis) {
-    const float low = least_of_lanes(active ? firsts[axis] : none) - TFM_ROUNDING;
-    const float high = greatest_of_lanes(active ? firsts[axis] : -none) + TFM_ROUNDING;
-    const float last_low = least_of_lanes(active ? lasts[axis] : none) - TFM_ROUNDING;
-    const float last_high = greatest_of_lanes(active ? lasts[axis] : -none) + TFM_ROUNDING;
+    const float low = least_float(active ? firsts[axis] : none) - TFM_ROUNDING;
+    const float high = greatest_float(active ? firsts[axis] : -none) + TFM_ROUNDING;
+    const float last_low = least_float(active ? lasts[axis] : none) - TFM_ROUNDING;
+    const float last_high = greatest_float(active ? lasts[axis] : -none) + TFM_ROUNDING;
     walk.low[axis] = low;
     walk.high[axis] = high;
     walk.low_change[axis] = last_low - low;
@@ -123,8 +123,8 @@ TFM_INLINE Walk walk_from(Ray ray, Floats begin, Floats length, Warp warp, int w
   walk.least_ratio = walk.greatest_ratio = 1.0f;
   if (warped) {
     const Floats ratio = warp.begin / warp.end;
-    walk.least_ratio = least_of_lanes(active ? ratio : none);
-    walk.greatest_ratio = greatest_of_lanes(active ? ratio : -none);
+    walk.least_ratio = least_float(active ? ratio : none);
+    walk.greatest_ratio = greatest_float(active ? ratio : -none);
     /* Fractions of two rays differ by at most (sqrt(q) - 1) / (sqrt(q) + 1) < (q - 1) / 4 for ratios q apart. */
     spread += extent * 0.25f * (walk.greatest_ratio / walk.least_ratio - 1.0f);
   }
@@ -238,7 +238,7 @@ TFM_INLINE Floats empty_until(Ints brick, Ints record, Floats origin, Floats inv
   return (TO_FLOATS(inverse > 0.0f ? above : below) - origin) * inverse;
 }
 
-/* The number of steps' records: 0 or less where a lane's brick has no density. */
+/* What the table says of the bricks at each lane's point. */
 TFM_INLINE Ints records_at(const Grid *grid, Vec3 point)
 {
   return gather_ints(grid->bricks, BRICK_AT(grid, TO_INTS(point.x) >> BRICK_SHIFT, TO_INTS(point.y) >> BRICK_SHIFT,
@@ -268,7 +268,7 @@ TFM_INLINE void find_steps_apart(const Grid *grid, const Walk *walk, Ints alive,
     const Floats z = empty_until(TO_INTS(point.z) >> BRICK_SHIFT, records, walk->ray.origin.z, walk->inverse.z);
     const Floats fraction = clamp_to((least(least(x, y), z) - walk->begin) * walk->inverse_length, 1.0f);
     const Floats part = walk->warped ? unwarp_fraction(walk->warp, fraction) : fraction;
-    n = step_at(least_of_lanes(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most);
+    n = step_at(least_float(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most);
   }
   steps->next = n;
   steps->forced = force;
@@ -288,9 +288,9 @@ TFM_INLINE int find_steps(const Grid *grid, const Walk *walk, Ints alive, int af
   return steps->count;
 }
 
-/* Density D at the k-th of the steps; not 0 in lanes that are not alive, and those whose ray has no such step.
-   samples: counts the densities read. */
-TFM_INLINE Floats density_at(const Grid *grid, const Walk *walk, const Steps *steps, int k, Ints *samples)
+/* Density D at the k-th of the steps, whose middle is at t; any number in lanes that are not alive, and those whose
+   ray has no such step. samples: counts the densities read. */
+TFM_INLINE Floats density_at(const Grid *grid, const Walk *walk, const Steps *steps, int k, Floats t, Ints *samples)
 {
   const Ints here = steps->n[k] < walk->steps;
 #if TFM_LANES > 1
@@ -299,14 +299,13 @@ TFM_INLINE Floats density_at(const Grid *grid, const Walk *walk, const Steps *st
       *samples += here ? ints(1) : ints(0);
     if (steps->window[k].record == 0)
       return floats(0.0f);
-    return density_together(grid, &steps->window[k], ray_at(walk->ray, place_of(walk, steps->n[k]).t));
+    return density_together(grid, &steps->window[k], ray_at(walk->ray, t));
   }
 #endif
-  const Vec3 point = steps->point[k];
   const Ints records = steps->records[k];
   /* A mask's lanes are -1. */
   *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
-  return density_apart(grid, records, TO_INTS(point.x), TO_INTS(point.y), TO_INTS(point.z), point);
+  return density_apart(grid, records, steps->point[k]);
 }
 
 /* Optical depth of the density (sigma_t = 1) from begin to end, by the midpoint rule in `steps` steps, of the rays
@@ -320,7 +319,7 @@ TFM_INLINE Floats march_optical_depth(const Grid *grid, Ray ray, Floats begin, F
   Steps list = no_steps();
   while (find_steps(grid, &walk, active, 0, &list))
     for (int k = 0; k < list.count; ++k)
-      sum += density_at(grid, &walk, &list, k, &read);
+      sum += density_at(grid, &walk, &list, k, place_of(&walk, list.n[k]).t, &read);
   *samples += active ? read : ints(0);
   return active ? least(sum * walk.step, floats(TFM_MAX_OPTICAL_DEPTH)) : floats(0.0f);
 }

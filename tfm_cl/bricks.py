@@ -18,12 +18,12 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from tfm_cl.errors import DeviceMemoryError
+from tfm_cl.leaves import LEAF, Leaves
 from tfm_cl.passes.launch import int4
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tfm_cl.leaves import Leaves
     from tfm_cl.passes.launch import Launcher
 
 VoxelType = Literal["f32", "f16", "u8"]
@@ -42,7 +42,10 @@ FARTHEST = 32
 """Largest distance, in bricks, that the table tells."""
 SLAB_BYTES = 64 << 20
 """Leaves uploaded at a time."""
-LEAF_EDGE = 8
+TABLE_ENTRY = 4
+"""Bytes of a brick in the table."""
+BATCH = 1024
+"""Leaves looked at at a time on the host."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,34 @@ def brick_count_of(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return x, y, z
 
 
+def device_bytes(leaves: Leaves, lanes: int, voxels: VoxelType) -> int:
+    """Size that `build_bricks` will give a volume, without a device: `BrickGrid.nbytes`."""
+    records = 1 + _count_blocks(leaves, lanes)  # the first record is zero
+    return records * record_bytes(lanes, voxels) + TABLE_ENTRY * math.prod(brick_count_of(leaves.shape))
+
+
+def _count_blocks(leaves: Leaves, lanes: int) -> int:
+    """Count the blocks whose records have a voxel > 0."""
+    edge = BLOCK_BRICKS * BRICK_EDGE
+    size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
+    found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
+    # Padded by one voxel, a leaf begins at the same place within a block wherever it lies.
+    shift = np.array([1 - first for first in leaves.first])
+    candidates = np.arange(-1, 1 + LEAF // edge)
+    low = edge * candidates[:, None] - shift[:, None, None] % edge
+    reads = (low <= np.arange(LEAF)) & (np.arange(LEAF) < low + edge + MOST_SHARED[lanes])
+    for start in range(0, len(leaves.values), BATCH):
+        occupied = (leaves.values[start : start + BATCH] > 0).astype(np.float32)
+        z, y, x = reads.astype(np.float32)
+        touched = np.einsum("nzyx,kz,jy,ix->nkji", occupied, z, y, x, optimize=True) > 0
+        leaf, *place = np.nonzero(touched)
+        base = (LEAF * leaves.coordinates[start : start + BATCH].astype(np.int64) + shift) // edge
+        block = base[leaf] + candidates[np.stack(place, axis=-1)]
+        inside = ((block >= 0) & (block < size)).all(axis=1)
+        found = np.union1d(found, np.ravel_multi_index(tuple(block[inside].T), size))
+    return len(found)
+
+
 def build_bricks(launcher: Launcher, leaves: Leaves, what: str, voxels: VoxelType) -> BrickGrid:
     """Put leaves on the device as bricks.
 
@@ -123,15 +154,16 @@ def build_bricks(launcher: Launcher, leaves: Leaves, what: str, voxels: VoxelTyp
     count = brick_count_of(leaves.shape)
     if math.prod(count) > MAX_INDEX:
         raise DeviceMemoryError(f"{what} has {math.prod(count):,} bricks; kernels index {MAX_INDEX:,}")
-    table = launcher.empty(f"the brick table of {what}", 4 * math.prod(count))
-    flags = np.concatenate([_occupied(launcher, slab, count) for slab in _slabs(launcher, leaves, count[2])])
+    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * math.prod(count))
+    slabs = list(_slabs(launcher, leaves, count[2]))
+    flags = np.concatenate([_occupied(launcher, slab, count) for slab in slabs])
     blocks = _any_of_blocks(flags)
     records = int(np.count_nonzero(blocks)) + 1
     pools, pool_size = _allocate(launcher, what, records, voxels)
     exponent = _exponent(leaves.max()) if voxels == "f16" else 0
     grid = BrickGrid(table, pools, count, int(np.count_nonzero(flags)), records, pool_size, voxels, exponent)
     done = 1
-    for slab in _slabs(launcher, leaves, count[2]):
+    for slab in slabs:
         first, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
         places = np.argwhere(blocks[first:end])[:, ::-1] + (0, 0, first)
         _fill(launcher, slab, grid, places, done)
@@ -197,16 +229,15 @@ def _slabs(launcher: Launcher, leaves: Leaves, layers: int) -> Iterator[_Slab]:
     """Cut the volume into slabs of block layers whose leaves take about `SLAB_BYTES`."""
     beyond = MOST_SHARED[launcher.lanes]
     most = min(SLAB_BYTES, launcher.largest_buffer)
-    leaf_layers = (leaves.first[0] + leaves.shape[0] - 1) // LEAF_EDGE + 1
+    leaf_layers, rows, columns = leaves.dims
     starts = np.searchsorted(leaves.coordinates[:, 0], np.arange(leaf_layers + 1))
-    rows, columns = ((leaves.first[axis] + leaves.shape[axis] - 1) // LEAF_EDGE + 1 for axis in (1, 2))
     layer = 0
     while layer < layers:
         end = layer + BLOCK_BRICKS
         low, high = _leaf_range(leaves, layer, end, leaf_layers, beyond)
         while end < layers:
             wider = _leaf_range(leaves, layer, end + BLOCK_BRICKS, leaf_layers, beyond)
-            if (starts[wider[1]] - starts[wider[0]]) * 4 * LEAF_EDGE**3 > most:
+            if (starts[wider[1]] - starts[wider[0]]) * 4 * LEAF**3 > most:
                 break
             low, high = wider
             end += BLOCK_BRICKS
@@ -214,15 +245,15 @@ def _slabs(launcher: Launcher, leaves: Leaves, layers: int) -> Iterator[_Slab]:
         table = np.full((max(high - low, 1), rows, columns), -1, np.int32)
         z, y, x = leaves.coordinates[chosen].T
         table[z - low, y, x] = np.arange(len(z), dtype=np.int32)
-        first = (leaves.first[2] - 1, leaves.first[1] - 1, leaves.first[0] - 1 - low * LEAF_EDGE)
+        first = (leaves.first[2] - 1, leaves.first[1] - 1, leaves.first[0] - 1 - low * LEAF)
         yield _Slab(layer, end, table, leaves.values[chosen], first)
         layer = end
 
 
 def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: int) -> tuple[int, int]:
     """Leaf layers that the records of brick layers ``layer`` to ``end`` (excluded) read."""
-    low = (layer * BRICK_EDGE - 1 + leaves.first[0]) // LEAF_EDGE
-    high = (end * BRICK_EDGE - 2 + beyond + leaves.first[0]) // LEAF_EDGE + 1
+    low = (layer * BRICK_EDGE - 1 + leaves.first[0]) // LEAF
+    high = (end * BRICK_EDGE - 2 + beyond + leaves.first[0]) // LEAF + 1
     return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
 
 

@@ -290,26 +290,6 @@ class Leaves:
             sums[found] += np.add.reduceat(parts[order], starts, axis=0)
         return np.stack(np.divmod(columns, max(across, 1)), axis=-1), sums
 
-    def line_sums(self, axis: int) -> NDArray[np.float64]:
-        """Sum the voxels along an axis.
-
-        Parameters
-        ----------
-        axis
-            0, 1 or 2: along z, y or x.
-
-        Returns
-        -------
-        float64, an entry for each line: as of ``to_dense().sum(axis)``.
-        """
-        one, two = (other for other in range(3) if other != axis)
-        columns, sums = self.column_sums(axis)
-        padded = np.zeros((self.dims[one], LEAF, self.dims[two], LEAF))
-        padded[columns[:, 0], :, columns[:, 1], :] = sums
-        lines = padded.reshape(LEAF * self.dims[one], LEAF * self.dims[two])
-        low = self.first[one], self.first[two]
-        return lines[low[0] : low[0] + self.shape[one], low[1] : low[1] + self.shape[two]]
-
     # ------------------------------------------------------------------------------ leaves in the grid
 
     def _low(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:

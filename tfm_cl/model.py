@@ -5,7 +5,7 @@ import reprlib
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
 
 from tfm_cl.errors import SceneError
 
@@ -115,6 +115,11 @@ def _colour(value: Any) -> tuple[float, float, float]:
     return rgb
 
 
+def is_auto(value: object) -> bool:
+    """Tell whether a setting is left to `Scene.resolved`."""
+    return value == "auto"
+
+
 def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
     """Make the validator of a number in a range that may also be ``"auto"``."""
 
@@ -126,6 +131,20 @@ def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
         return float(value)
 
     return BeforeValidator(check)
+
+
+def count_or_auto(largest: int) -> PlainValidator:
+    """Make the validator of a whole number from 1 that may also be ``"auto"``.
+
+    Fields say `int`: what computes with them gets them resolved, without ``"auto"``.
+    """
+
+    def check(value: Any) -> Any:
+        if is_auto(value) or (type(value) is int and 1 <= value <= largest):
+            return value
+        raise ValueError(f"should be a whole number from 1 to {largest}, or 'auto'")
+
+    return PlainValidator(check)
 
 
 Vec3 = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]

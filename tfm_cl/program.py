@@ -113,7 +113,7 @@ class KernelLibrary:
     def __init__(self, context: cl.Context, options: tuple[str, ...] = ()) -> None:
         self._context = context
         self._options = ("-cl-std=CL1.2", *options)
-        self._kernels: dict[tuple[str, str], cl.Kernel] = {}
+        self._kernels: dict[tuple[object, ...], cl.Kernel] = {}
         self._build_seconds = 0.0
         self._clock = _LaunchClock()
 
@@ -141,14 +141,14 @@ class KernelLibrary:
         KernelBuildError
             With the compiler's log.
         """
-        text = source(entry, headers, defines or {})
-        if (text, name) not in self._kernels:
+        variant = (entry, headers, *sorted((defines or {}).items()))
+        if (name, variant) not in self._kernels:
             started = time.perf_counter()
-            program = self._build(text, entry)
+            program = self._build(source(entry, headers, defines or {}), entry)
             for found in program.kernel_names.split(";"):
-                self._kernels[text, found] = _Kernel(program, found, self._clock)
+                self._kernels[found, variant] = _Kernel(program, found, self._clock)
             self._build_seconds += time.perf_counter() - started
-        return self._kernels[text, name]
+        return self._kernels[name, variant]
 
     def _build(self, text: str, entry: str) -> cl.Program:
         folder = kernels_dir()

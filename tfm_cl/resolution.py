@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.settings import is_auto
+from tfm_cl.model import is_auto
 
 if TYPE_CHECKING:
     from tfm_cl.camera import Camera

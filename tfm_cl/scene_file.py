@@ -16,9 +16,9 @@ from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
-from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, number_or_auto, unknown_key
+from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, unknown_key
 from tfm_cl.scene import Scene
-from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, is_auto
+from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
 from tfm_cl.volume import Volume
 
 MAX_BYTES = 1 << 20

@@ -2,10 +2,10 @@
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.bases import BASES
-from tfm_cl.model import Model, number_or_auto, unknown_key
+from tfm_cl.model import Model, count_or_auto, number_or_auto, unknown_key
 
 AOVS = {
     "depth": "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
@@ -21,25 +21,6 @@ MAX_WEIGHTING = 1e6
 """Beyond it float32 cannot tell e^(-τ/α) from 1."""
 MAX_RES = 8192
 MAX_STEPS = 100_000
-
-
-def is_auto(value: object) -> bool:
-    """Tell whether a setting is left to `Scene.resolved`."""
-    return value == "auto"
-
-
-def _count_or_auto(largest: int) -> PlainValidator:
-    """Make the validator of a whole number from 1 that may also be ``"auto"``.
-
-    Fields say `int`: what computes with them gets them resolved, without ``"auto"``.
-    """
-
-    def check(value: Any) -> Any:
-        if is_auto(value) or (type(value) is int and 1 <= value <= largest):
-            return value
-        raise ValueError(f"should be a whole number from 1 to {largest}, or 'auto'")
-
-    return PlainValidator(check)
 
 
 def _basis(value: Any) -> Any:
@@ -60,10 +41,10 @@ class MapSettings(Model):
         description="α ≥ 1 of eq. 19 on the density's own transmittance; auto: half the "
         "largest optical depth seen by the lights, between 1 and 16",
     )
-    res: Annotated[int, _count_or_auto(MAX_RES)] = Field(
+    res: Annotated[int, count_or_auto(MAX_RES)] = Field(
         1024, description="map is res × res texels; auto: as fine as voxels and pixels, 64 to 2048"
     )
-    steps: Annotated[int, _count_or_auto(MAX_STEPS)] = Field(
+    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
         100,
         description="steps along a light ray, of the map and of the dual march; auto: at most 1.5 voxels "
         "long, 16 to 1024",
@@ -86,7 +67,7 @@ class MarchSettings(Model):
     method: Literal["tfm", "dual"] = Field(
         "tfm", description="tfm: look the light up in its map; dual: march to the light at every sample"
     )
-    steps: Annotated[int, _count_or_auto(MAX_STEPS)] = Field(
+    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
         100, description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024"
     )
     sampling: Literal["projective", "world"] = Field(

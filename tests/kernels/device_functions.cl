@@ -49,7 +49,7 @@ __kernel void call_density_at(__constant const Params *params, GRID_ARGUMENTS, _
   list.forced = 1;
   densities[i] = 0.0f;
   if (find_steps(&grid, &walk, every, 1, &list))
-    densities[i] = lane0(density_at(&grid, &walk, &list, 0, &samples));
+    densities[i] = lane0(density_at(&grid, &walk, &list, 0, floats(0.5f), &samples));
 }
 
 __kernel void call_march_optical_depth(__constant const Params *params, GRID_ARGUMENTS, __global const float *origins,

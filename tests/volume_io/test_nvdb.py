@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from memory import peak_of
 from numcodecs import blosc
 
 from tfm_cl.errors import VolumeError
@@ -497,18 +498,6 @@ def test_other_types_have_no_leaves(tmp_path):
     struct.pack_into("<I", grid, 636, 6)
     (listed,) = open_grids(write(tmp_path, encode([("velocity", bytes(grid))])))
     assert listed.read_leaves is None
-
-
-def peak_of(function):
-    """What a function returns (or a `VolumeError` it raises), and the memory that takes at most."""
-    tracemalloc.start()
-    try:
-        result = function()
-    except VolumeError as error:
-        result = error
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    return result, peak
 
 
 def test_leaves_far_apart_are_read_without_the_space_between(tmp_path):

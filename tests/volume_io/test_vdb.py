@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from memory import peak_of
 from numcodecs import blosc
 
 from tfm_cl.cli.info import describe
@@ -560,18 +561,6 @@ def test_an_empty_tree_has_no_leaves(tmp_path):
     (grid,) = open_grids(write(tmp_path, encode({"density": zeros})))
     assert grid.read_leaves().to_dense().shape == (8, 8, 8)
     assert len(grid.read_leaves().values) == 0
-
-
-def peak_of(function):
-    """What a function returns (or a `VolumeError` it raises), and the memory that takes at most."""
-    tracemalloc.start()
-    try:
-        result = function()
-    except VolumeError as error:
-        result = error
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    return result, peak
 
 
 def two_leaves(tmp_path, corner):

@@ -11,16 +11,12 @@ from numpy.typing import NDArray
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
-from tfm_cl.leaves import LEAF, Leaves
+from tfm_cl.leaves import Leaves
 from tfm_cl.volume import bounds_of
 from tfm_cl.volume_io.grid import Grid
 
 LANES = 16
 """Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
-TABLE_ENTRY = 4
-"""Bytes of a brick in the table."""
-BATCH = 1024
-"""Leaves looked at at a time."""
 
 
 @click.command("info")
@@ -92,39 +88,13 @@ def _measured(voxels: NDArray[np.float32] | Leaves) -> tuple[dict[str, float | N
 
 def _device_bytes(voxels: NDArray[np.float32] | Leaves) -> int | None:
     """Size of the bricks of float32 voxels on a device of `LANES`; None for more leaves than can be."""
-    # Imported here: the help of `tfm info` needs no OpenCL.
-    from tfm_cl.bricks import brick_count_of, record_bytes  # noqa: PLC0415
+    from tfm_cl.bricks import device_bytes  # noqa: PLC0415 - the help of `tfm info` needs no OpenCL
 
     try:
         leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)
     except VolumeError:
         return None
-    records = 1 + _blocks(leaves, LANES)  # the first record is empty
-    return records * record_bytes(LANES, "f32") + TABLE_ENTRY * math.prod(brick_count_of(leaves.shape))
-
-
-def _blocks(leaves: Leaves, lanes: int) -> int:
-    """Count the blocks of bricks whose records have a voxel > 0."""
-    from tfm_cl.bricks import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED, brick_count_of  # noqa: PLC0415
-
-    edge = BLOCK_BRICKS * BRICK_EDGE
-    size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
-    found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
-    # Padded by one voxel, a leaf begins at the same place within a block wherever it lies.
-    shift = np.array([1 - first for first in leaves.first])
-    candidates = np.arange(-1, 1 + LEAF // edge)
-    low = edge * candidates[:, None] - shift[:, None, None] % edge
-    reads = (low <= np.arange(LEAF)) & (np.arange(LEAF) < low + edge + MOST_SHARED[lanes])
-    for start in range(0, len(leaves.values), BATCH):
-        occupied = (leaves.values[start : start + BATCH] > 0).astype(np.float32)
-        z, y, x = reads.astype(np.float32)
-        touched = np.einsum("nzyx,kz,jy,ix->nkji", occupied, z, y, x, optimize=True) > 0
-        leaf, *place = np.nonzero(touched)
-        base = (LEAF * leaves.coordinates[start : start + BATCH].astype(np.int64) + shift) // edge
-        block = base[leaf] + candidates[np.stack(place, axis=-1)]
-        inside = ((block >= 0) & (block < size)).all(axis=1)
-        found = np.union1d(found, np.ravel_multi_index(tuple(block[inside].T), size))
-    return len(found)
+    return device_bytes(leaves, LANES, "f32")
 
 
 def _shown(value: Any) -> str:

@@ -185,18 +185,13 @@ class Windows:
         The rectangle.
     samples_per_item
         Density samples that one texel or pixel may need.
-    whole_rows
-        Never cut a row.
     """
 
     EDGE = 32
     """Windows end at multiples of it: a multiple of every tile and work-group."""
 
-    def __init__(
-        self, x0: int, y0: int, x1: int, y1: int, samples_per_item: int, *, whole_rows: bool = False
-    ) -> None:
+    def __init__(self, x0: int, y0: int, x1: int, y1: int, samples_per_item: int) -> None:
         self._bounds = x0, y0, x1, y1
-        self._whole_rows = whole_rows
         self._most = max(self.EDGE**2, MOST_SAMPLES // samples_per_item)
         self._items = max(self.EDGE**2, FIRST_SAMPLES // samples_per_item)
         self._area = 0
@@ -210,7 +205,7 @@ class Windows:
             # Cut where tiles of the whole frame end.
             rows = min(self.EDGE - y % self.EDGE, y1 - y)
             columns = x1 - x
-            if self._items < rows * columns and not self._whole_rows:
+            if self._items < rows * columns:
                 wide = max(self._items // rows // self.EDGE, 1) * self.EDGE
                 columns = min(columns, wide - x % self.EDGE)
             elif x == x0:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tfm_cl.bases import BASES
 from tfm_cl.bricks import BrickGrid
 from tfm_cl.lights import Light
-from tfm_cl.passes.launch import Launcher, Progress, Windows
+from tfm_cl.passes.launch import Launcher, Progress, Windows, int4
 from tfm_cl.settings import MapSettings
 
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
@@ -86,22 +86,21 @@ class LightPass:
         coefficients = self._allocate(settings, 32)
         occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
         seconds, hits, samples = 0.0, 0, 0
-        windows = Windows(0, 0, res, res, settings.steps, whole_rows=True)
-        for _, row, _, end in windows:
-            tiles = launcher.tiles((0, row, res, end))
+        windows = Windows(0, 0, res, res, settings.steps)
+        for window in windows:
+            tiles = launcher.tiles(window)
             counts = launcher.empty("the counters", 8 * tiles[0] * tiles[1])
             seconds += windows.took(
                 launcher.run_tiles(
                     kernel,
-                    (0, row, res, end),
+                    window,
                     params,
                     *bricks.arguments,
                     table,
                     coefficients,
                     occupied,
                     counts,
-                    np.int32(row),
-                    np.int32(end),
+                    int4(*window),
                 )
             )
             met, read = launcher.download(counts, (*tiles, 2), np.uint32).sum(axis=(0, 1), dtype=np.int64)
