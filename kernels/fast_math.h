@@ -66,6 +66,15 @@ TFM_INLINE Floats cos_pi(Floats u)
          x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
 }
 
+/* sin(pi u) for u in [0, 1]: symmetric about 1/2, so that both ends are exactly 0 but for rounding; to 1e-9. */
+TFM_INLINE Floats sin_pi(Floats u)
+{
+  const Floats x = u < 0.5f ? u : 1.0f - u;
+  const Floats x2 = x * x;
+  return x * (3.14159265f + x2 * (-5.16771278f + x2 * (2.55016404f + x2 * (-0.599264529f +
+         x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
+}
+
 /* 1 / sqrt(x) for x > 0; a large finite number for 0. */
 TFM_INLINE Floats reciprocal_sqrt(Floats x)
 {

@@ -1,5 +1,8 @@
-/* The transmittance function map: n coefficients a texel, in three types of storage, looked up bilinearly.
-   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8; a basis header. */
+/* The transmittance function map: n numbers a texel, in three types of storage, over the range of its light ray in
+   which there is something to say.
+   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8; TFM_RANGE, 0: between the medium's bounds, 1: from a field of
+   ranges; TFM_LOOKUP, 0: interpolate the numbers, 1: reconstruct at four texels and interpolate tau, 2: one of the
+   four, at random; a basis header. */
 #ifndef TFM_MAP_H
 #define TFM_MAP_H
 
@@ -33,6 +36,10 @@ typedef float Loaded1;
 typedef float2 Loaded2;
 typedef float4 Loaded4;
 typedef float8 Loaded8;
+typedef float2 Unaligned2 __attribute__((aligned(4)));
+typedef float4 Unaligned4 __attribute__((aligned(4)));
+typedef float8 Unaligned8 __attribute__((aligned(4)));
+typedef float16 Unaligned16 __attribute__((aligned(4)));
 
 #if TFM_STORAGE_BITS == 32
 #define DECODE(k, stored) (stored)
@@ -94,6 +101,17 @@ BILINEAR(8)
 #endif
 #define EVEN(a, b) ((Floats)((a).even, (b).even))
 #define ODD(a, b) ((Floats)((a).odd, (b).odd))
+/* Rows of four to one vector for each place. */
+#define TRANSPOSE4(r, c0, c1, c2, c3)                                                                         \
+  do {                                                                                                        \
+    const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]);    \
+    c0 = EVEN(e0, e1);                                                                                        \
+    c1 = EVEN(o0, o1);                                                                                        \
+    c2 = ODD(e0, e1);                                                                                         \
+    c3 = ODD(o0, o1);                                                                                         \
+  } while (0)
+/* The sum of every row from its even and its odd half. */
+#define HALVED(a, b) (EVEN(a, b) + ODD(a, b))
 #endif
 
 /* Which texels a map position lies between. */
@@ -155,11 +173,7 @@ TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const 
 #if TFM_N_COEFF & 4
   {
     const Floats r[4] = ROWS4(ROW4);
-    const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]);
-    c[j] = EVEN(e0, e1);
-    c[j + 1] = EVEN(o0, o1);
-    c[j + 2] = ODD(e0, e1);
-    c[j + 3] = ODD(o0, o1);
+    TRANSPOSE4(r, c[j], c[j + 1], c[j + 2], c[j + 3]);
     j += 4;
   }
 #endif
@@ -198,6 +212,83 @@ TFM_INLINE void map_store(__global MapStorage *map, __global const float2 *range
 #endif
 }
 
+#ifdef TFM_BASIS_TABULATED
+/* k numbers of a lane, each times the function that it belongs to. */
+#if TFM_STORAGE_BITS == 8
+#define LOW1(ranges) ((ranges)[0].x)
+#define EXTENT1(ranges) ((ranges)[0].y)
+#define LOW2(ranges) ((*(__global const Unaligned4 *)(ranges)).even)
+#define EXTENT2(ranges) ((*(__global const Unaligned4 *)(ranges)).odd)
+#define LOW4(ranges) ((*(__global const Unaligned8 *)(ranges)).even)
+#define EXTENT4(ranges) ((*(__global const Unaligned8 *)(ranges)).odd)
+#define LOW8(ranges) ((*(__global const Unaligned16 *)(ranges)).even)
+#define EXTENT8(ranges) ((*(__global const Unaligned16 *)(ranges)).odd)
+#define UNSCALED(k, ranges, number) (LOW##k(ranges) + EXTENT##k(ranges) * (1.0f / 255.0f) * (number))
+#else
+#define UNSCALED(k, ranges, number) (number)
+#endif
+typedef float Unaligned1;
+#define TERMS(k)                                                                                              \
+  TFM_INLINE Loaded##k terms##k(__global const MapStorage *low, __global const float2 *ranges, int dx, int dy, \
+                                float fx, float fy, __global const float *modes, float part)                  \
+  {                                                                                                           \
+    const Loaded##k mode = *(__global const Unaligned##k *)modes;                                             \
+    const Loaded##k next = *(__global const Unaligned##k *)(modes + TFM_N_COEFF);                             \
+    (void)ranges;                                                                                             \
+    return UNSCALED(k, ranges, bilinear##k(low, dx, dy, fx, fy)) * (mode + part * (next - mode));             \
+  }
+TERMS(1)
+#if TFM_LANES > 1
+TERMS(2)
+TERMS(4)
+TERMS(8)
+#endif
+
+/* The sum of the numbers times the functions at place, without sorting the numbers by lanes. */
+TFM_INLINE Floats map_series(__global const MapStorage *map, __global const float2 *ranges, int res, MapPosition at,
+                             __global const float *modes, TablePlace place)
+{
+  const int dx = res > 1 ? TFM_N_COEFF : 0;
+  const int dy = res > 1 ? res * TFM_N_COEFF : 0;
+  Floats sum = floats(0.0f);
+  int j = 0;
+#define TERMS_OF(k, s)                                                                                         \
+  terms##k(map + (size_t)LANE(at.texel, s) * TFM_N_COEFF + j, ranges + j, dx, dy, LANE(at.fx, s), LANE(at.fy, s), \
+           modes + LANE(place.row, s) * TFM_N_COEFF + j, LANE(place.part, s))
+#if TFM_LANES == 1
+  for (; j < TFM_N_COEFF; ++j)
+    sum += TERMS_OF(1, );
+#else
+#define TERMS8(s) TERMS_OF(8, s)
+#define TERMS4(s) TERMS_OF(4, s)
+#define TERMS2(s) TERMS_OF(2, s)
+#define TERMS1(p, i, s) TERMS_OF(1, s)
+  for (; j + 8 <= TFM_N_COEFF; j += 8) {
+    const Floats r[8] = ROWS8(TERMS8);
+    sum += HALVED(HALVED(HALVED(r[0], r[1]), HALVED(r[2], r[3])), HALVED(HALVED(r[4], r[5]), HALVED(r[6], r[7])));
+  }
+#if TFM_N_COEFF & 4
+  {
+    const Floats r[4] = ROWS4(TERMS4);
+    sum += HALVED(HALVED(r[0], r[1]), HALVED(r[2], r[3]));
+    j += 4;
+  }
+#endif
+#if TFM_N_COEFF & 2
+  {
+    const Floats r[2] = ROWS2(TERMS2);
+    sum += HALVED(r[0], r[1]);
+    j += 2;
+  }
+#endif
+#if TFM_N_COEFF & 1
+  sum += (Floats)FOR_LANES(TERMS1, 0, 0);
+#endif
+#endif
+  return sum;
+}
+#endif
+
 /* The part of a light ray that lies in the medium: from k_in, or the light itself, to k_out. */
 TFM_INLINE Ints light_medium_interval(__constant const Params *params, Ray ray_in_index_space, Interval *k)
 {
@@ -206,33 +297,139 @@ TFM_INLINE Ints light_medium_interval(__constant const Params *params, Ray ray_i
   return medium_clip(params, ray_in_index_space, k);
 }
 
-/* Where a point is looked up: between texels, at u on its light ray. */
+/* The part of a light ray that the map's numbers speak of, distances from the light. */
+typedef struct {
+  Floats begin, end;
+  Floats slope; /* optical depth of the density per unit length beyond the end */
+} RayRange;
+
+#if TFM_RANGE
+/* The field of ranges is coarser than the map and continuous, so that neighbouring texels speak of nearly the same
+   range and their numbers may be interpolated. field: begin, end, slope, 0. */
+TFM_INLINE RayRange map_range(__constant const Params *params, __global const float4 *field, Floats u, Floats v)
+{
+  const int res = params->field_res;
+  const MapPosition at = map_position(res, u, v);
+  RayRange range;
+#if TFM_LANES == 1
+  __global const float4 *low = field + at.texel;
+  const float4 lower = low[0] + at.fx * (low[1] - low[0]);
+  const float4 upper = low[res] + at.fx * (low[res + 1] - low[res]);
+  const float4 both = lower + at.fy * (upper - lower);
+  range.begin = both.x;
+  range.end = both.y;
+  range.slope = both.z;
+#else
+#define RANGES_ROW(s, dy) (*(__global const Unaligned8 *)(field + LANE(at.texel, s) + dy))
+#define RANGE_PAIR(s) (RANGES_ROW(s, 0) + LANE(at.fy, s) * (RANGES_ROW(s, res) - RANGES_ROW(s, 0)))
+#define RANGE_ROW(s) (RANGE_PAIR(s).lo + LANE(at.fx, s) * (RANGE_PAIR(s).hi - RANGE_PAIR(s).lo))
+  const Floats r[4] = ROWS4(RANGE_ROW);
+  Floats unused;
+  TRANSPOSE4(r, range.begin, range.end, range.slope, unused);
+  (void)unused;
+#endif
+  return range;
+}
+#endif
+
+/* Where a point is looked up: between texels, at v in the range of its light ray. */
 typedef struct {
   MapPosition position;
-  Floats u;
-  Ints hit; /* mask: the ray meets the medium */
+  Floats v;
+  Floats beyond; /* optical depth of the density from the range's end on */
+  Ints hit;      /* mask: there may be density between the light and the point */
 } MapPlace;
 
-/* ray: the light's through the point, as light_ray_to gives it. The range k_in..k_out is that of the point's own ray,
-   so that interpolated texels agree on what u means. */
-TFM_INLINE MapPlace map_place(__constant const Params *params, Ray ray, LightSample sample)
+/* ray: the light's through the point, as light_ray_to gives it. The range is that of the point's own ray, so that
+   interpolated texels agree on what v means. */
+TFM_INLINE MapPlace map_place(__constant const Params *params, __global const float4 *field, Ray ray,
+                              LightSample sample)
 {
-  Interval k;
   MapPlace place;
+#if TFM_RANGE
+  (void)ray;
+  const RayRange range = map_range(params, field, sample.u, sample.v);
+  const Floats from_begin = sample.distance - range.begin;
+  place.v = clamp_to(from_begin / (range.end - range.begin), 1.0f);
+  place.beyond = greatest(sample.distance - range.end, floats(0.0f)) * range.slope;
+  place.hit = from_begin > 0.0f;
+#else
+  (void)field;
+  Interval k;
   place.hit = light_medium_interval(params, ray, &k);
-  place.u = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
+  place.v = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
+  place.beyond = floats(0.0f);
+#endif
   place.position = map_position(params->map_res, sample.u, sample.v);
   return place;
 }
 
+/* Optical depth at v, of the numbers at one position. */
+TFM_INLINE Floats map_optical_depth_at(__constant const Params *params, __global const MapStorage *map,
+                                       __global const float2 *ranges, __global const float *modes,
+                                       MapPosition position, Floats v)
+{
+#ifdef TFM_BASIS_TABULATED
+  return optical_depth_of_series(params, map_series(map, ranges, params->map_res, position, modes, table_place(v)));
+#else
+  Floats coefficients[TFM_N_COEFF];
+  map_coefficients(map, ranges, params->map_res, position, coefficients);
+  return basis_optical_depth(params, modes, coefficients, v);
+#endif
+}
+
+#if TFM_LOOKUP
+/* One of the four texels around a position. */
+TFM_INLINE MapPosition map_corner(int res, MapPosition at, Ints right, Ints upper)
+{
+  MapPosition corner;
+  corner.texel = res > 1 ? at.texel + (right ? ints(1) : ints(0)) + (upper ? ints(res) : ints(0)) : at.texel;
+  corner.fx = corner.fy = floats(0.0f);
+  /* Its neighbours are read too, and weigh nothing: the last texel is reached from the one before it. */
+  const Ints x = corner.texel % res, y = corner.texel / res;
+  const Ints last_x = (x == res - 1) & (res > 1 ? -1 : 0), last_y = (y == res - 1) & (res > 1 ? -1 : 0);
+  corner.texel -= (last_x ? ints(1) : ints(0)) + (last_y ? ints(res) : ints(0));
+  corner.fx = last_x ? floats(1.0f) : floats(0.0f);
+  corner.fy = last_y ? floats(1.0f) : floats(0.0f);
+  return corner;
+}
+
+/* A number in [0, 1) from bits that differ from sample to sample (an integer hash, lowbias32). */
+TFM_INLINE Floats noise_of(Ints bits)
+{
+  bits ^= (bits >> 16) & 0xffff;
+  bits *= 0x7feb352d;
+  bits ^= (bits >> 15) & 0x1ffff;
+  bits *= (int)0x846ca68b;
+  bits ^= (bits >> 16) & 0xffff;
+  return TO_FLOATS((bits >> 8) & 0xffffff) * (1.0f / 16777216.0f);
+}
+#endif
+
 /* Optical depth of the density between the light and a point, from the map. */
 TFM_INLINE Floats map_optical_depth(__constant const Params *params, __global const MapStorage *map,
-                                    __global const float2 *ranges, MapPlace place)
+                                    __global const float2 *ranges, __global const float *modes, MapPlace place)
 {
-  Floats coefficients[TFM_N_COEFF];
-  map_coefficients(map, ranges, params->map_res, place.position, coefficients);
-  const Floats optical_depth = basis_optical_depth(params, coefficients, place.u);
-  return place.hit ? optical_depth : floats(0.0f);
+#if TFM_LOOKUP == 0
+  const Floats optical_depth = map_optical_depth_at(params, map, ranges, modes, place.position, place.v);
+#else
+  const MapPosition at = place.position;
+#if TFM_LOOKUP == 1
+  Floats optical_depth = floats(0.0f);
+  for (int corner = 0; corner < 4; ++corner) {
+    const int right = corner & 1, upper = corner >> 1;
+    const Floats weight = (right ? at.fx : 1.0f - at.fx) * (upper ? at.fy : 1.0f - at.fy);
+    const MapPosition texel = map_corner(params->map_res, at, ints(-right), ints(-upper));
+    optical_depth += weight * map_optical_depth_at(params, map, ranges, modes, texel, place.v);
+  }
+#else
+  const Floats x = noise_of(AS_INTS(at.fx) ^ (AS_INTS(place.v) * 3));
+  const Floats y = noise_of(AS_INTS(at.fy) ^ (AS_INTS(place.v) * 5));
+  const MapPosition texel = map_corner(params->map_res, at, x < at.fx, y < at.fy);
+  const Floats optical_depth = map_optical_depth_at(params, map, ranges, modes, texel, place.v);
+#endif
+#endif
+  return place.hit ? optical_depth + place.beyond : floats(0.0f);
 }
 
 #endif

@@ -23,8 +23,13 @@ typedef struct {
 #endif
 } ViewSample;
 
+#ifndef TFM_SHOW_RESIDUAL
+#define TFM_SHOW_RESIDUAL 0
+#endif
+
 /* What a sample needs before its light is looked up. */
-TFM_INLINE ViewSample view_sample(__constant const Params *params, Ray ray, Ray ray_in_grid, Floats t, Floats step_depth)
+TFM_INLINE ViewSample view_sample(__constant const Params *params, __global const float4 *field, Ray ray,
+                                  Ray ray_in_grid, Floats t, Floats step_depth)
 {
   const LightSample light = light_at(params, ray_at(ray, t));
   const Ray light_ray = light_ray_to(params, ray_at(ray_in_grid, t));
@@ -32,10 +37,11 @@ TFM_INLINE ViewSample view_sample(__constant const Params *params, Ray ray, Ray 
   sample.step_depth = step_depth;
   sample.source = phase_eval(params, -dot3(light.direction, ray.direction)) * light.strength;
 #if TFM_METHOD_DUAL
+  (void)field;
   sample.light_ray = light_ray;
   sample.distance = light.distance;
 #else
-  sample.place = map_place(params, light_ray, light);
+  sample.place = map_place(params, field, light_ray, light);
 #endif
   return sample;
 }
@@ -43,11 +49,12 @@ TFM_INLINE ViewSample view_sample(__constant const Params *params, Ray ray, Ray 
 /* Optical depth of the density between the light and a sample. */
 TFM_INLINE Floats light_optical_depth(__constant const Params *params, const Grid *grid,
                                       __global const MapStorage *map, __global const float2 *ranges,
-                                      const ViewSample *sample, Ints *samples)
+                                      __global const float *modes, const ViewSample *sample, Ints *samples)
 {
 #if TFM_METHOD_DUAL
   (void)map;
   (void)ranges;
+  (void)modes;
   Interval k;
   const Ints lit = (sample->step_depth > 0.0f) & light_medium_interval(params, sample->light_ray, &k) & (k.begin < 1.0f);
   return sample->distance *
@@ -55,7 +62,7 @@ TFM_INLINE Floats light_optical_depth(__constant const Params *params, const Gri
 #else
   (void)grid;
   (void)samples;
-  return map_optical_depth(params, map, ranges, sample->place);
+  return map_optical_depth(params, map, ranges, modes, sample->place);
 #endif
 }
 
@@ -66,8 +73,9 @@ TFM_INLINE Floats light_optical_depth(__constant const Params *params, const Gri
    samples        adds the densities read
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __global const MapStorage *map,
-                        __global const float2 *ranges, __global float4 *radiance, __global float4 *light_seen,
-                        __global float4 *transmittance, __global uint *samples, int is_first_light, int4 window)
+                        __global const float2 *ranges, __global const float4 *field, __global const float *modes,
+                        __global float4 *radiance, __global float4 *light_seen, __global float4 *transmittance,
+                        __global uint *samples, int is_first_light, int4 window)
 {
   const Pixels pixels = tile_pixels(params, window);
   if (!any_lane(pixels.wanted))
@@ -116,14 +124,18 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
         count += any_lane(scatters);
       }
       for (int k = 0; k < count; ++k)
-        sample[k] = view_sample(params, ray, ray_in_grid, place_of(&walk, list.n[k]).t, depth[k]);
+        sample[k] = view_sample(params, field, ray, ray_in_grid, place_of(&walk, list.n[k]).t, depth[k]);
       for (int k = 0; k < count; ++k)
-        depth[k] = light_optical_depth(params, &grid, map, ranges, &sample[k], &state.samples);
+        depth[k] = light_optical_depth(params, &grid, map, ranges, modes, &sample[k], &state.samples);
       for (int k = 0; k < count; ++k) {
         Floats opacity[TFM_CHANNELS];
         const Floats weight = camera_ray_step(params, &state, sample[k].step_depth, floats(0.0f), opacity);
         for (int c = 0; c < TFM_CHANNELS; ++c) {
+#if TFM_SHOW_RESIDUAL
+          const Floats reduced = depth[k]; /* the map holds its residual */
+#else
           const Floats reduced = transmittance_of(params->sigma_t[c] * depth[k]);
+#endif
           sum[c] += opacity[c] * reduced * sample[k].source;
           seen[c] += weight * reduced;
         }

@@ -41,7 +41,7 @@ def make_scene(**changes):
         medium=tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=(0.1, 0.3, 0.2), phase=tfm.HenyeyGreenstein(0.4)),
         camera=tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(24, 18)),
         lights=[tfm.SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=24, intensity=(3, 2.5, 2))],
-        map=tfm.MapSettings(res=24, steps=24),
+        map=tfm.MapSettings(basis="dct", coeffs=8, density_weighting=10.0, res=24, steps=24),
         march=tfm.MarchSettings(steps=30),
     )
     return scene.replace(**changes)

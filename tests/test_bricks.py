@@ -19,6 +19,8 @@ from tfm_cl.bricks import brick_count_of, brick_table, build_bricks, record_byte
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.leaves import Leaves
 from tfm_cl.passes.launch import Launcher
+from tfm_cl.passes.light_pass import map_variant
+from tfm_cl.renderer import NO_MAP
 
 VOXELS = ["f32", "f16", "u8"]
 HALF = 2.0**-11
@@ -104,8 +106,8 @@ class OnDevice:
         light = scene.lights[0]
         self.bricks = build_bricks(launcher, volume.leaves, "the volume", voxels)
         self.centre = volume.bounds.mean(axis=0)
-        self.headers = ("basis/dct.h", light.HEADER, scene.medium.phase.HEADER)
-        self.defines = {"TFM_N_COEFF": 4, "TFM_STORAGE_BITS": 32, **self.bricks.defines}
+        self.headers = ("basis/cosine.h", light.HEADER, scene.medium.phase.HEADER)
+        self.defines = map_variant(NO_MAP, light, self.bricks)[1]
         struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=self.bricks)
         self.params = launcher.upload("params", struct)
 
@@ -387,14 +389,14 @@ def test_density_in_several_pools(launcher, rng, voxels):
 
 @pytest.mark.parametrize("pools", [2, 5, 8])
 def test_pools_do_not_show(device_name, launcher, pools):
-    data = clumps((160, 12, 12), 10, 0.3)
+    data = clumps((160, 40, 40), 60, 0.3)  # a pool holds more than a light's coarse ranges
     camera = tfm.Camera(from_=(100, 60, 40), to=(6, 6, 80), fov=60, res=(33, 26))
     light = tfm.SpotLight(from_=(40, 120, 20), to=(6, 6, 80), cone=30)
     scene = tfm.Scene(
         tfm.Volume(data, density_scale=0.3),
         camera=camera,
         lights=[light],
-        map=tfm.MapSettings(res=20, steps=40),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=20, steps=40),
         march=tfm.MarchSettings(steps=50),
     )
     lanes = launcher.lanes

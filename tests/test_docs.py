@@ -40,7 +40,7 @@ def test_commands_run_in_order(checkout, capsys):
     assert {command[1] for command in commands} == set(COMMANDS)
     for name in ("plume.png", "figure.exr", "reference.exr", "map.exr"):
         assert load_image(checkout / "out" / name)[..., :3].max() > 0.05
-    assert (checkout / "out" / "sweep" / "contact_sheet.png").is_file()
+    assert (checkout / "out" / "sweep" / "report.html").is_file()
 
 
 def test_programs_run(checkout):

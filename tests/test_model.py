@@ -66,10 +66,22 @@ def test_what_is_no_colour(colour):
             lambda: tfm.MapSettings(coefs=3),
             "unknown key 'coefs' in [map]; did you mean 'coeffs'? known: basis, ",
         ),
-        (lambda: tfm.MapSettings(coeffs="8"), "map.coeffs = '8': should be a valid integer"),
-        (lambda: tfm.MapSettings(coeffs=8.0), "map.coeffs = 8.0: should be a valid integer"),
-        (lambda: tfm.MapSettings(coeffs=0), "map.coeffs = 0: should be greater than or equal to 1"),
-        (lambda: tfm.MapSettings(coeffs=33), "map: coeffs = 33: should be at most 32 for basis 'dct'"),
+        (
+            lambda: tfm.MapSettings(coeffs="8"),
+            "map.coeffs = '8': should be a whole number from 1 to 32, or 'auto'",
+        ),
+        (
+            lambda: tfm.MapSettings(coeffs=8.0),
+            "map.coeffs = 8.0: should be a whole number from 1 to 32, or 'auto'",
+        ),
+        (
+            lambda: tfm.MapSettings(coeffs=0),
+            "map.coeffs = 0: should be a whole number from 1 to 32, or 'auto'",
+        ),
+        (
+            lambda: tfm.MapSettings(coeffs=33),
+            "map.coeffs = 33: should be a whole number from 1 to 32, or 'auto'",
+        ),
         (
             lambda: tfm.MapSettings(res=8193),
             "map.res = 8193: should be a whole number from 1 to 8192, or 'auto'",

@@ -163,7 +163,7 @@ def test_a_scene_of_a_volume_alone_is_lit(renderer):
     scene = tfm.Scene(
         VOLUMES["bare"].with_density_scale(scale),
         camera=camera,
-        map=tfm.MapSettings(res=32),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=32),
     )
     image = renderer.render(scene).image
     luminance = image[..., :3] @ [0.2126, 0.7152, 0.0722]

@@ -172,7 +172,7 @@ def scene_of(volume=None, lights=(WIDE,), camera=CAMERA, medium=COLOURED, march=
         camera=camera,
         medium=medium,
         march=MarchSettings(**{"method": "dual", "steps": 60, **(march or {})}),
-        map=MapSettings(**{"res": 16, "steps": 60, **of_map}),
+        map=MapSettings(**{"basis": "dct", "density_weighting": 10.0, "res": 16, "steps": 60, **of_map}),
     )
 
 

@@ -173,7 +173,10 @@ def test_resolved_has_numbers_only():
 
 
 def test_each_is_resolved_by_itself():
-    scene = make_scene(map=tfm.MapSettings(res=33, steps="auto"), march=tfm.MarchSettings(steps=7)).resolved()
+    scene = make_scene(
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=33, steps="auto"),
+        march=tfm.MarchSettings(steps=7),
+    ).resolved()
     assert (scene.map.res, scene.march.steps) == (33, 7)
     assert scene.map.steps == steps_for(scene.volume)
 
@@ -236,7 +239,8 @@ def test_auto_is_as_good_as_converged(renderer, size):
     volume = tfm.Volume(blobs((56, 48, 64)), voxel_size=1 / 32, density_scale=8.0)
     scene = tfm.Scene(volume)
     scene = scene.replace(
-        camera=scene.camera.replace(res=size), map=tfm.MapSettings(coeffs=8, density_weighting=4.0)
+        camera=scene.camera.replace(res=size),
+        map=tfm.MapSettings(basis="dct", coeffs=8, density_weighting=4.0),
     )
     chosen = auto(scene)
     fine = scene.replace(map=scene.map.replace(res=1024, steps=800), march=tfm.MarchSettings(steps=800))

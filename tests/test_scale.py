@@ -88,7 +88,7 @@ def test_a_thousand_cubed_voxels_of_which_few_are_there(device_name):
         volume=tfm.Volume(leaves, voxel_size=2 / edge, origin=(-1, -1, -1), density_scale=30.0),
         camera=tfm.Camera(from_=(0.7, 0.6, 3.4), to=(0, 0, 0), fov=38, res=(160, 90)),
         lights=[tfm.SpotLight(from_=(2.0, 2.6, 1.2), to=(0, 0, 0), cone=22, intensity=(3, 2.5, 2))],
-        map=tfm.MapSettings(res=256, steps=400),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=256, steps=400),
         march=tfm.MarchSettings(steps=600),
     )
     peak = Peak()
@@ -117,7 +117,7 @@ def test_64_lights_of_16_coefficients_add_up(device_name, rng):
             places, rng.uniform(8, 30, 64), rng.uniform(0.1, 1, (64, 3)), strict=True
         )
     ]
-    settings = tfm.MapSettings(res=32, steps=24, coeffs=16)
+    settings = tfm.MapSettings(basis="dct", density_weighting=10.0, res=32, steps=24, coeffs=16)
 
     with tfm.Renderer(device_name) as renderer:
         together = renderer.render(make_scene(lights=lights, map=settings))
@@ -132,7 +132,9 @@ def test_64_lights_of_16_coefficients_add_up(device_name, rng):
 
 def test_a_map_of_4096_texels_a_side(device_name, rng):
     res, steps = 4096, 4
-    scene = make_scene(map=tfm.MapSettings(res=res, steps=steps, coeffs=1, density_weighting=1.0))
+    scene = make_scene(
+        map=tfm.MapSettings(basis="dct", res=res, steps=steps, coeffs=1, density_weighting=1.0)
+    )
     light, volume = scene.lights[0], scene.volume
 
     with tfm.Renderer(device_name) as renderer:
@@ -167,7 +169,7 @@ def test_a_frame_of_4096_pixels_in_two_crops(device_name):
     scene = make_scene(
         volume=tfm.Volume(blobs(), voxel_size=0.15, origin=(-1, -1, -1), density_scale=4.0),
         camera=tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(width, height)),
-        map=tfm.MapSettings(res=64, steps=16),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=64, steps=16),
         march=tfm.MarchSettings(steps=6),
     )
     split = 1543  # between tiles

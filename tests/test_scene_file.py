@@ -42,6 +42,8 @@ from = [3, 4, 2]
 to = [0, 0, 0]
 cone = 20.0
 blend = 0.5
+radius = 0.25
+samples = 9
 intensity = [1, 2, 3]
 falloff = "inverse-square"
 
@@ -56,6 +58,13 @@ density_weighting = "auto"
 res = 128
 steps = 50
 storage = "f16"
+target = "optical-depth"
+fit = "l2"
+range = "global"
+lookup = "reconstruct"
+slicing = "gamma"
+blur = 2.5
+blur_kernel = "box"
 
 [march]
 method = "dual"
@@ -109,10 +118,31 @@ def test_every_key_arrives(folder):
     )
     assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
     spot = tfm.SpotLight(
-        from_=(3, 4, 2), to=(0, 0, 0), cone=20, blend=0.5, intensity=(1, 2, 3), falloff="inverse-square"
+        from_=(3, 4, 2),
+        to=(0, 0, 0),
+        cone=20,
+        blend=0.5,
+        radius=0.25,
+        samples=9,
+        intensity=(1, 2, 3),
+        falloff="inverse-square",
     )
     assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
-    assert scene.map == tfm.MapSettings(coeffs=6, density_weighting="auto", res=128, steps=50, storage="f16")
+    assert scene.map == tfm.MapSettings(
+        basis="dct",
+        coeffs=6,
+        density_weighting="auto",
+        res=128,
+        steps=50,
+        storage="f16",
+        target="optical-depth",
+        fit="l2",
+        range="global",
+        lookup="reconstruct",
+        slicing="gamma",
+        blur=2.5,
+        blur_kernel="box",
+    )
     assert scene.march == tfm.MarchSettings(
         method="dual",
         steps=60,
@@ -131,7 +161,8 @@ def test_every_key_arrives(folder):
 def test_the_full_scene_has_every_key(folder):
     table = tomllib.loads((folder / "full.toml").read_text())
     for name, model in SECTIONS.items():
-        assert set(table[name]) == set(model.keys()), name
+        # Instead of coeffs.
+        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error"}, name
     assert set(table["light"][0]) == set(tfm.SpotLight.keys())
 
 
@@ -140,7 +171,7 @@ def test_defaults_are_those_of_the_interface(read):
     assert scene.volume.density_scale == 1
     assert scene.medium == tfm.Medium(sigma_s=(1, 1, 1), sigma_a=(0, 0, 0), phase=tfm.Isotropic())
     assert (scene.camera.up, scene.camera.fov, scene.camera.res) == ((0, 1, 0), 40, (1280, 720))
-    assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("dct", 8, 10)
+    assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("auto", "auto", "auto")
     assert (scene.map.res, scene.map.steps, scene.map.storage) == (1024, 100, "f32")
     assert (scene.march.method, scene.march.steps, scene.march.sampling) == ("tfm", 100, "projective")
     assert (scene.march.cutoff, scene.march.skip_empty, scene.march.voxels) == (1e-4, True, "f32")

@@ -1,26 +1,53 @@
 """The sweep's bookkeeping with a renderer that only pretends, and once with the real one."""
 
+import contextlib
 import csv
+import dataclasses
 import json
+import multiprocessing
+import os
+import signal
 import subprocess
 import sys
+import time
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from tfm_cl import sweep, sweep_report
-from tfm_cl.errors import InputError, SceneError
+from tfm_cl import metrics, sweep, sweep_keys, sweep_pool, sweep_report, sweep_work
+from tfm_cl.cli import main
+from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.leaves import Leaves
 from tfm_cl.medium import Medium
 from tfm_cl.metrics import compare
-from tfm_cl.renderer import Renderer
+from tfm_cl.settings import MapSettings
 from tfm_cl.sweep import content_hash, read_rows
-from tfm_cl.sweep_report import write as write_report
 from tfm_cl.volume import Volume
 
 RES = (48, 32)
+
+
+class FakeMap:
+    """Errs by a tenth of T over n; density everywhere but in the first row of texels."""
+
+    def __init__(self, scene):
+        self.settings = scene.map.resolved()
+        self.error = 1 / self.settings.coeffs
+        self.bytes_per_texel = (
+            self.settings.coeffs * {"f32": 4.0, "f16": 2.0, "u8": 1.0}[self.settings.storage]
+        )
+        self.buffers = SimpleNamespace(seconds=0.25)
+        self.occupied = np.zeros((*2 * (self.settings.res,), 2), np.float32)
+        self.occupied[1:, :, 1] = 1
+
+    def curve(self, u, v, count=256):
+        if not (0.01 < u < 0.99 and 0.01 < v < 0.99):
+            raise SceneError("the light ray misses the medium")
+        distance = np.linspace(1, 3, count)
+        exact = np.exp(-10 * u * (distance - 1))
+        return distance, exact, exact * (1 - 0.1 / self.settings.coeffs)
 
 
 class FakeRenderer:
@@ -30,21 +57,29 @@ class FakeRenderer:
 
     def __init__(self, fail_at=None, alpha=0.9, exact=False):
         self.calls = []
+        self.built = []
         self._fail_at, self._alpha, self._exact = fail_at, alpha, exact
 
-    def render(self, scene, *, method=None, progress=None):
+    def build_maps(self, scene, progress):
+        progress("light pass", 1.0)
+        self.built.append(scene.map)
+        return [FakeMap(scene) for _ in scene.lights]
+
+    def render(self, scene, *, maps=None, method=None, progress=None):
         if len(self.calls) == self._fail_at:
             raise KeyboardInterrupt
-        self.calls.append((method, scene.map.coeffs, scene.map.density_weighting))
         if method == "tfm":
-            progress("light pass", 1.0)
+            assert maps[0].settings == scene.map
+            self.calls.append((scene.map.basis, scene.map.coeffs, scene.map.density_weighting))
+        else:
+            self.calls.append(("dual", scene.map.steps, scene.march.steps))
         progress("view pass", 0.5)
         progress("view pass", 1.0)
         return SimpleNamespace(
             image=self.image(scene, method),
             stats=SimpleNamespace(
-                seconds={"light_pass": 0.0 if method == "dual" else 0.25, "view_pass": 1.5},
-                map_bytes=4 * scene.map.coeffs * scene.map.res**2,
+                seconds={"light_pass": 0.0, "view_pass": 1.5},
+                map_bytes=4 * (scene.map.coeffs if maps else 0) * scene.map.res**2,
             ),
         )
 
@@ -55,7 +90,10 @@ class FakeRenderer:
         square[:] = np.linspace(0.2, 1.0, square.shape[1])[:, None]
         square[..., 3] = self._alpha
         if method == "tfm" and not self._exact:
-            image[..., :3] *= 1 - 1 / (scene.map.coeffs * scene.map.density_weighting)
+            alpha = scene.map.density_weighting
+            image[..., :3] *= 1 - 1 / (scene.map.coeffs * (100 if alpha == "auto" else alpha))
+        elif method == "dual" and scene.march.steps > 20:  # the converged one
+            image[..., :3] *= 0.8
         return image
 
 
@@ -82,51 +120,62 @@ def out(tmp_path):
     return tmp_path / "results" / "sweep"
 
 
+WRITE_REPORT = sweep_report.write
+
+
 @pytest.fixture(autouse=True)
 def _without_report(monkeypatch):
-    """Drawing takes most of a small sweep's time; what looks at the report writes it, or uses `report`."""
+    """The report takes most of a small sweep's time; what looks at it asks for it."""
     monkeypatch.setattr(sweep_report, "write", lambda _out: None)
 
 
 @pytest.fixture
+def with_report(_without_report, monkeypatch):
+    monkeypatch.setattr(sweep_report, "write", WRITE_REPORT)
+
+
+PAIRS = {"bases": ("dct",), "coeffs": (2, 4), "converged": False, "overrides": small}
+"""2 × 2 settings of one basis, and no more references than one."""
+
+
+def run(inputs, out, **options):
+    """Sweep `PAIRS` with a fresh renderer, unless told otherwise."""
+    return sweep.run(inputs, out, **PAIRS | {"renderer": FakeRenderer()} | options)
+
+
+@pytest.fixture
 def swept(volume, out):
-    """A complete sweep of 2 × 2 settings."""
+    """A complete sweep of `PAIRS`."""
     renderer = FakeRenderer()
-    rows = sweep.run([volume], out, coeffs=(2, 4), overrides=small, renderer=renderer)
+    rows = run([volume], out, renderer=renderer)
     return SimpleNamespace(rows=rows, renderer=renderer)
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    """A complete sweep with its report, not to be changed."""
-    folder = tmp_path_factory.mktemp("report")
-    out = folder / "out"
-    rows = sweep.run(
-        [blob(folder / "blob.npy")], out, coeffs=(2, 4), overrides=small, renderer=FakeRenderer()
-    )
-    return SimpleNamespace(rows=rows, out=out)
-
-
-def again(volume, out, overrides=small, **options):
+def again(volume, out, **options):
     """Sweep with a fresh renderer; returns what it was asked for."""
     renderer = FakeRenderer()
-    sweep.run([volume], out, coeffs=(2, 4), overrides=overrides, renderer=renderer, **options)
+    run([volume], out, renderer=renderer, **options)
     return renderer.calls
 
 
 def test_every_pair_is_rendered_and_the_reference_once(swept):
     assert swept.renderer.calls == [
-        ("dual", 8, 10.0),
-        ("tfm", 2, 1.0),
-        ("tfm", 4, 1.0),
-        ("tfm", 2, 10.0),
-        ("tfm", 4, 10.0),
+        ("dual", 20, 20),
+        ("dct", 2, 1.0),
+        ("dct", 4, 1.0),
+        ("dct", 2, 10.0),
+        ("dct", 4, 10.0),
+    ]
+    assert [(made.coeffs, made.density_weighting) for made in swept.renderer.built] == [
+        call[1:] for call in swept.renderer.calls[1:]
     ]
 
 
 def test_a_row_holds_metrics_settings_and_costs(swept):
     row = swept.rows[1]
-    truth = FakeRenderer().image(SimpleNamespace(camera=SimpleNamespace(res=RES)), "dual")
+    truth = FakeRenderer().image(
+        SimpleNamespace(camera=SimpleNamespace(res=RES), march=SimpleNamespace(steps=20)), "dual"
+    )
     expected = compare(truth * np.array([0.75, 0.75, 0.75, 1], np.float32), truth)
 
     assert (row.volume, row.coeffs, row.density_weighting) == ("blob", 4, 1.0)
@@ -136,7 +185,9 @@ def test_a_row_holds_metrics_settings_and_costs(swept):
     assert (row.lit_ssim, row.lit_psnr) == pytest.approx((expected.lit.ssim, expected.lit.psnr))
     assert row.lit_rmse < row.rmse == pytest.approx(expected.rmse)
     assert (row.seconds_light_pass, row.seconds_view_pass, row.seconds_reference) == (0.25, 1.5, 1.5)
-    assert (row.map_bytes, row.device) == (4 * 4 * 16**2, "pretended")
+    assert (row.map_bytes, row.bytes_per_texel, row.t_error) == (4 * 4 * 16**2, 16, 0.25)
+    assert (row.target, row.range, row.fit, row.lookup) == ("transmittance", "box", "l2", "interpolate")
+    assert (row.device, row.converged, row.converged_lit_psnr) == ("pretended", None, None)
 
 
 def test_jsonl_and_csv_hold_the_rows(swept, out):
@@ -152,14 +203,12 @@ def test_jsonl_and_csv_hold_the_rows(swept, out):
 
 
 def test_infinite_psnr_survives_json(volume, out):
-    rows = sweep.run([volume], out, coeffs=[2], overrides=small, renderer=FakeRenderer(exact=True))
+    rows = run([volume], out, coeffs=[2], renderer=FakeRenderer(exact=True))
 
     assert rows[0].psnr == np.inf
     assert json.loads((out / "sweep.jsonl").read_text().splitlines()[0])["psnr"] is None
     assert ",inf," in (out / "sweep.csv").read_text()
     assert read_rows(out) == rows
-    write_report(out)
-    assert "| ∞ |" in (out / "sweep.md").read_text()
 
 
 def test_a_complete_sweep_is_not_rendered_again(swept, volume, out):
@@ -173,9 +222,9 @@ def test_a_complete_sweep_is_not_rendered_again(swept, volume, out):
 
 def test_more_coefficients_add_rows(swept, volume, out):
     renderer = FakeRenderer()
-    rows = sweep.run([volume], out, coeffs=(4, 8), overrides=small, renderer=renderer)
+    rows = run([volume], out, coeffs=(4, 8), renderer=renderer)
 
-    assert renderer.calls == [("tfm", 8, 1.0), ("tfm", 8, 10.0)]
+    assert renderer.calls == [("dct", 8, 1.0), ("dct", 8, 10.0)]
     assert [(row.coeffs, row.density_weighting) for row in rows] == [(4, 1), (8, 1), (4, 10), (8, 10)]
     assert rows[0] == swept.rows[1]
     assert len(read_rows(out)) == 6
@@ -184,14 +233,14 @@ def test_more_coefficients_add_rows(swept, volume, out):
 @pytest.mark.parametrize(
     ("fail_at", "remaining"),
     [
-        (0, [("dual", 8, 10.0), ("tfm", 2, 1.0), ("tfm", 4, 1.0), ("tfm", 2, 10.0), ("tfm", 4, 10.0)]),
-        (1, [("tfm", 2, 1.0), ("tfm", 4, 1.0), ("tfm", 2, 10.0), ("tfm", 4, 10.0)]),
-        (3, [("tfm", 2, 10.0), ("tfm", 4, 10.0)]),
+        (0, [("dual", 20, 20), ("dct", 2, 1.0), ("dct", 4, 1.0), ("dct", 2, 10.0), ("dct", 4, 10.0)]),
+        (1, [("dct", 2, 1.0), ("dct", 4, 1.0), ("dct", 2, 10.0), ("dct", 4, 10.0)]),
+        (3, [("dct", 2, 10.0), ("dct", 4, 10.0)]),
     ],
 )
 def test_an_interrupted_sweep_goes_on(volume, out, fail_at, remaining):
     with pytest.raises(KeyboardInterrupt):
-        sweep.run([volume], out, coeffs=(2, 4), overrides=small, renderer=FakeRenderer(fail_at))
+        run([volume], out, renderer=FakeRenderer(fail_at))
 
     assert len(read_rows(out)) == max(0, fail_at - 1)
     assert again(volume, out) == remaining
@@ -205,7 +254,7 @@ def test_a_torn_last_line_is_dropped_and_made_again(swept, volume, out, torn):
     table = (out / "sweep.csv").read_bytes()
     (out / "sweep.csv").write_bytes(table[:-20])
 
-    assert again(volume, out) == [("tfm", 4, 10.0)]
+    assert again(volume, out) == [("dct", 4, 10.0)]
     assert (out / "sweep.jsonl").read_bytes() == b"".join(whole)
     assert (out / "sweep.csv").read_bytes() == table
     assert swept.rows == read_rows(out)
@@ -279,7 +328,8 @@ def test_another_device_or_version_is_another_row(swept, volume, out, change, mo
     if change == "device":
         monkeypatch.setattr(FakeRenderer, "device_name", "another")
     else:
-        monkeypatch.setattr(sweep, "__version__", "999")
+        for module in (sweep_keys, sweep_work):
+            monkeypatch.setattr(module, "__version__", "999")
 
     assert len(again(volume, out)) == 5
     assert getattr(read_rows(out)[-1], change) != getattr(swept.rows[0], change)
@@ -301,9 +351,9 @@ def test_a_damaged_reference_is_rendered_again(swept, volume, out, damage):
         path.with_suffix(".json").write_text("{")
 
     renderer = FakeRenderer()
-    sweep.run([volume], out, coeffs=[16], overrides=small, renderer=renderer)
+    run([volume], out, coeffs=[16], renderer=renderer)
 
-    assert [method for method, *_ in renderer.calls] == ["dual", "tfm", "tfm"]
+    assert [method for method, *_ in renderer.calls] == ["dual", "dct", "dct"]
     np.testing.assert_array_equal(np.load(path), image)
 
 
@@ -314,7 +364,7 @@ def test_auto_is_swept_as_its_numbers(volume, out):
             map=scene.map.replace(res="auto", steps="auto"), march=scene.march.replace(steps="auto")
         )
 
-    rows = sweep.run([volume], out, coeffs=(2, 4), overrides=auto, renderer=FakeRenderer())
+    rows = run([volume], out, overrides=auto)
     assert len(rows) == 4
     assert all(type(count) is int for row in rows for count in (row.map_res, row.map_steps, row.view_steps))
 
@@ -350,9 +400,7 @@ def test_several_inputs_and_equal_names(tmp_path, out):
         path.parent.mkdir(exist_ok=True)
         blob(path, seed=seed)
 
-    rows = sweep.run(
-        inputs, out, coeffs=[2], density_weightings=[1], overrides=small, renderer=FakeRenderer()
-    )
+    rows = run(inputs, out, coeffs=[2], density_weightings=[1])
 
     assert [row.volume for row in rows] == [inputs[0].as_posix(), inputs[1].as_posix(), "other"]
     assert len({row.reference for row in rows}) == 3
@@ -365,13 +413,14 @@ def test_progress_never_goes_back_and_ends_at_one(volume, out):
     fractions = [fraction for _, fraction in seen]
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0, 1)
-    assert seen[0][0] == "blob: reference"
-    assert ("blob: reference: view pass", 0.1) in seen
+    march = [fraction for stage, fraction in seen if stage == "blob: reference: view pass"]
+    assert 0 < march[0] < march[1] < 1
+    assert "blob: dct n=4 α=10: light pass" in dict(seen)
 
 
 def test_overrides_by_key_are_known_before_the_camera_is_placed(volume, out):
     overrides = [("camera.res", [20, 60]), ("map.res", 8)]
-    rows = sweep.run([volume], out, coeffs=[2], overrides=iter(overrides), renderer=FakeRenderer())
+    rows = run([volume], out, coeffs=[2], overrides=iter(overrides))
     again(volume, out, overrides=lambda scene: scene.replace(camera=scene.camera.replace(res=(20, 60))))
 
     assert (rows[0].width, rows[0].height, rows[0].map_res) == (20, 60, 8)
@@ -381,24 +430,56 @@ def test_overrides_by_key_are_known_before_the_camera_is_placed(volume, out):
 
 def test_a_dark_reference_is_an_error(volume, out):
     with pytest.raises(SceneError, match="blob: the reference shows nothing"):
-        sweep.run([volume], out, overrides=small, renderer=FakeRenderer(alpha=0.0))
+        run([volume], out, renderer=FakeRenderer(alpha=0.0))
 
 
-def test_impossible_settings_fail_before_rendering(volume, out):
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"coeffs": (2, 1000)}, r"map\.coeffs = 1000"),
+        ({"bases": ("dct", "wavelet")}, "unknown basis 'wavelet'"),
+        ({"density_weightings": (0.5,)}, r"map\.density_weighting = 0\.5"),
+        ({"ranges": ("box", "seen")}, r"map\.range = 'seen'"),
+        ({"fits": ("l3",)}, r"map\.fit = 'l3'"),
+        ({"storages": ("f64",)}, r"map\.storage = 'f64'"),
+        ({"map_sizes": (0,)}, r"map\.res = 0"),
+        ({"converged_steps": 0}, "converged steps = 0"),
+        ({"converged": True, "converged_steps": 19}, "blob: 19 converged steps are fewer than the 20"),
+        ({"ray": (0.5, 1.5)}, r"ray = 0\.5,1\.5: .* from 0 to 1"),
+        ({"ray": (0.5, np.nan)}, "ray = 0.5,nan"),
+        ({"ray": (0.0, 0.5)}, "misses the medium"),
+        ({"jobs": 0}, "jobs = 0"),
+        ({"jobs": 2}, "jobs = 2: every process makes its own renderer"),
+        ({"jobs": 2, "renderer": None, "overrides": lambda scene: scene}, "other processes can import"),
+        ({"bases": ("legendre",), "coeffs": (32,)}, "coeffs = 32: basis 'legendre' has"),
+    ],
+)
+def test_wrong_values_fail_before_rendering(volume, out, options, message):
     renderer = FakeRenderer()
 
-    with pytest.raises(SceneError, match="coeffs"):
-        sweep.run([volume], out, coeffs=(2, 1000), overrides=small, renderer=renderer)
+    with pytest.raises(InputError, match=message) as caught:
+        run([volume], out, **{"renderer": renderer} | options)
 
+    assert "\n" not in str(caught.value)
     assert renderer.calls == []
 
 
-@pytest.mark.parametrize("empty", ["inputs", "coeffs", "density_weightings"])
+def test_an_input_that_cannot_be_read_fails_before_rendering(volume, tmp_path, out):
+    renderer = FakeRenderer()
+
+    with pytest.raises(InputError, match="missing"):
+        run([volume, tmp_path / "missing.npy"], out, renderer=renderer)
+
+    assert renderer.calls == []
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("empty", ["inputs", "bases", "coeffs", "density_weightings"])
 def test_nothing_to_sweep(volume, out, empty):
-    arguments = {"inputs": [volume], "coeffs": [2], "density_weightings": [1.0], empty: []}
+    arguments = {"inputs": [volume], empty: []}
 
     with pytest.raises(InputError, match="at least one"):
-        sweep.run(out=out, renderer=FakeRenderer(), **arguments)
+        run(arguments.pop("inputs"), out, **arguments)
 
 
 def test_a_file_in_the_folders_place(volume, tmp_path):
@@ -410,11 +491,23 @@ def test_a_file_in_the_folders_place(volume, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_no_temporary_files_stay(report):
-    names = {path.name for path in report.out.iterdir()}
+@pytest.mark.usefixtures("with_report")
+def test_what_a_sweep_leaves(swept, out):
+    names = {path.name for path in out.iterdir()}
 
-    assert names == {"images", "sweep.jsonl", "sweep.csv", "sweep.md", "sweep.png", "contact_sheet.png"}
-    assert not list((report.out / "images").glob(".*"))
+    assert {"curves", "images", "sweep.jsonl", "sweep.csv", "sweep.md"} <= names
+    assert not [path for path in out.rglob("*") if path.name.startswith(".")]
+    assert "blob" in (out / "sweep.md").read_text()
+    assert len(swept.rows) == 4
+
+
+@pytest.mark.usefixtures("swept")
+def test_halves_of_images_are_removed(volume, out):
+    half = out / "images" / f".{'0' * 24}.npy.12345678.tmp"
+    half.write_bytes(b"half of it")
+
+    assert again(volume, out) == []
+    assert not half.exists()
 
 
 def test_content_hash_is_the_same_in_every_process():
@@ -439,99 +532,524 @@ def test_content_hash_tells_apart_what_differs(tmp_path):
         content_hash(object())
 
 
-def test_report_pictures_are_of_sane_size(report):
-    with Image.open(report.out / "sweep.png") as plot, Image.open(report.out / "contact_sheet.png") as sheet:
-        plot.load()
-        sheet.load()
-
-        assert (plot.format, sheet.format) == ("PNG", "PNG")
-        assert 800 < plot.width < 1600
-        assert 300 < plot.height < 800
-        assert 900 < sheet.width < 1300
-        assert 900 < sheet.height < 1600
-        colours = {colour for _, colour in plot.convert("RGB").getcolors(1 << 20)}
-    assert {(0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)} <= colours
+# -------------------------------------------------------------------------------------------- the axes
 
 
-def test_contact_sheet_shows_darkening_as_blue(report):
-    with Image.open(report.out / "contact_sheet.png") as sheet:
-        pixels = np.asarray(sheet.convert("RGB")).astype(int)
-    blue = pixels[..., 2] - pixels[..., 0]
-
-    # n α = 2 and 4 lie beyond the scale, whose ends (in the colour bar) are about as many each.
-    assert np.count_nonzero(blue > 60) > 20 * np.count_nonzero(blue < -60)
+def settings_of(rows, *names):
+    return [tuple(getattr(row, name) for name in names) for row in rows]
 
 
-def test_table_of_the_report(report):
-    lines = (report.out / "sweep.md").read_text().splitlines()
-    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
-    rows = [dict(zip(table[0], cells, strict=True)) for cells in table[2:]]
+def test_default_axes(volume, out):
+    rows = sweep.run([volume], out, overrides=small, renderer=FakeRenderer())
 
-    assert [(row["α"], row["n"]) for row in rows] == [("1", "2"), ("1", "4"), ("10", "2"), ("10", "4")]
-    assert [row["SSIM lit"] for row in rows] == [f"{row.lit_ssim:.4f}" for row in report.rows]
-    assert rows[0]["light pass / ms"] == "250.0"
-    assert rows[0]["speed-up"] == "0.9×"
-
-
-def test_report_without_some_images(swept, out):
-    for key in (swept.rows[0].reference, swept.rows[1].key):
-        (out / "images" / f"{key}.npy").unlink()
-
-    write_report(out)
-
-    with Image.open(out / "contact_sheet.png") as sheet:
-        sheet.load()
+    assert settings_of(rows, "basis", "density_weighting", "coeffs") == [
+        *(("dct", alpha, n) for alpha in (1.0, 10.0) for n in (2, 4, 8, 16)),
+        *(("klt", "auto", n) for n in (2, 4, 8, 16)),
+    ]
+    assert {row.target for row in rows if row.basis == "klt"} == {"optical-depth"}
 
 
-def test_report_of_hostile_names_and_odd_shapes(tmp_path, out):
-    path = blob(tmp_path / "$a_{b|*c*$.npy")
-
-    def wide(scene):
-        return small(scene).replace(camera=scene.camera.replace(res=(300, 9)))
-
-    sweep.run(
-        [path],
+def test_every_combination(volume, out):
+    rows = run(
+        [volume],
         out,
-        coeffs=[1],
-        density_weightings=["auto"],
-        overrides=wide,
-        renderer=FakeRenderer(exact=True),
+        bases=("dct", "klt"),
+        coeffs=(2,),
+        density_weightings=(1.0,),
+        ranges=("box", "visible"),
+        fits=("l2", "visibility"),
+        storages=("f16", "u8"),
+        map_sizes=(8, 16),
     )
 
-    write_report(out)
-
-    assert r"## $a\_{b\|\*c\*$" in (out / "sweep.md").read_text()
-    with Image.open(out / "contact_sheet.png") as sheet:
-        assert sheet.width < 1100
-
-
-def test_report_of_two_sweeps_tells_them_apart(swept, volume, out):
-    again(volume, out, overrides=lambda scene: small(scene).replace(medium=Medium(sigma_a=0.5)))
-    write_report(out)
-    titles = [line for line in (out / "sweep.md").read_text().splitlines() if line.startswith("## ")]
-
-    assert len(set(titles)) == 2
-    assert swept.rows[0].reference[:6] in titles[0]
+    assert settings_of(rows, "basis", "range", "fit", "storage", "map_res") == list(
+        product(("dct", "klt"), ("box", "visible"), ("l2", "visibility"), ("f16", "u8"), (8, 16))
+    )
+    assert len({row.key for row in rows}) == 32
+    assert {row.reference for row in rows} == {rows[0].reference}
+    assert settings_of(rows[:3], "bytes_per_texel") == [(4.0,), (4.0,), (2.0,)]
 
 
-def test_report_of_nothing(tmp_path):
-    (tmp_path / "sweep.jsonl").write_text("")
+def test_what_comes_to_the_same_is_one_row(volume, out):
+    rows = run([volume], out, bases=("auto", "klt", "klt"), coeffs=(2, 2), fits=("visibility",))
 
-    with pytest.raises(InputError, match="no rows"):
-        write_report(tmp_path)
-    with pytest.raises(InputError, match="cannot be read"):
-        write_report(tmp_path / "missing")
+    assert settings_of(rows, "basis", "coeffs", "fit") == [("klt", 2, "visibility")]
+    assert again(volume, out, bases=["klt"], coeffs=[2]) == []
 
 
-def test_real_renderer(volume, out):
-    with Renderer() as renderer:
-        rows = sweep.run(
-            [volume], out, coeffs=(2, 12), density_weightings=[10], overrides=small, renderer=renderer
+def test_weightings_count_where_the_target_is_the_transmittance(volume, out):
+    def of_transmittance(scene):
+        scene = small(scene)
+        return scene.replace(map=scene.map.replace(target="transmittance"))
+
+    rows = run([volume], out, bases=["klt"], coeffs=[2], overrides=of_transmittance)
+
+    assert settings_of(rows, "target", "density_weighting") == [("transmittance", 1), ("transmittance", 10)]
+
+
+def test_refused_combinations_are_left_out(volume, out):
+    lines = []
+    rows = run([volume], out, bases=("dct", "legendre"), coeffs=(4, 32), notice=lines.append)
+
+    assert settings_of(rows, "basis", "coeffs") == [("dct", 4), ("dct", 32)] * 2 + [("legendre", 4)]
+    assert len(lines) == 1
+    assert lines[0].startswith("left out 2 combinations: map: coeffs = 32: basis 'legendre'")
+
+
+def test_nothing_remains(volume, out):
+    def of_extinction(scene):
+        scene = small(scene)
+        return scene.replace(map=scene.map.replace(basis="dct", target="extinction"))
+
+    with pytest.raises(
+        SceneError, match=r"no combination .* is possible: map: target = 'extinction': basis 'klt'"
+    ):
+        run([volume], out, bases=["klt"], overrides=of_extinction)
+
+
+def test_settings_that_choose_coefficients_play_no_part(volume, out):
+    def affordable(scene):
+        scene = small(scene)
+        return scene.replace(map=scene.map.replace(bytes_=24, coeffs="auto"))
+
+    assert [row.coeffs for row in run([volume], out, density_weightings=[1], overrides=affordable)] == [2, 4]
+    assert again(volume, out, density_weightings=[1]) == []
+
+
+# ------------------------------------------------------------------------------------- converged march
+
+
+def test_the_converged_march_has_four_times_the_steps(volume, out):
+    renderer = FakeRenderer()
+    rows = run([volume], out, converged=True, renderer=renderer)
+    image = FakeRenderer().image
+    scene = SimpleNamespace(
+        camera=SimpleNamespace(res=RES),
+        march=SimpleNamespace(steps=80),
+        map=SimpleNamespace(coeffs=2, density_weighting=1),
+    )
+    expected = compare(image(scene, "tfm"), image(scene, "dual"))
+
+    assert renderer.calls[:2] == [("dual", 20, 20), ("dual", 80, 80)]
+    assert len(renderer.calls) == 6
+    row = rows[0]
+    assert row.converged not in {None, row.reference}
+    assert (row.converged_ssim, row.converged_lit_ssim) == pytest.approx((expected.ssim, expected.lit.ssim))
+    assert (row.converged_psnr, row.converged_lit_psnr) == pytest.approx((expected.psnr, expected.lit.psnr))
+    assert (row.converged_rmse, row.converged_lit_rmse) == pytest.approx((expected.rmse, expected.lit.rmse))
+    assert (out / "images" / f"{row.converged}.npy").is_file()
+    assert read_rows(out) == rows
+
+
+@pytest.mark.parametrize(
+    ("own", "asked", "steps"), [(300, None, 1000), (1200, None, 1200), (20, 33, 33), (20, 20, 20)]
+)
+def test_steps_of_the_converged_march(volume, out, own, asked, steps):
+    def stepped(scene):
+        scene = small(scene)
+        return scene.replace(map=scene.map.replace(steps=own), march=scene.march.replace(steps=own))
+
+    calls = again(volume, out, coeffs=[2], overrides=stepped, converged=True, converged_steps=asked)
+
+    # Where the reference has these steps, it serves as both.
+    assert [call for call in calls if call[0] == "dual"] == [
+        ("dual", n, n) for n in dict.fromkeys((own, steps))
+    ]
+    row = read_rows(out)[0]
+    assert (row.converged == row.reference) == (own == steps)
+
+
+def test_infinite_converged_psnr_survives_json(volume, out):
+    rows = run([volume], out, converged=True, converged_steps=20, renderer=FakeRenderer(exact=True))
+
+    assert rows[0].converged_psnr == np.inf
+    assert json.loads((out / "sweep.jsonl").read_text().splitlines()[0])["converged_psnr"] is None
+    assert read_rows(out) == rows
+
+
+def test_rows_are_compared_with_the_converged_march_later(swept, volume, out):
+    calls = again(volume, out, converged=True)
+    rows = read_rows(out)
+
+    assert calls == [("dual", 80, 80)]
+    assert [row.key for row in rows] == [row.key for row in swept.rows]
+    assert all(row.converged_lit_psnr < np.inf for row in rows)
+    with (out / "sweep.csv").open() as file:
+        assert [line["converged"] for line in csv.DictReader(file)] == [row.converged for row in rows]
+    # And stay so, whether it is asked for or not.
+    assert again(volume, out, converged=True) == again(volume, out) == []
+    assert read_rows(out) == rows
+
+
+def test_a_row_without_its_image_is_made_again_for_the_converged_march(swept, volume, out):
+    (out / "images" / f"{swept.rows[1].key}.npy").unlink()
+
+    assert again(volume, out, converged=True) == [("dual", 80, 80), ("dct", 4, 1.0)]
+    assert len(read_rows(out)) == 4
+
+
+def test_flip_where_it_is_installed(volume, out, monkeypatch):
+    monkeypatch.setattr(metrics, "flip_is_installed", lambda: False)
+    assert [row.flip for row in run([volume], out)] == [None] * 4
+
+    monkeypatch.setattr(metrics, "flip_is_installed", lambda: True)
+    monkeypatch.setattr(metrics, "flip", lambda test, truth: float((truth - test).max()))
+    assert run([volume], out, coeffs=[5])[0].flip == pytest.approx(0.2)
+
+
+# ---------------------------------------------------------------------------------------- equal bytes
+
+
+def test_equal_bytes(swept):
+    def row(volume, basis, size, psnr):
+        return dataclasses.replace(
+            swept.rows[0], volume=volume, basis=basis, bytes_per_texel=size, lit_psnr=psnr
         )
-        device = renderer.device_name
 
-    assert rows[0].lit_psnr + 6 < rows[1].lit_psnr < 200
-    assert rows[0].lit_ssim < rows[1].lit_ssim <= 1
-    assert [row.map_bytes for row in rows] == [4 * 2 * 16**2, 4 * 12 * 16**2]
-    assert min(rows[0].seconds_light_pass, rows[0].seconds_view_pass, rows[0].seconds_reference) > 0
-    assert rows[0].device == device
+    rows = [
+        row("a", "dct", 16, 20),
+        row("a", "dct", 24, 30),
+        row("a", "dct", 20, 30),
+        row("a", "dct", 41, 50),
+        row("a", "klt", 17, np.inf),
+        row("b", "klt", 16, 10),
+    ]
+
+    assert sweep.equal_bytes(rows) == {
+        "a": {
+            16: {"dct": rows[0]},
+            24: {"dct": rows[2], "klt": rows[4]},
+            40: {"dct": rows[2], "klt": rows[4]},
+        },
+        "b": {16: {"klt": rows[5]}, 24: {"klt": rows[5]}, 40: {"klt": rows[5]}},
+    }
+    assert sweep.equal_bytes(iter(rows), budgets=[8]) == {"a": {8: {}}, "b": {8: {}}}
+    assert sweep.equal_bytes([]) == {}
+
+
+# --------------------------------------------------------------------------------------------- curves
+
+
+def curves_of(out, row):
+    return json.loads((out / "curves" / f"{row.reference}.json").read_text())
+
+
+def test_curves(swept, out):
+    found = curves_of(out, swept.rows[0])
+    distance, exact, _ = FakeMap(SimpleNamespace(map=MapSettings(res=16))).curve(found["u"], found["v"])
+
+    assert (found["volume"], found["light"]) == ("blob", 0)
+    assert len(found["distance"]) == 256
+    np.testing.assert_allclose(found["distance"], distance, rtol=1e-6)
+    np.testing.assert_allclose(found["exact"], exact, rtol=1e-6)
+    assert {curve["key"]: curve["label"] for curve in found["curves"]} == {
+        row.key: f"dct n={row.coeffs} α={row.density_weighting:g}" for row in swept.rows
+    }
+    assert [curve["label"][:7] for curve in found["curves"]] == ["dct n=2", "dct n=2", "dct n=4", "dct n=4"]
+    np.testing.assert_allclose(found["curves"][2]["values"], exact * 0.975, rtol=1e-6)
+
+
+def test_labels_tell_what_differs(volume, out):
+    run([volume], out, bases=["klt"], coeffs=[8])
+    rows = run([volume], out, bases=["klt"], coeffs=[8], ranges=("box", "visible"), map_sizes=(16, 32))
+
+    labels = [curve["label"] for curve in curves_of(out, rows[0])["curves"]]
+    assert sorted(labels) == [
+        "klt n=8 box 16²",
+        "klt n=8 box 32²",
+        "klt n=8 visible 16²",
+        "klt n=8 visible 32²",
+    ]
+
+
+def test_the_chosen_ray_is_dark_but_not_the_darkest(swept, out):
+    found = curves_of(out, swept.rows[0])
+
+    # Depth grows with u; of 16 columns the 90th percentile lies in the 15th. The first row has no density.
+    assert found["u"] == 14.5 / 16
+    assert found["v"] > 1 / 16
+
+
+def test_a_ray_of_ones_own(volume, out):
+    rows = run([volume], out, ray=(0.25, 0.75))
+    first = curves_of(out, rows[0])
+    again(volume, out, coeffs=[8])
+    kept = curves_of(out, rows[0])
+    assert again(volume, out, ray=(0.5, 0.5)) == []
+    other = curves_of(out, rows[0])
+
+    assert (first["u"], first["v"]) == (kept["u"], kept["v"]) == (0.25, 0.75)
+    assert (len(first["curves"]), len(kept["curves"])) == (4, 6)
+    assert (other["u"], len(other["curves"])) == (0.5, 4)
+
+
+@pytest.mark.parametrize("damage", ["missing", "no JSON", "a key too many digits", "too short"])
+def test_damaged_curves_are_made_again(swept, volume, out, damage):
+    path = out / "curves" / f"{swept.rows[0].reference}.json"
+    whole = path.read_text()
+    content = json.loads(whole)
+    content["curves"][0]["values"].pop()
+    damaged = {
+        "no JSON": whole[:-1],
+        "a key too many digits": whole.replace(swept.rows[0].key, swept.rows[0].key + "0"),
+        "too short": json.dumps(content),
+    }
+    path.unlink() if damage == "missing" else path.write_text(damaged[damage])
+
+    renderer = FakeRenderer()
+    run([volume], out, renderer=renderer)
+
+    assert path.read_text() == whole
+    assert renderer.calls == []
+    assert len(renderer.built) == 4
+
+
+def test_an_interrupted_sweep_keeps_its_curves(volume, out):
+    with pytest.raises(KeyboardInterrupt):
+        run([volume], out, renderer=FakeRenderer(3))
+
+    assert len(curves_of(out, read_rows(out)[0])["curves"]) == 2
+    renderer = FakeRenderer()
+    rows = run([volume], out, renderer=renderer)
+    assert len(renderer.built) == 2
+    assert len(curves_of(out, rows[0])["curves"]) == 4
+
+
+def test_no_ray_no_curves(volume, out, monkeypatch):
+    monkeypatch.setattr(sweep_work.sweep_curves, "choose_ray", lambda _map: None)
+
+    assert len(run([volume], out)) == 4
+    assert not (out / "curves").exists()
+    assert again(volume, out) == []
+
+
+# ------------------------------------------------------------------------------------- the command line
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--coeffs", "2,x"], "--coeffs 2,x: should be values with commas between, as 2,4,8"),
+        (["--bases", "dct,,klt"], "--bases dct,,klt: should be values with commas between, as a,b"),
+        (["--map-sizes", "auto"], "--map-sizes auto: should be"),
+        (["--density-weighting", "ten"], "--density-weighting ten: should be"),
+        (["--fits", "l3"], "map.fit = 'l3': should be"),
+        (["--ray", "0.5"], "--ray 0.5: should be u,v"),
+        (["--ray", "2,0"], "ray = 2,0: should be u,v on the light's map, each from 0 to 1"),
+        (["--jobs", "-1"], "jobs = -1: should be from 1 to"),
+        (["--converged-steps", "0"], "converged steps = 0: should be from 1 to"),
+        (["--converged-steps", "50", "--no-converged"], "--converged-steps: there is nothing converged"),
+        (
+            ["--map-sizes", "64", "--map-res", "32"],
+            "map.res is what the sweep goes through: give its values to",
+        ),
+        (["--set", "map.basis=klt"], "map.basis is what the sweep goes through: give its values to --bases"),
+        (["--set", "map.max_error=0.1"], "map.max_error chooses coeffs, which the sweep goes through"),
+        (["--set", "map.colour=1"], "unknown key 'colour' in [map]"),
+    ],
+)
+def test_wrong_options(volume, out, capsys, options, message):
+    assert main(["sweep", str(volume), "-o", str(out), *options]) == 2
+
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("tfm: ")
+    assert message in said.err
+    assert said.err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_command_line_hands_everything_over(out, capsys, monkeypatch):
+    calls = []
+
+    def pretended(inputs, folder, **options):
+        calls.append((inputs, folder, options))
+        options["notice"]("left out 2 combinations: why")
+        folder.mkdir(parents=True)
+        (folder / "sweep.md").write_text("a table\n")
+
+    monkeypatch.setattr(sweep, "run", pretended)
+    lists = (
+        "--bases",
+        "dct, klt",
+        "--coeffs",
+        "3",
+        "--density-weighting",
+        "2.5,auto",
+        "--ranges",
+        "box,visible",
+    )
+    more = (
+        "--fits",
+        "l2",
+        "--storages",
+        "f16,u8",
+        "--map-sizes",
+        "32,64",
+        "--converged-steps",
+        "90",
+        "--jobs",
+        "2",
+    )
+    arguments = (
+        "a.npy",
+        "b.npy",
+        "-o",
+        out,
+        *lists,
+        *more,
+        "--ray",
+        "0.25,1",
+        "--device",
+        "x",
+        "--steps",
+        "7",
+    )
+
+    assert main(["sweep", *map(str, arguments)]) == 0
+    inputs, folder, options = calls[0]
+    assert (list(map(str, inputs)), folder) == (["a.npy", "b.npy"], out)
+    del options["progress"], options["notice"]
+    assert options == {
+        "bases": ["dct", "klt"],
+        "coeffs": [3],
+        "density_weightings": [2.5, "auto"],
+        "ranges": ["box", "visible"],
+        "fits": ["l2"],
+        "storages": ["f16", "u8"],
+        "map_sizes": [32, 64],
+        "converged": True,
+        "converged_steps": 90,
+        "ray": (0.25, 1.0),
+        "jobs": 2,
+        "device": "x",
+        "overrides": [("march.steps", 7)],
+    }
+    said = capsys.readouterr()
+    assert said.out == f"a table\n\n{out}: sweep.md\n"
+    assert said.err == "tfm: left out 2 combinations: why\n"
+
+
+# ------------------------------------------------------------------------------------ the real renderer
+
+
+def plain(device_name, **options):
+    """Arguments of a small sweep whose overrides other processes can have."""
+    keys = [("camera.res", list(RES)), ("map.res", 16), ("map.steps", 20), ("march.steps", 20)]
+    return {"bases": ("dct", "klt"), "coeffs": (2, 12), "density_weightings": [10.0]} | {
+        "overrides": keys,
+        "device": device_name,
+        **options,
+    }
+
+
+def test_real_renderer(volume, out, device_name):
+    rows = sweep.run([volume], out, **plain(device_name))
+    worse, better = rows[0], rows[1]
+
+    assert worse.lit_psnr + 6 < better.lit_psnr < 200
+    assert worse.lit_ssim < better.lit_ssim <= 1
+    assert worse.t_error > better.t_error > 0
+    assert better.converged_lit_psnr < better.lit_psnr
+    assert (
+        settings_of(rows, "basis", "target")
+        == [("dct", "transmittance")] * 2 + [("klt", "optical-depth")] * 2
+    )
+    assert [row.map_bytes for row in rows[:2]] == [4 * 2 * 16**2, 4 * 12 * 16**2]
+    assert settings_of(rows[:2], "bytes_per_texel") == [(8,), (48,)]
+    assert min(worse.seconds_light_pass, worse.seconds_view_pass, worse.seconds_reference) > 0
+    curves = curves_of(out, worse)
+    errors = {
+        curve["key"]: np.abs(np.subtract(curve["values"], curves["exact"])).max()
+        for curve in curves["curves"]
+    }
+    assert errors[better.key] < errors[worse.key] < 1
+    assert curves["exact"][-1] < curves["exact"][0] <= 1
+
+
+def test_several_processes_make_the_same_rows(volume, tmp_path, device_name):
+    seconds = dict.fromkeys(("seconds_light_pass", "seconds_view_pass", "seconds_reference"), 0.0)
+    other = blob(tmp_path / "other.npy", seed=1)
+    seen = []
+    alone, together = (
+        sweep.run(
+            [volume, other], tmp_path / str(jobs), **plain(device_name, jobs=jobs, coeffs=(2, 3), **more)
+        )
+        for jobs, more in ((1, {}), (2, {"progress": lambda _stage, fraction: seen.append(fraction)}))
+    )
+
+    assert [dataclasses.replace(row, **seconds) for row in alone] == [
+        dataclasses.replace(row, **seconds) for row in together
+    ]
+    assert curves_of(tmp_path / "1", alone[0])["exact"] == curves_of(tmp_path / "2", alone[0])["exact"]
+    assert seen == sorted(seen)
+    assert seen[-1] == 1
+    assert len(seen) > len(together)
+
+
+def test_errors_of_other_processes_are_ours(volume, out):
+    with pytest.raises(NoDeviceError, match="no OpenCL device with 'abacus'") as caught:
+        sweep.run([volume], out, jobs=2, device="abacus")
+
+    assert "\n" not in str(caught.value)
+    assert multiprocessing.active_children() == []
+    assert not out.exists()
+
+
+def test_a_process_that_ends_by_itself(volume, out, monkeypatch):
+    monkeypatch.setattr(sweep_pool.Processes, "_submit", _submit_exit)
+
+    with pytest.raises(DeviceError, match="blob: a process ended by itself"):
+        sweep.run([volume], out, jobs=2)
+
+
+def _submit_exit(pool, jobs, running):
+    for job in jobs:
+        running[pool._pool.submit(os._exit, 1)] = job
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
+def test_ctrl_c_ends_all_processes(volume, out, device_name):
+    """The whole group gets the signal, as from a terminal."""
+    device = ("--device", device_name) if device_name else ()
+    sizes = (
+        "--res",
+        "64x48",
+        "--steps",
+        "20",
+        "--light-steps",
+        "20",
+        "--map-sizes",
+        ",".join(map(str, range(64, 464))),
+    )
+    options = ("-o", out, "--jobs", "2", "--bases", "dct", "--coeffs", "2", "--no-converged", *sizes, *device)
+    command = [sys.executable, "-m", "tfm_cl", "sweep", str(volume), *map(str, options)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 120
+        while process.poll() is None and time.monotonic() < deadline:
+            if (out / "sweep.jsonl").exists() and len(read_rows(out)) >= 3:
+                break
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=30)  # ends once every process has closed its stderr
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+    assert (process.returncode, err) == (130, "tfm: interrupted\n")
+    rows = read_rows(out)
+    assert 3 <= len(rows) < 800
+    assert not list((out / "images").glob(".*"))
+    sizes = [row.map_res for row in rows]
+    more = sweep.run(
+        [volume],
+        out,
+        bases=["dct"],
+        coeffs=[2],
+        map_sizes=sorted(set(sizes)),
+        converged=False,
+        device=device_name,
+        overrides=[("camera.res", [64, 48]), ("map.steps", 20), ("march.steps", 20)],
+    )
+    assert {row.key for row in rows} <= {row.key for row in more}

@@ -34,3 +34,10 @@ another way, in both passes."""
 
 LIGHTS = 2 * PASS
 """Sum of the pictures of dozens of lights, relative to its brightest: each addition rounds the sum so far."""
+
+ROUNDED = 1e-12
+"""Closed forms in float64: some dozen operations on numbers near 1."""
+
+FIT = 2e-5
+"""T of a weighted fit in float32: normal equations of a few functions magnify what rounds some ten times
+more than sums do; the ridge bounds it."""

@@ -8,6 +8,7 @@ right in every method and flatters, so the same is given over the *lit mask*: re
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -130,6 +131,11 @@ def flip(test: ArrayLike, reference: ArrayLike) -> float:
     images = (np.ascontiguousarray(image[..., :3].clip(min=0), np.float32) for image in (truth, shown))
     _, mean, _ = flip_evaluator.evaluate(*images, "HDR", applyMagma=False, parameters=exposures)
     return float(mean)
+
+
+def flip_is_installed() -> bool:
+    """Tell whether `flip` can be asked for."""
+    return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def white_of(reference: NDArray[np.floating[Any]]) -> float:

@@ -133,6 +133,29 @@ def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def number_or_none(lowest: float, largest: float) -> BeforeValidator:
+    """Make the validator of a number in a range that may also be left out."""
+
+    def check(value: Any) -> Any:
+        if value is None:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= largest:
+            raise ValueError(f"should be a number from {lowest:g} to {largest:g}")
+        return float(value)
+
+    return BeforeValidator(check)
+
+
+def in_words(counts: tuple[int, ...]) -> str:
+    """Write whole numbers as ``1 to 32`` or ``5 or 7``."""
+    if len(counts) > 2 and counts == tuple(range(counts[0], counts[-1] + 1)):  # noqa: PLR2004
+        return f"{counts[0]} to {counts[-1]}"
+    step = counts[1] - counts[0] if len(counts) > 1 else 0
+    if len(counts) > 2 and counts == tuple(range(counts[0], counts[-1] + 1, step)):  # noqa: PLR2004
+        return f"{counts[0]}, {counts[1]}, … {counts[-1]}"
+    return " or ".join(map(str, counts))
+
+
 def count_or_auto(largest: int) -> PlainValidator:
     """Make the validator of a whole number from 1 that may also be ``"auto"``.
 

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.bases.base import UNIFORM_SHARE
 from tfm_cl.camera import Camera
 from tfm_cl.lights import Light
+from tfm_cl.medium import Medium
 from tfm_cl.scene import Scene
 from tfm_cl.volume import Volume
 
@@ -64,6 +66,11 @@ FIELDS = (
     Field("int", "light_steps", 1, "steps along a light ray"),
     Field("float", "density_weighting", 1, "alpha of eq. 19"),
     Field("float", "inverse_weighting", 1, "1 / alpha"),
+    Field("int", "field_res", 1, "entries along each side of the field of ranges"),
+    Field("float", "longest_range_inverse", 1, "1 / longest range in the field, world"),
+    Field("float", "reference_extinction", 1, "extinction at density 1 that visibility is meant for"),
+    Field("float", "number_unit", 1, "optical depth or extinction that a stored 1 stands for"),
+    Field("float", "uniform_share", 1, "of the uniform weight in the visibility-weighted fit"),
 )
 
 DTYPE = np.dtype(
@@ -89,6 +96,8 @@ def fill(
     crop: tuple[int, int, int, int],
     density_weighting: float,
     bricks: BrickGrid | None = None,
+    field: NDArray[np.float32] | None = None,
+    number_unit: float = 1.0,
 ) -> NDArray[Any]:
     """Return the struct, as a 0-d array of `DTYPE`, for one light of a scene.
 
@@ -124,11 +133,24 @@ def fill(
     padded_from_world = padded_from_index() @ np.linalg.inv(scene.volume.world_from_index)
     params["light_in_grid"] = (padded_from_world @ frame.world_from_light)[:3, 3]
     params["light_nearest_inverse"] = 1e6 / np.linalg.norm(np.diff(scene.volume.bounds, axis=0))
+    if field is not None:
+        params["field_res"] = len(field)
+        longest = float((field[..., 1] - field[..., 0]).max())
+        params["longest_range_inverse"] = 1 / longest if longest > 0 else 0.0
+    params["reference_extinction"] = reference_extinction(scene.medium)
+    params["number_unit"] = number_unit
+    params["uniform_share"] = UNIFORM_SHARE
     params["map_res"] = scene.map.res
     params["light_steps"] = scene.map.steps
     params["density_weighting"] = density_weighting
     params["inverse_weighting"] = 1.0 / density_weighting
     return params
+
+
+def reference_extinction(medium: Medium) -> float:
+    """Choose the extinction at density 1 that visibility is meant for: of the colour that sees deepest."""
+    seen = medium.sigma_t[medium.sigma_t > 0]
+    return float(seen.min()) if seen.size else 1.0
 
 
 def padded_from_index() -> NDArray[np.float64]:

@@ -8,19 +8,27 @@ density's alone (TFM eq. 13); the medium's colour enters as exp(-σ_t τ) (eq. 1
 Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011 (TFM).
 """
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.bases import BASES
+from tfm_cl.bases.base import UNIFORM_SHARE, Functions
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import SpotLight
 from tfm_cl.scene import Scene
+from tfm_cl.settings import MapSettings
 from tfm_cl.volume import Volume
+
+if TYPE_CHECKING:
+    from tfm_cl.transmittance_map import TransmittanceMap
 
 Floats = NDArray[np.float64]
 Interval = tuple[Floats, Floats]
@@ -47,7 +55,7 @@ class Rays(NamedTuple):
         """Points ``[rays, 3]`` at distances ``[rays]``."""
         return self.origins + distance[:, None] * self.directions
 
-    def part(self, which: slice | NDArray[np.intp]) -> "Rays":
+    def part(self, which: slice | NDArray[np.intp]) -> Rays:
         """Take some of the rays."""
         return Rays(self.origins[which], self.directions[which])
 
@@ -185,13 +193,23 @@ def light_optical_depth(scene: Scene, light: SpotLight, points: Floats) -> Float
     return _optical_depth(scene.volume, rays, (k_in, np.clip(distance, k_in, k_out)), scene.map.steps)
 
 
-def texel_rays(light: SpotLight, res: int) -> Rays:
-    """Rays through the texel centres of a map; x runs fastest, and the first row is the lowest y."""
+def map_rays(light: SpotLight, positions: Floats) -> Rays:
+    """Rays of map positions ``[rays, 2]`` in [0, 1]², unit directions."""
     matrix = light.frame().world_from_light
-    at = (2 * (np.arange(res) + 0.5) / res - 1) * np.tan(np.radians(light.cone))
-    x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(at, at))
+    x, y = ((2 * positions - 1) * np.tan(np.radians(light.cone))).T[:, :, None]
     directions = _unit(x * matrix[:3, 0] + y * matrix[:3, 1] + matrix[:3, 2])
     return Rays(np.broadcast_to(matrix[:3, 3], directions.shape), directions)
+
+
+def texel_positions(res: int) -> Floats:
+    """Texel centres of a map ``[res², 2]``; x runs fastest, and the first row is the lowest y."""
+    at = (np.arange(res) + 0.5) / res
+    return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+
+
+def texel_rays(light: SpotLight, res: int) -> Rays:
+    """Rays through the texel centres of a map, in the order of `texel_positions`."""
+    return map_rays(light, texel_positions(res))
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -202,7 +220,7 @@ def _unit(vectors: Floats) -> Floats:
 def density_weighting(scene: Scene) -> float:
     """α of TFM eq. 19; ``"auto"``: half the largest optical depth seen by a light, between 1 and 16."""
     if scene.map.density_weighting != "auto":
-        return scene.map.density_weighting
+        return float(scene.map.density_weighting)
     scene = scene.resolved()
     sigma_t, deepest = float(scene.medium.sigma_t.max()), 0.0
     for rays in (texel_rays(light, AUTO_RES) for light in _spots(scene)):
@@ -212,38 +230,151 @@ def density_weighting(scene: Scene) -> float:
     return max(1.0, float(np.clip(sigma_t * deepest / 2, 1, 16)) / sigma_t) if sigma_t > 0 else 1.0
 
 
-def build_map(scene: Scene, light: SpotLight) -> Floats:
-    """Coefficients ``[y, x, n]`` of f = exp(-τ/α) along the texels' rays (TFM Alg. 2, normalised)."""
-    scene = scene.resolved()
-    alpha, res, steps = density_weighting(scene), scene.map.res, scene.map.steps
-    every, orders = texel_rays(light, res), np.arange(scene.map.coeffs)
-    coefficients = np.zeros((res * res, len(orders)))
-    for first in range(0, res * res, CHUNK):
-        part = slice(first, first + CHUNK)
-        rays = every.part(part)
-        k_in, k_out = march_bounds(scene.volume, *rays)
-        for n, (_, depth, before) in enumerate(_march(scene.volume, rays, edges(k_in, k_out, steps))):
-            cosines = np.cos(orders * np.pi * (n + 0.5) / steps) * np.where(orders == 0, 1, 2) / steps
-            cosines[steps:] = 0  # M midpoints determine M cosines; higher ones would only alias
-            coefficients[part] += np.multiply.outer(np.exp(-(before + depth / 2) / alpha), cosines)
-        coefficients[part][k_out <= k_in] = orders == 0  # a ray that misses the medium stays clear: f = 1
-    return coefficients.reshape(res, res, -1)
+class MapModel(NamedTuple):
+    """All that a map's numbers depend on besides scene and light.
+
+    The ranges of the light rays and the functions of the basis may come from a `TransmittanceMap`; what the
+    light pass and the look-up do with them is done here again.
+    """
+
+    settings: MapSettings
+    functions: Functions
+    field: Floats
+    extinction: float
 
 
-def map_optical_depth(scene: Scene, light: SpotLight, coefficients: Floats, points: Floats) -> Floats:
-    """Look the optical depth up in a map: bilinear in the coefficients, on the point's own light ray."""
-    rays, distance, local = _light_rays(light, points)
-    k_in, k_out = march_bounds(scene.volume, *rays)
-    u = np.divide(distance - k_in, k_out - k_in, out=np.zeros_like(k_in), where=k_out > k_in)
-    res, edge = len(coefficients), np.maximum(local[:, 2:], TINY) * np.tan(np.radians(light.cone))
-    at = np.clip((np.clip(local[:, :2] / edge, -1, 1) + 1) / 2 * res - 0.5, 0, res - 1)
+def map_model(scene: Scene, like: TransmittanceMap | None = None) -> MapModel:
+    """Take ranges and functions of a map, or, for bases that need no light rays, those of the scene."""
+    if like is not None:
+        assert like.functions is not None  # noqa: S101 - a basis that is a sum of functions
+        return MapModel(like.settings, like.functions, like.field.astype(float), like.extinction)
+    settings = scene.resolved().map.resolved()
+    settings = settings.replace(density_weighting=density_weighting(scene))
+    make = BASES[settings.basis].functions
+    if make is None or BASES[settings.basis].needs_curves or settings.range != "box":
+        raise SceneError(f"the reference needs a map to compare with for basis '{settings.basis}'")
+    seen = scene.medium.sigma_t[scene.medium.sigma_t > 0]
+    return MapModel(settings, make(settings, None), np.zeros((1, 1, 4)), float(seen.min(initial=np.inf)))
+
+
+def bilinear(grid: Floats, positions: Floats) -> Floats:
+    """Interpolate ``[size, size, numbers]`` between its entries' centres, at ``[points, 2]`` in [0, 1]²."""
+    return sum(weight * grid[y, x] for x, y, weight in _corners(len(grid), positions))  # type: ignore[return-value]
+
+
+def _corners(size: int, positions: Floats) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]:
+    at = np.clip(positions * size - 0.5, 0, size - 1)
     low = np.floor(at).astype(np.intp)
-    (x0, y0), (x1, y1), (x, y) = low.T, np.minimum(low + 1, res - 1).T, (at - low).T[:, :, None]
-    c = (1 - y) * ((1 - x) * coefficients[y0, x0] + x * coefficients[y0, x1])
-    c += y * ((1 - x) * coefficients[y1, x0] + x * coefficients[y1, x1])
-    f = (c * np.cos(np.multiply.outer(np.clip(u, 0, 1), np.arange(c.shape[1]) * np.pi))).sum(axis=-1)
-    tau: Floats = -density_weighting(scene) * np.log(np.clip(f, DARKEST, 1))
-    return tau
+    (x0, y0), (x1, y1), (x, y) = low.T, np.minimum(low + 1, size - 1).T, (at - low).T[:, :, None]
+    return [
+        (x0, y0, (1 - x) * (1 - y)),
+        (x1, y0, x * (1 - y)),
+        (x0, y1, (1 - x) * y),
+        (x1, y1, x * y),
+    ]
+
+
+def _steps_of_rays(model: MapModel, positions: Floats) -> NDArray[np.intp]:
+    """Count the steps of each ray: eighths, by the root of its block's range over the longest one."""
+    settings = model.settings
+    if settings.range == "box":
+        return np.full(len(positions), settings.steps)
+    block = (np.floor(positions * settings.res / 4) + 0.5) * 4 / settings.res
+    begin, end = bilinear(model.field, block)[:, :2].T
+    longest = (model.field[..., 1] - model.field[..., 0]).max()
+    level = np.ceil(8 * np.sqrt(np.clip((end - begin) / longest, 0, 1)) - 1e-6)
+    least = -(-16 * settings.coeffs // settings.steps)  # two steps a number
+    level = np.clip(np.maximum(level, least), 1, 8).astype(int)
+    steps: NDArray[np.intp] = -(-settings.steps * level // 8)
+    return steps
+
+
+def _has_one(model: MapModel) -> bool:
+    return bool(np.allclose(model.functions.values(np.array([0.3, 0.8]))[:, 0], 1))
+
+
+def _numbers(model: MapModel, depth: Floats) -> Floats:
+    """Numbers of rays from the optical depths of their steps ``[rays, steps]``."""
+    settings, steps = model.settings, depth.shape[1]
+    after = np.cumsum(depth, axis=1)
+    middle = after - depth / 2
+    value, alpha = middle, float(settings.density_weighting)
+    if settings.target == "transmittance":
+        value = -np.expm1(-middle / alpha)
+    if settings.fit == "l2":
+        return (depth if settings.target == "extinction" else value) @ model.functions.analysis(steps)
+    rate = 2 * model.extinction
+    lost = -np.expm1(-rate * depth)
+    if settings.target == "transmittance":
+        rate = max(rate - 2 / alpha, 0)
+    weight = np.exp(-rate * (after - depth)) * lost
+    total = weight.sum(axis=1, keepdims=True)
+    weight = np.where(total > 0, (1 - UNIFORM_SHARE) * weight / np.where(total > 0, total, 1), 0)
+    weight = weight + UNIFORM_SHARE / steps
+    values = model.functions.values((np.arange(steps) + 0.5) / steps)
+    gram = np.einsum("rk,ki,kj->rij", weight, values, values)
+    gram += 1e-6 * gram.trace(axis1=1, axis2=2)[:, None, None] / values.shape[1] * np.eye(values.shape[1])
+    solved: Floats = np.linalg.solve(gram, ((weight * value) @ values)[:, :, None])[:, :, 0]
+    return solved
+
+
+def build_map(scene: Scene, light: SpotLight, like: TransmittanceMap | None = None) -> Floats:
+    """Numbers ``[y, x, n]`` of the texels' rays (TFM Alg. 2 as corrected; `kernels/projection.h`)."""
+    scene = scene.resolved()
+    model = map_model(scene, like)
+    res, positions = model.settings.res, texel_positions(model.settings.res)
+    numbers = np.zeros((res * res, model.settings.coeffs))
+    counts = _steps_of_rays(model, positions)
+    for steps in np.unique(counts):
+        these = np.flatnonzero(counts == steps)
+        for part in np.array_split(these, 1 + len(these) // CHUNK):
+            rays = map_rays(light, positions[part])
+            begin, end = march_bounds(scene.volume, *rays)
+            if model.settings.range != "box":
+                begin, end = bilinear(model.field, positions[part])[:, :2].T
+            marched = _march(scene.volume, rays, edges(begin, end, int(steps)))
+            depth = np.stack([depth for _, depth, _ in marched], axis=1)
+            numbers[part] = _numbers(model, depth)
+            numbers[part[end <= begin]] = 0  # a ray that misses the medium stays clear
+    if model.settings.target == "transmittance" and _has_one(model):
+        numbers = np.eye(1, numbers.shape[1]) - numbers  # of f instead of 1 - f
+    return numbers.reshape(res, res, -1)
+
+
+def map_optical_depth(
+    scene: Scene, light: SpotLight, coefficients: Floats, points: Floats, like: TransmittanceMap | None = None
+) -> Floats:
+    """Look the optical depth up in a map, over the range of the point's own light ray."""
+    if like is None:
+        scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
+    model = map_model(scene, like)
+    rays, distance, local = _light_rays(light, points)
+    edge = np.maximum(local[:, 2:], TINY) * np.tan(np.radians(light.cone))
+    positions = (np.clip(local[:, :2] / edge, -1, 1) + 1) / 2
+    begin, end = march_bounds(scene.volume, *rays)
+    beyond = np.zeros(len(points))
+    if model.settings.range != "box":
+        begin, end, slope = bilinear(model.field, positions)[:, :3].T
+        beyond = np.maximum(distance - end, 0) * slope
+    v = np.divide(distance - begin, end - begin, out=np.zeros_like(begin), where=end > begin)
+    values = model.functions.values(np.clip(v, 0, 1))
+
+    def reconstructed(numbers: Floats) -> Floats:
+        series = (numbers * values).sum(axis=-1)
+        if model.settings.target != "transmittance":
+            positive: Floats = np.maximum(series, 0)
+            return positive
+        f = series if _has_one(model) else 1 - series
+        depth: Floats = -float(model.settings.density_weighting) * np.log(np.clip(f, DARKEST, 1))
+        return depth
+
+    tau = np.zeros(len(points))
+    if model.settings.lookup == "reconstruct":
+        for x, y, weight in _corners(len(coefficients), positions):
+            tau += weight[:, 0] * reconstructed(coefficients[y, x])
+    else:
+        tau += reconstructed(bilinear(coefficients, positions))
+    return tau if model.settings.range == "box" else np.where(distance > begin, tau + beyond, 0)
 
 
 def unshadowed(volume: Volume, light: SpotLight, points: Floats) -> Floats:
@@ -273,13 +404,21 @@ def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
     return Rays(np.broadcast_to(position, directions.shape), directions)
 
 
-def render(scene: Scene, method: Method | None = None, crop: Crop | None = None) -> Floats:
+def render(
+    scene: Scene,
+    method: Method | None = None,
+    crop: Crop | None = None,
+    maps: Sequence[TransmittanceMap] | None = None,
+) -> Floats:
     """Render ``[height, width, RGBA]``, scene-linear and premultiplied; see `render_with_aovs`."""
-    return render_with_aovs(scene, method, crop)[0]
+    return render_with_aovs(scene, method, crop, maps)[0]
 
 
 def render_with_aovs(
-    scene: Scene, method: Method | None = None, crop: Crop | None = None
+    scene: Scene,
+    method: Method | None = None,
+    crop: Crop | None = None,
+    maps: Sequence[TransmittanceMap] | None = None,
 ) -> tuple[Floats, dict[str, Floats]]:
     """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
 
@@ -291,6 +430,9 @@ def render_with_aovs(
         Instead of ``scene.march.method``.
     crop
         Pixels x0, y0, x1, y1 (end excluded) of the frame.
+    maps
+        Whose ranges and functions are to be taken, see `MapModel`; needed for all but ranges ``box`` and
+        bases without light rays.
 
     Raises
     ------
@@ -299,11 +441,12 @@ def render_with_aovs(
     """
     scene = scene.resolved()
     scene = scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene)))
+    likes: Sequence[TransmittanceMap | None] = maps or [None] * len(scene.lights)
     depths = [
         partial(light_optical_depth, scene, light)
         if (method or scene.march.method) == "dual"
-        else partial(map_optical_depth, scene, light, build_map(scene, light))
-        for light in _spots(scene)
+        else partial(map_optical_depth, scene, light, build_map(scene, light, like), like=like)
+        for light, like in zip(_spots(scene), likes, strict=True)
     ]
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), CHUNK)

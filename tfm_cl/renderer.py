@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import time
 import weakref
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from itertools import chain
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -14,10 +17,13 @@ from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
 from tfm_cl.errors import SceneError
+from tfm_cl.lights.area import spread
 from tfm_cl.passes.launch import Launcher, Progress
 from tfm_cl.passes.light_pass import LightPass
-from tfm_cl.passes.view_pass import Frame, ViewPass
+from tfm_cl.passes.planner import Planned, Planner
+from tfm_cl.passes.view_pass import Frame, FrameBuffers, ViewPass
 from tfm_cl.result import RenderResult, RenderStats
+from tfm_cl.settings import MapSettings
 from tfm_cl.transmittance_map import TransmittanceMap
 
 if TYPE_CHECKING:
@@ -30,8 +36,16 @@ if TYPE_CHECKING:
 
 Crop = tuple[int, int, int, int]
 
-AUTO_WEIGHTING = (1.0, 16.0)
-"""Range of α times the extinction that density_weighting = auto chooses from."""
+SINGLE_NUMBER = {
+    "target": "optical-depth",
+    "fit": "l2",
+    "coeffs": 1,
+    "storage": "f32",
+    "lookup": "interpolate",
+}
+"""What a map of residuals is looked up with."""
+NO_MAP = MapSettings(basis="dct", coeffs=1).resolved()
+"""What the dual march's kernel is compiled with: it reads no map."""
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
@@ -78,6 +92,7 @@ class Renderer:
             work_group=work_group,
         )
         self._light_pass = LightPass(self._launcher)
+        self._planner = Planner(self._launcher)
         self._view_pass = ViewPass(self._launcher)
         self._grids: weakref.WeakKeyDictionary[Volume, dict[VoxelType, BrickGrid]] = (
             weakref.WeakKeyDictionary()
@@ -112,7 +127,8 @@ class Renderer:
         Returns
         -------
         list of TransmittanceMap
-            One for each light, in order; they serve until volume, light geometry or map settings change.
+            One for each light, in order, and for a light with a radius one for each of its points; they serve
+            until volume, light geometry or map settings change.
 
         Raises
         ------
@@ -120,28 +136,34 @@ class Renderer:
             Memory or compilation.
         """
         progress = progress or _silent
-        scene = scene.resolved()
+        scene = _spread(scene.resolved())
         bricks = self._upload(scene)
-        deepest = max(self._largest_optical_depth(scene, light, bricks) for light in scene.lights)
-        weighting = _density_weighting(scene, deepest)
-        maps = []
-        for light in scene.lights:
-            params = self._params(scene, light, (0, 0, 1, 1), weighting, bricks)
-            buffers = self._light_pass.build(scene.map, light, params, bricks, progress)
-            maps.append(
-                TransmittanceMap(
-                    light=light,
-                    settings=scene.map,
-                    volume=scene.volume,
-                    density_weighting=weighting,
-                    largest_optical_depth=deepest,
-                    buffers=buffers,
-                    params=params,
-                    bricks=bricks,
-                    light_pass=self._light_pass,
-                )
-            )
-        return maps
+        return [
+            self._build(scene, light, plan, bricks, progress)
+            for light, plan in zip(scene.lights, self._planner.plans(scene, bricks), strict=True)
+        ]
+
+    def _build(
+        self, scene: Scene, light: Light, plan: Planned, bricks: BrickGrid, progress: Progress
+    ) -> TransmittanceMap:
+        params = self._params(scene, light, (0, 0, 1, 1), bricks, plan)
+        buffers = self._light_pass.build(plan, light, params, bricks, progress)
+        return TransmittanceMap(
+            light=light,
+            settings=plan.settings,
+            requested=scene.map,
+            volume=scene.volume,
+            density_weighting=plan.density_weighting,
+            largest_optical_depth=plan.deepest,
+            extinction=plan.extinction,
+            number_unit=plan.number_unit,
+            functions=plan.functions,
+            field=plan.field,
+            buffers=replace(buffers, seconds=buffers.seconds + plan.seconds),
+            params=params,
+            bricks=bricks,
+            light_pass=self._light_pass,
+        )
 
     def render(
         self,
@@ -150,6 +172,7 @@ class Renderer:
         maps: list[TransmittanceMap] | None = None,
         method: str | None = None,
         crop: Crop | None = None,
+        aovs: Collection[str] = (),
         progress: Progress | None = None,
     ) -> RenderResult:
         """Render a scene.
@@ -165,6 +188,8 @@ class Renderer:
             ``tfm`` or ``dual`` instead of the scene's.
         crop
             Pixels x0, y0, x1, y1 (end excluded) to render; the whole frame when left out.
+        aovs
+            Layers that cost extra and are made only when named: ``map_error``.
         progress
             Called as ``progress(stage, fraction)``.
 
@@ -179,52 +204,52 @@ class Renderer:
         method = method or scene.march.method
         if method not in ("tfm", "dual"):
             raise SceneError(f"method '{method}' is unknown; known: tfm, dual")
-        scene = scene.resolved(maps[0].settings if maps and method == "tfm" else None)
+        scene = scene.resolved(maps[0].requested if maps and method == "tfm" else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
 
-        bricks = self._upload(scene)
-        if method == "dual":
-            maps = None
-        elif maps is None:
-            maps = self.build_maps(scene, progress)
-            stats.seconds["light_pass"] = sum(light_map.buffers.seconds for light_map in maps)
-        else:
-            _check_maps(scene, maps)
-        warnings = _warnings(scene, maps)
-
+        points = _spread(scene)
+        bricks = self._upload(points)
+        plans: Sequence[Planned | TransmittanceMap | None] = [None] * len(points.lights)
+        if method == "tfm" and maps is None:
+            plans = self._planner.plans(points, bricks)
+        elif method == "tfm" and maps is not None:
+            _check_maps(points, maps)
+            plans = maps
         frame = self._view_pass.allocate(crop)
-        view_seconds = 0.0
-        for index, light in enumerate(scene.lights):
-            weighting = maps[index].density_weighting if maps else 1.0
-            params = self._params(scene, light, crop, weighting, bricks)
-            view_seconds += self._view_pass.add_light(
-                scene,
-                index,
-                method,
-                crop,
-                params,
-                bricks,
-                maps[index].buffers if maps else None,
-                frame,
-                progress,
+        errors = self._view_pass.allocate(crop) if "map_error" in aovs else None
+        seconds = {"light_pass": 0.0, "view_pass": 0.0}
+        stats.samples = {"light_pass": 0}
+        warnings: tuple[str, ...] = ()
+        # A map at a time: those of an area light's points need not be there together.
+        for index, (light, plan) in enumerate(zip(points.lights, plans, strict=True)):
+            light_map = (
+                plan if not isinstance(plan, Planned) else self._build(points, light, plan, bricks, progress)
             )
-        image, aovs = _resolve(self._view_pass.read(frame))
+            if light_map is not None:
+                if maps is None:
+                    seconds["light_pass"] += light_map.buffers.seconds
+                stats.samples["light_pass"] += light_map.buffers.samples
+                stats.map_bytes += light_map.nbytes
+                stats.map = light_map.settings
+                warnings = warnings or _warnings(points, light_map)
+            seconds["view_pass"] += self._add_light(points, index, crop, bricks, light_map, frame, progress)
+            if errors is not None and light_map is not None:
+                self._add_residual(points, index, crop, bricks, light_map, errors, progress)
+        image, layers = _resolve(self._view_pass.read(frame))
+        if errors is not None:
+            layers["map_error"] = _resolve(self._view_pass.read(errors))[1]["light_transmittance"].mean(
+                axis=-1
+            )
 
         stats.seconds = {
             "compile": self._launcher.kernels.seconds - compiled,
-            "light_pass": stats.seconds.get("light_pass", 0.0),
-            "view_pass": view_seconds,
+            **seconds,
             "total": time.perf_counter() - started,
         }
-        stats.samples = {
-            "light_pass": sum(light_map.buffers.samples for light_map in maps or ()),
-            "view_pass": int(aovs["samples"].sum(dtype=np.float64)),
-        }
-        stats.map_bytes = sum(light_map.nbytes for light_map in maps or ())
-        stats.density_weighting = maps[0].density_weighting if maps else None
-        return RenderResult(image, aovs, stats, scene, crop, warnings)
+        stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
+        return RenderResult(image, layers, stats, scene, crop, warnings)
 
     def _upload(self, scene: Scene) -> BrickGrid:
         """Put the volume on the device, once for each volume and voxel type."""
@@ -237,43 +262,88 @@ class Renderer:
         return grids[voxels]
 
     def _params(
-        self, scene: Scene, light: Light, crop: Crop, density_weighting: float, bricks: BrickGrid
+        self,
+        scene: Scene,
+        light: Light,
+        crop: Crop,
+        bricks: BrickGrid,
+        plan: Planned | TransmittanceMap | None,
     ) -> cl.Buffer:
-        struct = parameters.fill(scene, light, crop=crop, density_weighting=density_weighting, bricks=bricks)
+        struct = parameters.fill(
+            scene,
+            light,
+            crop=crop,
+            density_weighting=1.0 if plan is None else plan.density_weighting,
+            bricks=bricks,
+            field=None if plan is None else plan.field,
+            number_unit=1.0 if plan is None else plan.number_unit,
+        )
         return self._launcher.upload("the parameters", struct)
 
-    def _largest_optical_depth(self, scene: Scene, light: Light, bricks: BrickGrid) -> float:
-        params = self._params(scene, light, (0, 0, 1, 1), 1.0, bricks)
-        return self._light_pass.largest_optical_depth(scene.map, light, params, bricks)
+    def _add_light(
+        self,
+        scene: Scene,
+        index: int,
+        crop: Crop,
+        bricks: BrickGrid,
+        light_map: TransmittanceMap | None,
+        frame: FrameBuffers,
+        progress: Progress,
+    ) -> float:
+        """Add one light to the frame, from its map or by the dual march; returns device seconds."""
+        return self._view_pass.add_light(
+            scene,
+            index,
+            crop,
+            self._params(scene, scene.lights[index], crop, bricks, light_map),
+            bricks,
+            NO_MAP if light_map is None else light_map.settings,
+            None if light_map is None else light_map.buffers,
+            frame,
+            progress,
+        )
+
+    def _add_residual(
+        self,
+        scene: Scene,
+        index: int,
+        crop: Crop,
+        bricks: BrickGrid,
+        light_map: TransmittanceMap,
+        frame: FrameBuffers,
+        progress: Progress,
+    ) -> None:
+        """Add a map's residuals to a frame, in the place of the light's transmittance."""
+        residual = np.append(light_map.residual, np.float32(0))  # two neighbours may be read at once
+        buffers = replace(light_map.buffers, coefficients=self._launcher.upload("the residuals", residual))
+        settings = light_map.settings.model_copy(update=SINGLE_NUMBER)
+        params = self._params(scene, scene.lights[index], crop, bricks, light_map)
+        self._view_pass.add_light(
+            scene, index, crop, params, bricks, settings, buffers, frame, progress, shows_residual=True
+        )
 
 
-def _density_weighting(scene: Scene, deepest: float) -> float:
-    """α of eq. 19: the scene's, or half the largest optical depth that its lights meet.
-
-    The range is that of the most extinguished colour's optical depth; α itself weights the density.
-    """
-    setting = scene.map.density_weighting
-    if setting != "auto":
-        return setting
-    sigma_t = float(scene.medium.sigma_t.max())
-    if sigma_t <= 0:
-        return 1.0
-    return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)
+def _spread(scene: Scene) -> Scene:
+    """Return the scene with the points of its area lights for lights."""
+    return scene.replace(lights=tuple(chain.from_iterable(map(spread, scene.lights))))
 
 
 def _check_maps(scene: Scene, maps: list[TransmittanceMap]) -> None:
     if len(maps) != len(scene.lights):
-        raise SceneError(f"{len(maps)} maps for {len(scene.lights)} lights; build the maps again")
+        raise SceneError(
+            f"{len(maps)} maps for {len(scene.lights)} lights (points of area lights count); "
+            "build the maps again"
+        )
     for index, light_map in enumerate(maps):
         light_map.check_serves(scene, index)
 
 
-def _warnings(scene: Scene, maps: list[TransmittanceMap] | None) -> tuple[str, ...]:
+def _warnings(scene: Scene, light_map: TransmittanceMap) -> tuple[str, ...]:
     """Tell where the map cannot hold a transmittance that is still visible: α is small for the units."""
     sigma_t = scene.medium.sigma_t
-    if not maps or sigma_t.max() <= 0:
+    if sigma_t.max() <= 0 or light_map.settings.target != "transmittance":
         return ()
-    alpha, deepest = maps[0].density_weighting, maps[0].largest_optical_depth
+    alpha, deepest = light_map.density_weighting, light_map.largest_optical_depth
     lost = STEEPEST_DEPTH * alpha
     if deepest <= lost or sigma_t[sigma_t > 0].min() * lost >= VISIBLE_DEPTH:
         return ()

@@ -13,6 +13,7 @@ from tfm_cl import image_io
 from tfm_cl._version import __version__
 from tfm_cl.image_io.image import Image, Metadata
 from tfm_cl.scene import Scene
+from tfm_cl.settings import MapSettings
 
 
 @dataclass
@@ -25,9 +26,9 @@ class RenderStats:
     samples: dict[str, int] = field(default_factory=dict)
     """Density samples of ``light_pass`` and ``view_pass``."""
     map_bytes: int = 0
-    """Of all maps together."""
-    density_weighting: float | None = None
-    """The α in use; None for the dual march."""
+    """Of the numbers of all maps together."""
+    map: MapSettings | None = None
+    """Of the maps in use, without ``"auto"``; None for the dual march."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""

@@ -117,6 +117,8 @@ class SceneFile:
         values, placed_light = _values_of(path), Values()
         try:
             _check_tables(values)
+            overrides = list(overrides)
+            _make_way(values, {key for key, _ in overrides})
             for key, value in overrides:
                 _override(values, placed_light, key, value)
             return cls._checked(path, values, placed_light)
@@ -204,6 +206,16 @@ class SceneFile:
             "march": scene.march.to_dict(),
             "image": self.image.to_dict(),
         }
+
+
+NUMBERS = ("coeffs", "bytes", "max_error")
+"""Keys of the map that each say how many numbers a texel has."""
+
+
+def _make_way(values: Values, overridden: set[str]) -> None:
+    """Drop what a file says of the map's numbers where an override says it in another way."""
+    if isinstance(values.get("map"), dict) and overridden & {f"map.{key}" for key in NUMBERS}:
+        values["map"] = {key: value for key, value in values["map"].items() if key not in NUMBERS}
 
 
 def to_toml(values: Values) -> str:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import Light
-from tfm_cl.settings import MapSettings
+from tfm_cl.lights import Light, SpotLight
+from tfm_cl.settings import STORAGE_BITS, MapSettings
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
+    from tfm_cl.bases.base import Functions
     from tfm_cl.bricks import BrickGrid
     from tfm_cl.passes.light_pass import LightPass, MapBuffers
     from tfm_cl.scene import Scene
@@ -33,11 +34,23 @@ class TransmittanceMap:
 
     light: Light
     settings: MapSettings
+    """Resolved: no ``"auto"``."""
+    requested: MapSettings
+    """The scene's own."""
     volume: Volume
     density_weighting: float
-    """The α in use, also where the settings say ``auto``."""
+    """The α in use."""
     largest_optical_depth: float
     """Of the density, along the rays of all the scene's lights, on a coarse map."""
+    extinction: float
+    """At density 1, for which visibility is meant: of the fit, of the range ``visible`` and of `residual`."""
+    number_unit: float
+    """Stored numbers are in this unit (half precision only)."""
+    functions: Functions | None
+    """Of the basis."""
+    field: NDArray[np.float32]
+    """Ranges of the light rays, [size, size, 4]: begin and end (distances from the light), slope beyond, 0.
+    Without meaning for the range ``box``."""
     buffers: MapBuffers
     params: cl.Buffer
     bricks: BrickGrid
@@ -46,21 +59,83 @@ class TransmittanceMap:
     @cached_property
     def coefficients(self) -> NDArray[np.float32]:
         """The numbers of every texel, float32 [y, x, n] (a copy on the host)."""
-        return self.light_pass.read(self.settings, self.buffers)
+        return self.light_pass.read(self.settings, self.buffers, self.number_unit)
 
     @cached_property
     def occupied(self) -> NDArray[np.float32]:
-        """The part of every texel's light ray that holds density, float32 [y, x, 2]: first and last u.
+        """Where along every texel's light ray there is density, float32 [y, x, 2].
 
-        u is 0 where the ray enters the medium's bounds (or the light itself) and 1 where it leaves them;
-        both are 0 for a ray without density. Accurate to a light step.
+        Distances from the light, world units, of the begin of the first step with density and of the end of
+        the last, within the map's range; both are 0 for a ray without density.
         """
         return self.light_pass.read_occupied(self.settings, self.buffers)
 
     @property
     def nbytes(self) -> int:
-        """Size on the device, in the storage type."""
-        return self.buffers.nbytes
+        """Size of the texels' numbers on the device; `bytes_per_texel` has the ranges too."""
+        return STORAGE_BITS[self.settings.storage] // 8 * self.settings.coeffs * self.settings.res**2
+
+    @property
+    def bytes_per_texel(self) -> float:
+        """All numbers of a texel and its share of the ranges."""
+        return self.settings.bytes_per_texel(self.settings.coeffs, self.settings.range)
+
+    @cached_property
+    def _residuals(self) -> NDArray[np.float32]:
+        return self.light_pass.residual(self.settings, self.light, self.params, self.bricks, self.buffers)
+
+    @cached_property
+    def residual(self) -> NDArray[np.float32]:
+        """Where the map cannot be trusted: relative error of T of every texel, float32 [y, x].
+
+        √(∫ D (T_map - T)² / ∫ D T²) along the texel's light ray, with T marched in four times the map's
+        steps between the medium's bounds, for the extinction `extinction`; 0 where the ray meets no density.
+        """
+        error, light = self._residuals[..., 0], self._residuals[..., 1]
+        return np.sqrt(np.divide(error, light, out=np.zeros_like(error), where=light > 0))
+
+    @property
+    def error(self) -> float:
+        """`residual` of all rays together: √(Σ ∫ D (T_map - T)² / Σ ∫ D T²)."""
+        error, light = self._residuals.sum(axis=(0, 1), dtype=np.float64)
+        return float(np.sqrt(error / light)) if light > 0 else 0.0
+
+    def curve(
+        self, u: float, v: float, count: int = 256
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Follow one light ray: what the map says of its transmittance, and what is true.
+
+        Parameters
+        ----------
+        u, v
+            Map position in [0, 1]².
+        count
+            Points along the ray between the medium's bounds.
+
+        Returns
+        -------
+        distance, exact, of_map
+            float64 [count]: distances from the light, and the transmittance for the extinction `extinction`,
+            marched on the host in steps between the points, and looked up.
+
+        Raises
+        ------
+        SceneError
+            When the ray misses the medium.
+        """
+        from tfm_cl import reference  # noqa: PLC0415 - few need it
+
+        if not isinstance(self.light, SpotLight):
+            raise SceneError(f"curves are followed of spot lights only; this one is a '{self.light.type}'")
+        rays = reference.map_rays(self.light, np.array([[u, v]]))
+        begin, end = (float(bound[0]) for bound in reference.march_bounds(self.volume, *rays))
+        if not begin < end:
+            raise SceneError(f"the light ray of map position {u:g}, {v:g} misses the medium")
+        distance = begin + (np.arange(count) + 0.5) * (end - begin) / count
+        points = rays.origins + distance[:, None] * rays.directions
+        depth = self.extinction * reference.density(self.volume, points) * (end - begin) / count
+        exact = np.exp(-(np.cumsum(depth) - 0.5 * depth))
+        return distance, exact, self.evaluate(points, self.extinction).astype(np.float64)
 
     def evaluate(self, points: ArrayLike, sigma_t: ArrayLike = 1.0) -> NDArray[np.float32]:
         """Transmittance from the light to points, as the view pass sees it.
@@ -104,7 +179,7 @@ class TransmittanceMap:
         for what, same in (
             ("volume", _same_density(self.volume, scene.volume)),
             ("light", self.light.map_key() == light.map_key()),
-            ("map settings", self.settings == scene.map),
+            ("map settings", self.requested == scene.map),
             ("voxel type", self.bricks.voxels == scene.march.voxels),
         ):
             if not same:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,15 @@ from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.volume_io.grid import world_from_index_of
+from tfm_cl.volume_io.grid import Grid, world_from_index_of
+
+ColourSource = str | Path | Sequence[str] | Literal[False] | None
+"""Where a volume's colour is read from: see `Volume.load`."""
+
+COLOUR_FILES = (".npy", ".npz")
+"""Extensions of files that hold an array [z, y, x, 3]."""
+GRID_ALIGNMENT = 1e-3
+"""Of a voxel: how far apart the voxels of grids that belong together may lie."""
 
 
 class Volume:
@@ -27,11 +35,18 @@ class Volume:
     The voxels are held in the form they came in, dense or as leaves (`.vdb` and `.nvdb` files); what asks
     for the other form makes it.
 
+    A volume may be coloured: then the extinction has a density of its own in each channel, the trilinear
+    interpolation of ``data`` times the channel's colour, and takes three runs of the passes to render (TFM
+    sections 5 and 6.1). Bounds and occupied bounds stay those of ``data``.
+
     Parameters
     ----------
     data
         Densities ``[z, y, x]`` of any real or integer type; kept as float32. Finite and ≥ 0. An array of
         float32 that nobody can write to is kept itself, any other is copied. Or sparse, as `Leaves`.
+    colour
+        Extinction ``[z, y, x, RGB]`` relative to ``data``, any real or integer type, finite and ≥ 0, kept
+        as ``data`` is; it scales scattering and absorption alike. None: the same, 1, everywhere.
     voxel_size
         Edge length in world units, one number or (x, y, z).
     origin
@@ -46,13 +61,14 @@ class Volume:
     source
         The file it came from, if any.
     sanitize
-        Set NaN, infinite and negative densities to 0 instead of raising.
+        Set NaN, infinite and negative densities and colours to 0 instead of raising.
 
     Raises
     ------
     VolumeError
         When the array is not three-dimensional and real, holds NaN, infinite or negative densities
-        (the message says where), or the transform cannot be inverted.
+        (the message says where), the colour is not an array of that kind and shape, or the transform
+        cannot be inverted.
     """
 
     world_from_index: NDArray[np.float64]
@@ -61,6 +77,7 @@ class Volume:
         self,
         data: ArrayLike | Leaves,
         *,
+        colour: ArrayLike | None = None,
         voxel_size: float | tuple[float, float, float] | None = None,
         origin: tuple[float, float, float] | None = None,
         world_from_index: ArrayLike | None = None,
@@ -76,6 +93,9 @@ class Volume:
             self._voxels = _Voxels(_as_density_leaves(data, self._label, sanitize=sanitize))
         else:
             self._voxels = _Voxels(_as_density(data, self._label, sanitize=sanitize))
+        self._colour = None
+        if colour is not None:
+            self._colour = _Colour(self._voxels, colour, self._label, sanitize=sanitize)
         if world_from_index is None:
             self.world_from_index = world_from_index_of(
                 _voxel_size(1.0 if voxel_size is None else voxel_size, self._label),
@@ -97,6 +117,7 @@ class Volume:
         path: str | Path,
         grid: str | None = None,
         *,
+        colour: ColourSource = None,
         voxel_size: float | tuple[float, float, float] | None = None,
         origin: tuple[float, float, float] | None = None,
         density_scale: float = 1.0,
@@ -112,6 +133,10 @@ class Volume:
             ``.vdb .nvdb .npy .npz .vol .nrrd .nhdr .raw`` (with a ``.json`` beside it).
         grid
             Name of the grid; by default ``density``, or the file's only grid.
+        colour
+            The name of an array ``[z, y, x, 3]`` of the same ``.npz``; a ``.npy`` or ``.npz`` file with
+            such an array; or three names of scalar grids of the same file, for red, green and blue. By
+            default the array ``colour`` of an ``.npz``, where it has one of four axes; False: none.
         voxel_size, origin
             For files without a transform, as in the constructor.
         density_scale, sanitize
@@ -120,14 +145,18 @@ class Volume:
         Raises
         ------
         VolumeError
-            Missing, damaged or unknown file, unknown grid (the message lists the names), level set.
+            Missing, damaged or unknown file, unknown grid (the message lists the names), level set, or a
+            colour that is not one of this grid.
         """
         path = Path(path)
         described = volume_io.choose_grid(path, grid)
         data = volume_io.read_stored(path, described)
         if isinstance(data, np.ndarray):
             data.flags.writeable = False  # nobody else has it: the volume can keep it without a copy
-        placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin}
+        rgb = _read_colour(path, described, colour)
+        if rgb is not None:
+            rgb.flags.writeable = False
+        placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin, "colour": rgb}
         if described.has_transform:
             placed["world_from_index"] = described.world_from_index
         return cls(
@@ -174,6 +203,28 @@ class Volume:
             raise VolumeError(f"{self._label}: {error}") from error
 
     @property
+    def colour(self) -> NDArray[np.float32] | None:
+        """Extinction ``[z, y, x, RGB]`` relative to `data`, float32, read-only; None where it is 1."""
+        return None if self._colour is None else self._colour.rgb
+
+    @cached_property
+    def channels(self) -> tuple[Volume, Volume, Volume]:
+        """Volumes without colour that hold `data` times the colour's red, green and blue.
+
+        Made when first asked for, and kept: they are what a renderer keeps on its device. A volume without
+        colour gives itself three times.
+
+        Raises
+        ------
+        VolumeError
+            The volume holds leaves, and the dense array would be larger than `volume_io.MAX_VOXELS`.
+        """
+        if self._colour is None:
+            return self, self, self
+        red, green, blue = (self._with(_voxels=voxels, _colour=None) for voxels in self._colour.products)
+        return red, green, blue
+
+    @property
     def voxel_size(self) -> NDArray[np.float64]:
         """Edge lengths (x, y, z) of a voxel, world units."""
         lengths: NDArray[np.float64] = np.linalg.norm(self.world_from_index[:3, :3], axis=0)
@@ -196,6 +247,8 @@ class Volume:
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.
 
+        In a coloured volume a voxel counts with the mean of its three channels.
+
         Parameters
         ----------
         axis
@@ -205,25 +258,32 @@ class Volume:
         -------
         float64 [n], in no particular order. Lines that are left out are empty: their sums are 0.
         """
+        if self._colour is not None:
+            grey: NDArray[np.float64] = self._colour.times_mean().sum(axis=axis, dtype=np.float64)
+            return grey.ravel()
         if self._voxels.leaves is not None:
             return self._voxels.leaves.column_sums(axis)[1].ravel()
         sums: NDArray[np.float64] = self._voxels.dense.sum(axis=axis, dtype=np.float64)
         return sums.ravel()
 
     def same_voxels(self, other: Volume) -> bool:
-        """Tell whether both hold the very same voxels in memory, whatever their scale and place."""
-        return self._voxels.stored is other._voxels.stored
+        """Tell whether both hold the very same voxels and colours in memory, whatever their scale and place."""
+        return self._voxels.stored is other._voxels.stored and self.colour is other.colour
 
     def with_density_scale(self, density_scale: float) -> Volume:
-        """Return the same voxels (not copied) under another density scale."""
+        """Return the same voxels and colours (not copied) under another density scale."""
+        return self._with(density_scale=_non_negative(density_scale, "density_scale", self._label))
+
+    def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)
-        other.__dict__.update(self.__dict__)
-        other.density_scale = _non_negative(density_scale, "density_scale", self._label)
+        kept = {name: value for name, value in self.__dict__.items() if name != "channels"}
+        other.__dict__.update(kept | changes)
         return other
 
     def __repr__(self) -> str:
         z, y, x = self.shape
-        return f"Volume({self._label}, {x}×{y}×{z} voxels, density_scale={self.density_scale:g})"
+        coloured = "" if self.colour is None else "coloured, "
+        return f"Volume({self._label}, {x}×{y}×{z} voxels, {coloured}density_scale={self.density_scale:g})"
 
     @property
     def _label(self) -> str:
@@ -270,6 +330,37 @@ class _Voxels:
         return (z, y, x), (last_z, last_y, last_x)
 
 
+class _Colour:
+    """The colour of voxels, and what they are in each channel; shared by volumes of another scale."""
+
+    def __init__(self, voxels: _Voxels, rgb: ArrayLike, label: str, *, sanitize: bool) -> None:
+        self.rgb = _as_colour(rgb, voxels.shape, label, sanitize=sanitize)
+        self._voxels = voxels
+        largest = float(voxels.stored.max()) * float(self.rgb.max())  # NaN where there are no leaves
+        if largest > np.finfo(np.float32).max:
+            raise VolumeError(f"{label}: the largest density times the largest colour is beyond float32")
+
+    @cached_property
+    def products(self) -> tuple[_Voxels, ...]:
+        """Voxels times red, green and blue, in the form that the voxels came in."""
+        dense = self._dense()
+        found = []
+        for channel in range(3):
+            product = dense * self.rgb[..., channel]
+            product.flags.writeable = False
+            found.append(_Voxels(product if self._voxels.leaves is None else Leaves.from_dense(product)))
+        return tuple(found)
+
+    def times_mean(self) -> NDArray[np.float32]:
+        """Voxels [z, y, x] times the mean of the channels."""
+        product: NDArray[np.float32] = self._dense() * self.rgb.mean(axis=-1)
+        return product
+
+    def _dense(self) -> NDArray[np.float32]:
+        leaves = self._voxels.leaves
+        return self._voxels.dense if leaves is None else leaves.to_dense()  # not to be kept
+
+
 def bounds_of(shape: tuple[int, int, int], world_from_index: NDArray[np.float64]) -> NDArray[np.float64]:
     """World-space box around a grid of ``shape`` (z, y, x) and its border voxel."""
     z, y, x = shape
@@ -290,11 +381,7 @@ def _as_density(data: ArrayLike, label: str, *, sanitize: bool) -> NDArray[np.fl
     _check_shape(array.shape, label)
     if array.dtype.kind not in "fiub":
         raise VolumeError(f"{label}: densities are real numbers; these are of type {array.dtype}")
-    if array.dtype == np.float32 and array.flags.c_contiguous and array.flags.aligned and _is_frozen(array):
-        density: NDArray[np.float32] = array
-    else:
-        with np.errstate(over="ignore"):
-            density = np.array(array, dtype=np.float32, order="C")
+    density = _as_float32(array)
     # One pass over min and max finds all three defects without a mask of the volume's size.
     low, high = float(density.min()), float(density.max())
     if not (np.isfinite(low) and np.isfinite(high) and low >= 0.0):
@@ -309,6 +396,113 @@ def _as_density(data: ArrayLike, label: str, *, sanitize: bool) -> NDArray[np.fl
         density[wrong] = 0.0
     density.flags.writeable = False
     return density
+
+
+def _as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
+    """Keep an array of float32 that nobody can write to, or copy it; what is too large becomes infinite."""
+    if array.dtype == np.float32 and array.flags.c_contiguous and array.flags.aligned and _is_frozen(array):
+        return array
+    with np.errstate(over="ignore"):
+        return np.array(array, dtype=np.float32, order="C")
+
+
+def _as_colour(colour: ArrayLike, shape: Index, label: str, *, sanitize: bool) -> NDArray[np.float32]:
+    array = np.asarray(colour)
+    _check_colour(array.shape, array.dtype, shape, f"{label}: the colour")
+    rgb = _as_float32(array)
+    low, high = float(rgb.min()), float(rgb.max())
+    if not 0 <= low <= high <= LARGEST_COLOUR:  # NaN is not
+        wrong = ~((rgb >= 0) & (rgb <= LARGEST_COLOUR))
+        if not sanitize:
+            z, y, x, channel = (int(i) for i in np.argwhere(wrong)[0])
+            raise VolumeError(
+                f"{label}: the colour is from 0 to {LARGEST_COLOUR:g}, in {np.count_nonzero(wrong)} places it "
+                f"is not, the first {rgb[z, y, x, channel]:g} at [z={z}, y={y}, x={x}, {'rgb'[channel]}]; set "
+                "them to 0 with --set volume.sanitize=true"
+            )
+        if not rgb.flags.writeable:
+            rgb = rgb.copy()
+        rgb[wrong] = 0.0
+    rgb.flags.writeable = False
+    return rgb
+
+
+def _check_colour(found: tuple[int, ...], dtype: np.dtype[Any], shape: Index, label: str) -> None:
+    if dtype.kind not in "fiub":
+        raise VolumeError(f"{label} is real numbers; these are of type {dtype}")
+    if found != (*shape, 3):
+        raise VolumeError(
+            f"{label} has the shape {list(found)}; expected [z, y, x, 3] of the volume, {[*shape, 3]}"
+        )
+
+
+def _read_colour(path: Path, grid: Grid, source: ColourSource) -> NDArray[np.float32] | None:
+    """Read the colour of a grid of ``path``; see `Volume.load`."""
+    from tfm_cl.volume_io import numpy_array  # noqa: PLC0415 - few volumes have a colour
+
+    if source is None and path.suffix.lower() == ".npz":
+        source = numpy_array.colour_of_archive(path)
+    if source is None or source is False:
+        return None
+    z, y, x = grid.shape
+    if reason := volume_io.too_large((z, y, 3 * x), sparse=False):
+        raise VolumeError(f"{path}: with three channels, grid '{grid.name}' {reason} for a colour")
+    if not isinstance(source, str | Path):
+        return _read_three_grids(path, grid, source)
+    if is_colour_file(source):
+        file, name = Path(source), None
+    elif path.suffix.lower() == ".npz":
+        file, name = path, str(source)
+    else:
+        raise VolumeError(
+            f"{path}: colour = {str(source)!r}: arrays by name are in .npz files only; give a "
+            f"{' or '.join(COLOUR_FILES)} file, or three grids [r, g, b] of this one"
+        )
+    found = numpy_array.find_colour(file, name)
+    _check_colour(found.header.shape, found.header.dtype, grid.shape, f"{file}: array {found.name!r}:"[:-1])
+    return found.read()
+
+
+def is_colour_file(source: str | Path) -> bool:
+    """Tell whether the source of a colour is a file, not an array's name."""
+    return Path(source).suffix.lower() in COLOUR_FILES
+
+
+def _read_three_grids(path: Path, grid: Grid, names: Sequence[str]) -> NDArray[np.float32]:
+    """Red, green and blue from scalar grids of the same file, in the box of the grid of densities."""
+    if len(names) != 3:  # noqa: PLR2004 - red, green, blue
+        raise VolumeError(f"{path}: colour is three names of grids [r, g, b]; got {len(names)}")
+    rgb = np.zeros((*grid.shape, 3), np.float32)
+    for channel, name in enumerate(names):
+        part = volume_io.choose_grid(path, name)
+        label = f"{path}: grid '{name}', a channel of the colour,"
+        grid_from_part = np.linalg.inv(grid.world_from_index) @ part.world_from_index
+        offset = np.rint(grid_from_part[:3, 3])
+        expected = np.eye(4)
+        expected[:3, 3] = offset
+        # Trees store a box around what is not empty, which may be another for each grid.
+        if part.read_leaves is None and part.shape != grid.shape:
+            raise VolumeError(f"{label} has the shape {list(part.shape)}; expected {list(grid.shape)}")
+        if np.abs(grid_from_part - expected).max() > GRID_ALIGNMENT:
+            raise VolumeError(f"{label} does not have its voxels where grid '{grid.name}' has them")
+        if reason := volume_io.too_large(part.shape, sparse=False):
+            raise VolumeError(f"{label} {reason} for a dense array")
+        in_grid, in_part = _overlap(grid.shape, part.shape, offset[::-1])
+        rgb[(*in_grid, channel)] = volume_io.read_grid(path, part)[in_part]
+    return rgb
+
+
+def _overlap(
+    shape: Index, other: Index, offset: NDArray[np.float64]
+) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """What boxes of voxels have in common, as slices of each; the other begins at ``offset`` (z, y, x)."""
+    of_one, of_other = [], []
+    for size, other_size, start in zip(shape, other, offset, strict=True):
+        begin = int(np.clip(start, 0, size))
+        end = max(begin, int(np.clip(start + other_size, 0, size)))
+        of_one.append(slice(begin, end))
+        of_other.append(slice(begin - int(start), end - int(start)) if end > begin else slice(0, 0))
+    return tuple(of_one), tuple(of_other)
 
 
 def _as_density_leaves(leaves: Leaves, label: str, *, sanitize: bool) -> Leaves:

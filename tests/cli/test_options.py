@@ -17,7 +17,7 @@ from tfm_cl.scene_file import SECTIONS
 PROMISED = {
     *("--res", "--crop", "--exposure", "--aov", "--method"),
     *("--basis", "--coeffs", "--density-weighting", "--map-res", "--light-steps", "--storage"),
-    *("--cutoff", "--voxels"),
+    *("--cutoff", "--voxels", "--map-bytes", "--max-error", "--target", "--fit", "--range", "--lookup"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--phase"),
     *("--camera-from", "--camera-to", "--up", "--fov"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
@@ -33,6 +33,13 @@ FLAGS = [
     ("--method", "dual", "march.method", "dual"),
     ("--basis", "dct", "map.basis", "dct"),
     ("--coeffs", "32", "map.coeffs", 32),
+    ("--coeffs", "auto", "map.coeffs", "auto"),
+    ("--map-bytes", "17", "map.bytes", 17),
+    ("--max-error", "0.01", "map.max_error", 0.01),
+    ("--target", "optical-depth", "map.target", "optical-depth"),
+    ("--fit", "visibility", "map.fit", "visibility"),
+    ("--range", "trimmed", "map.range", "trimmed"),
+    ("--lookup", "reconstruct", "map.lookup", "reconstruct"),
     ("--density-weighting", "1", "map.density_weighting", 1),
     ("--density-weighting", "auto", "map.density_weighting", "auto"),
     ("--map-res", "33", "map.res", 33),
@@ -85,7 +92,12 @@ KEYS = [
     ("light.from", "9,9,9", [9, 9, 9]),
     ("light.to", "9,9,9", [9, 9, 9]),
     ("light.intensity", "4", [4, 4, 4]),
+    ("map.slicing", "gamma", "gamma"),
+    ("map.blur_kernel", "box", "box"),
+    ("map.blur", "0", 0),
     ("light.blend", "0.5", 0.5),
+    ("light.radius", "0.5", 0.5),
+    ("light.samples", "9", 9),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
     ("camera.res", "[5, 6]", [5, 6]),
 ]
@@ -183,6 +195,8 @@ def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
     for config in (before, after):
         table = config[section]
         (table[0] if section == "light" else table).pop(name, None)
+        if key in {"map.bytes", "map.max_error"}:  # which say what coeffs said
+            table.pop("coeffs", None)
     assert after == before
 
 
@@ -336,4 +350,9 @@ def test_print_config_writes_what_json_writes(cli, scene, tiny):
         else {key: value for key, value in table.items() if value is not None}
         for name, table in options.items()
     }
-    assert tomllib.loads(done.out) == without_null
+    printed = tomllib.loads(done.out)
+    asked, used = printed.pop("map"), without_null.pop("map")
+    assert printed == without_null
+    # What was left to the renderer is printed as that, and written as what came of it.
+    assert {key: value for key, value in asked.items() if value != "auto"}.items() <= used.items()
+    assert (used["basis"], used["range"]) == ("klt", "visible")

@@ -142,17 +142,23 @@ __kernel void call_unwarp_fraction(__global const float *depths, __global const 
   unwarped[i] = lane0(unwarp_fraction(warp, warp_fraction(warp, load(fractions, 1, 0, count))));
 }
 
-/* Optical depths of one ray, [steps], to coefficients; table as the basis makes it. */
+/* Optical depths of one ray at the middles of its steps, [steps], to coefficients; table as the basis makes it. */
 __kernel void call_basis_project(__constant const Params *params, __global const float *optical_depths,
                                  __global float *coefficients, int steps, __global const float *table, int count)
 {
   GUARD;
   BasisState state;
   basis_begin(&state);
-  for (int n = 0; n < steps; ++n)
-    basis_change(params, table, &state, n, load(optical_depths, steps, n, count));
+  for (int n = 0; n < steps; ++n) {
+    LightSteps step;
+    step.count = 1;
+    step.n[0] = n;
+    step.before[0] = load(optical_depths, steps, n, count);
+    step.depth[0] = floats(0.0f);
+    basis_steps(params, table, &state, &step, steps);
+  }
   Floats c[TFM_N_COEFF];
-  basis_finish(params, floats(0.0f) == 0.0f, &state, c);
+  basis_finish(params, table, floats(0.0f) == 0.0f, &state, steps, c);
   for (int j = 0; j < TFM_N_COEFF; ++j)
     coefficients[i * (size_t)TFM_N_COEFF + (size_t)j] = lane0(c[j]);
 }
@@ -164,7 +170,7 @@ __kernel void call_basis_optical_depth(__constant const Params *params, __global
   Floats c[TFM_N_COEFF];
   for (int j = 0; j < TFM_N_COEFF; ++j)
     c[j] = load(coefficients, TFM_N_COEFF, j, count);
-  optical_depths[i] = lane0(basis_optical_depth(params, c, load(us, 1, 0, count)));
+  optical_depths[i] = lane0(basis_optical_depth(params, 0, c, load(us, 1, 0, count)));
 }
 
 /* A map of `count` texels in one row, looked up in each one's middle. */

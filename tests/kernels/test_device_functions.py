@@ -11,8 +11,11 @@ import tfm_cl as tfm
 from tfm_cl import params as parameters
 from tfm_cl import reference
 from tfm_cl.bases import BASES
+from tfm_cl.bases.cosine import Cosines
 from tfm_cl.bricks import build_bricks
+from tfm_cl.passes.light_pass import map_variant
 from tfm_cl.phases import PHASES, HenyeyGreenstein, Isotropic
+from tfm_cl.renderer import NO_MAP
 
 GRID = object()
 
@@ -25,9 +28,9 @@ class Device:
         self.scene = scene or make_scene()
         light = self.scene.lights[0]
         self.bricks = build_bricks(launcher, self.scene.volume.leaves, "the volume", "f32")
-        self.headers = ("basis/dct.h", light.HEADER, self.scene.medium.phase.HEADER)
+        self.headers = (BASES["dct"].header, light.HEADER, self.scene.medium.phase.HEADER)
         self.defines = {"TFM_N_COEFF": coeffs, "TFM_STORAGE_BITS": storage_bits, **self.bricks.defines}
-        self.defines["TFM_INVERSE_SQUARE"] = int(light.falloff == "inverse-square")
+        self.defines |= map_variant(NO_MAP, light, self.bricks)[1] | self.defines
         struct = parameters.fill(
             self.scene,
             light,
@@ -303,7 +306,8 @@ def test_dct_of_an_exponential_has_the_closed_form(launcher, tau, alpha):
     assert device.scene.map.steps >= coeffs
     u = (np.arange(steps) + 0.5) / steps
     depths = (tau * u).astype(np.float32)[None]
-    table = BASES["dct"].table(steps, coeffs)
+    settings = tfm.MapSettings(basis="dct", coeffs=coeffs, steps=steps).resolved()
+    table = BASES["dct"].table(Cosines(coeffs, of_extinction=False), settings, steps)
 
     c = device.run("call_basis_project", 1, depths, ..., np.int32(steps), table, shape=(1, coeffs))[0]
 

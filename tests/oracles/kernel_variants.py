@@ -9,20 +9,42 @@ from itertools import combinations, product
 from pathlib import PurePath
 
 from tfm_cl.bases import BASES
+from tfm_cl.bases.base import FITS, TARGETS
 from tfm_cl.lights import LIGHTS
 from tfm_cl.phases import PHASES
+from tfm_cl.settings import MapSettings
 
-Choices = Mapping[str, Sequence[int | str]]
-"""Macros and their values, or kinds of header and the headers."""
+Value = int | str | tuple[str, dict[str, int]]
+Choices = Mapping[str, Sequence[Value]]
+"""Macros and their values, or kinds of header and the headers; a header may bring macros of its own."""
+
+SETTINGS = [
+    *(MapSettings(basis=name) for name in BASES),
+    MapSettings(basis="dct", coeffs=1, target="optical-depth", fit="visibility"),
+    MapSettings(basis="hcos", coeffs=32, fit="visibility"),
+    MapSettings(basis="klt", coeffs=15, target="transmittance", fit="l2"),
+]
+"""Every basis by itself, and the kinds of target and fit."""
+
+
+def _basis(settings: MapSettings) -> tuple[str, dict[str, int]]:
+    resolved = settings.resolved()
+    return BASES[resolved.basis].header, {
+        "TFM_N_COEFF": resolved.coeffs,
+        "TFM_TARGET": TARGETS[resolved.target],
+        "TFM_FIT": FITS[resolved.fit],
+    }
+
 
 RECORDS: Choices = {"TFM_VOXEL_BITS": (32, 16, 8)}
 VOLUME: Choices = {**RECORDS, "TFM_POOLS": (1, 8)}
+LIGHT: Choices = {"light": [light.HEADER for light in LIGHTS.values()], "TFM_INVERSE_SQUARE": (0, 1)}
 MAP: Choices = {
-    "basis": [basis.header for basis in BASES.values()],
-    "light": [light.HEADER for light in LIGHTS.values()],
+    "basis": [_basis(settings) for settings in SETTINGS],
+    **LIGHT,
     "TFM_STORAGE_BITS": (32, 16, 8),
-    "TFM_N_COEFF": (1, 4, 8, 32),
-    "TFM_INVERSE_SQUARE": (0, 1),
+    "TFM_RANGE": (0, 1),
+    "TFM_LOOKUP": (0, 1, 2),
 }
 VIEW: Choices = {
     "phase": [phase.HEADER for phase in PHASES.values()],
@@ -33,6 +55,8 @@ VIEW: Choices = {
 PROGRAMS: dict[str, Choices] = {
     "bricks.cl": {**RECORDS, "TFM_POOLS": (1,)},
     "light_pass.cl": {**VOLUME, **MAP},
+    "light_probe.cl": {**VOLUME, **LIGHT},
+    "prefilter.cl": {"TFM_GROUP": (1, 8, 64)},
     "view_pass.cl": {**VOLUME, **MAP, **VIEW},
 }
 """Entry -> what it is compiled with."""
@@ -46,28 +70,46 @@ def kernel_variants(lanes: int) -> Iterator[Variant]:
     for entry, choices in PROGRAMS.items():
         for case in pairwise(choices):
             label = " ".join([entry, *(_short(name, value) for name, value in case.items())])
-            headers = tuple(value for value in case.values() if isinstance(value, str))
-            defines = {name: value for name, value in case.items() if isinstance(value, int)}
-            yield label, entry, headers, {"TFM_LANES": lanes, **defines}
+            headers, defines = [], {}
+            for name, value in case.items():
+                if isinstance(value, int):
+                    defines[name] = value
+                elif isinstance(value, str):
+                    headers.append(value)
+                else:
+                    headers.append(value[0])
+                    defines |= value[1]
+            yield label, entry, tuple(headers), {"TFM_LANES": lanes, **defines}
 
 
-def pairwise(choices: Choices) -> list[dict[str, int | str]]:
+def pairwise(choices: Choices) -> list[dict[str, Value]]:
     """Choose one of each so that any two choices meet in some case: far fewer cases than the product."""
-    everything = list(product(*choices.values()))
-    missing = set().union(*map(_pairs, everything))
+    sizes = [len(values) for values in choices.values()]
+    missing = {
+        ((one, i), (other, j))
+        for one, other in combinations(range(len(sizes)), 2)
+        for i, j in product(range(sizes[one]), range(sizes[other]))
+    }
+    if len(sizes) == 1:
+        return [{name: value} for name, values in choices.items() for value in values]
     cases = []
     while missing:
-        cases.append(max(everything, key=lambda case: len(missing & _pairs(case))))
-        missing -= _pairs(cases[-1])
-    return [dict(zip(choices, case, strict=True)) for case in cases]
+        case = dict(min(missing))  # a pair that is not met yet, then of each the choice that meets most
+        for place in range(len(sizes)):
+            if place not in case:
+                met = [
+                    sum(tuple(sorted([(place, i), chosen])) in missing for chosen in case.items())
+                    for i in range(sizes[place])
+                ]
+                case[place] = met.index(max(met))
+        missing -= set(combinations(sorted(case.items()), 2))
+        cases.append({name: values[case[place]] for place, (name, values) in enumerate(choices.items())})
+    return cases
 
 
-def _short(name: str, value: int | str) -> str:
+def _short(name: str, value: Value) -> str:
+    if isinstance(value, tuple):
+        return " ".join([PurePath(value[0]).stem, *(str(number) for number in value[1].values())])
     if isinstance(value, str):
         return PurePath(value).stem
     return f"{name.removeprefix('TFM_').lower()}={value}"
-
-
-def _pairs(case: tuple[int | str, ...]) -> set[tuple[tuple[int, int | str], ...]]:
-    """Every two choices of a case; of a lone one the choice itself."""
-    return set(combinations(enumerate(case), min(2, len(case))))

@@ -42,7 +42,7 @@ def _scene(**changes) -> tfm.Scene:
     camera = changes.pop("camera", {})
     parts = {
         "camera": _camera(volume, **camera),
-        "map": tfm.MapSettings(res=8, steps=6, coeffs=4),
+        "map": tfm.MapSettings(basis="dct", density_weighting=10.0, res=8, steps=6, coeffs=4),
         "march": tfm.MarchSettings(steps=6),
     }
     return tfm.Scene(volume).replace(**parts).replace(**changes)
@@ -54,7 +54,11 @@ def _camera(volume: tfm.Volume, *, back: float = 12.0, res: tuple[int, int] = (1
 
 
 def _map(**settings) -> tfm.Scene:
-    return _scene(map=tfm.MapSettings(**{"res": 8, "steps": 6, "coeffs": 4, **settings}))
+    return _scene(
+        map=tfm.MapSettings(
+            **{"basis": "dct", "density_weighting": 10.0, "res": 8, "steps": 6, "coeffs": 4, **settings}
+        )
+    )
 
 
 def _lights(scene: tfm.Scene) -> tfm.Scene:
@@ -78,7 +82,10 @@ def _evaluate(renderer: tfm.Renderer) -> Array:
 
 
 def _one_voxel(renderer: tfm.Renderer) -> Array:
-    scene = tfm.Scene(tfm.Volume(np.full((1, 1, 1), 3.0)), map=tfm.MapSettings(res=5, steps=1, coeffs=1))
+    scene = tfm.Scene(
+        tfm.Volume(np.full((1, 1, 1), 3.0)),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=5, steps=1, coeffs=1),
+    )
     camera = scene.camera.replace(res=(5, 3))
     return renderer.render(scene.replace(camera=camera, march=tfm.MarchSettings(steps=1))).image
 

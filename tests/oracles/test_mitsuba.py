@@ -67,7 +67,7 @@ def dual_scene(volume, light, at, to, fov, medium=MEDIUM):
         medium,
         camera=tfm.Camera(from_=at, to=to, fov=fov, res=(24, 18)),
         lights=light,
-        map=tfm.MapSettings(steps=STEPS),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, steps=STEPS),
         march=tfm.MarchSettings(method="dual", steps=STEPS),
     )
 
@@ -213,7 +213,7 @@ def test_transmittance(renderer, mitsuba, report, make_scene):
 
 def test_map_of_32_coefficients(renderer, mitsuba, report):
     expected = mitsuba(cumulus, QUICK)
-    settings = tfm.MapSettings(steps=STEPS, coeffs=32, res=256)
+    settings = tfm.MapSettings(basis="dct", density_weighting=10.0, steps=STEPS, coeffs=32, res=256)
     scene = cumulus().replace(map=settings, march=tfm.MarchSettings(method="tfm", steps=STEPS))
     image = image_of(renderer, scene)
     found = agreement(image, expected)

@@ -25,8 +25,12 @@ VARIANTS = {
     "camera in the cone": {"camera": tfm.Camera(from_=(1.2, 1.7, 0.7), to=(0, 0, 0), fov=60, res=(24, 18))},
     "along the light": {"camera": tfm.Camera(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), fov=40, res=(24, 18))},
     "two lights": {"lights": [LIGHT, LIGHT.replace(from_=(-3, 1, 2), cone=12, intensity=(0, 1, 4))]},
-    "one coefficient": {"map": tfm.MapSettings(res=24, steps=24, coeffs=1)},
-    "32 coefficients": {"map": tfm.MapSettings(res=24, steps=32, coeffs=32, density_weighting=1.0)},
+    "one coefficient": {
+        "map": tfm.MapSettings(basis="dct", density_weighting=10.0, res=24, steps=24, coeffs=1)
+    },
+    "32 coefficients": {
+        "map": tfm.MapSettings(basis="dct", res=24, steps=32, coeffs=32, density_weighting=1.0)
+    },
     "portrait": {"camera": tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0, 0, 0), fov=38, res=(11, 29))},
     "far from the origin": {
         "volume": tfm.Volume(
@@ -99,7 +103,8 @@ def test_steps_converge_at_second_order(renderer, sampling):
     # Midpoints: four times the steps, a sixteenth of the error, until float32 stops it. Asked: a fifth.
     def image(steps):
         scene = make_scene(
-            march=tfm.MarchSettings(steps=steps, sampling=sampling), map=tfm.MapSettings(steps=steps)
+            march=tfm.MarchSettings(steps=steps, sampling=sampling),
+            map=tfm.MapSettings(basis="dct", density_weighting=10.0, steps=steps),
         )
         return renderer.render(scene, method="dual").image[..., :3]
 

@@ -38,7 +38,7 @@ def test_homogeneous_box_light_beside_the_camera(renderer, method, sampling, fal
         tfm.Medium(sigma_s=sigma_s, sigma_a=sigma_a, phase=tfm.HenyeyGreenstein(0.5)),
         tfm.Camera(from_=(0, 0, distance), to=(0, 0, 0)),
         [light],
-        tfm.MapSettings(res=32, steps=STEPS, coeffs=32, density_weighting=1.0),
+        tfm.MapSettings(basis="dct", res=32, steps=STEPS, coeffs=32, density_weighting=1.0),
         tfm.MarchSettings(steps=STEPS, sampling=sampling),
     )
 
@@ -85,7 +85,7 @@ def test_an_opaque_white_medium_returns_albedo_over_2_of_collimated_light(render
             tfm.Medium(sigma_s=albedo, sigma_a=1 - albedo),
             tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0)),
             [tfm.SpotLight(from_=(0, 0, 4), to=(0, 0, 0), cone=30, intensity=4 * np.pi)],
-            tfm.MapSettings(res=16, steps=2000, coeffs=32),
+            tfm.MapSettings(basis="dct", density_weighting=10.0, res=16, steps=2000, coeffs=32),
             tfm.MarchSettings(steps=2000),
         )
 
@@ -121,7 +121,7 @@ def test_the_medium_outside_the_cone_dims_what_is_behind(renderer):
         box(sigma),
         camera=tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0)),
         lights=[light],
-        map=tfm.MapSettings(res=8, steps=200),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=8, steps=200),
         march=tfm.MarchSettings(steps=200),
     )
 

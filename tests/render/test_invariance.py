@@ -118,8 +118,11 @@ DEGENERATE = {
     },
     "light on a voxel face": {"lights": [tfm.SpotLight(from_=(-1, -1, -1), to=(0, 0, 0), cone=40)]},
     "peaked phase": {"medium": tfm.Medium(phase=tfm.HenyeyGreenstein(0.9999))},
-    "one step": {"march": tfm.MarchSettings(steps=1), "map": tfm.MapSettings(res=4, steps=1, coeffs=1)},
-    "one texel": {"map": tfm.MapSettings(res=1, steps=8)},
+    "one step": {
+        "march": tfm.MarchSettings(steps=1),
+        "map": tfm.MapSettings(basis="dct", density_weighting=10.0, res=4, steps=1, coeffs=1),
+    },
+    "one texel": {"map": tfm.MapSettings(basis="dct", density_weighting=10.0, res=1, steps=8)},
     "widest view": {"camera": tfm.Camera(from_=(0, 0, 2), to=(0, 0, 0), fov=179.9, res=(24, 18))},
 }
 

@@ -111,7 +111,7 @@ def scene_of(data, *, density_scale=12.0, skip_empty=True, steps=45, light_steps
     march = {"steps": steps, "cutoff": 0.0, "skip_empty": skip_empty} | (march or {})
     return make_scene(
         volume=placed(data, density_scale),
-        map=tfm.MapSettings(res=24, steps=light_steps),
+        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=24, steps=light_steps),
         march=tfm.MarchSettings(**march),
     ).replace(**changes)
 
@@ -187,7 +187,7 @@ def test_rays_beside_the_borders_of_bricks(renderer, along, method):
             volume=tfm.Volume(data, world_from_index=np.eye(4), density_scale=0.6),
             camera=camera,
             lights=[light],
-            map=tfm.MapSettings(res=40, steps=90),
+            map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=40, steps=90),
             march=tfm.MarchSettings(steps=90, cutoff=0.0, method=method),
         )
 
@@ -390,7 +390,9 @@ def test_lanes_agree_whatever_the_map(by_lanes, storage, coeffs):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(97, 61))
     scene = scene_of(GAPPY["balls"], steps=40).replace(
         camera=camera,
-        map=tfm.MapSettings(res=37, steps=40, coeffs=coeffs, storage=storage),
+        map=tfm.MapSettings(
+            basis="dct", density_weighting=10.0, res=37, steps=40, coeffs=coeffs, storage=storage
+        ),
         medium=tfm.Medium(sigma_s=0.9, sigma_a=0.2),
     )
 
@@ -429,7 +431,12 @@ def test_occupied_steps(renderer, gappy):
     scene = scene_of(GAPPY[gappy], light_steps=30)
     (light_map,) = renderer.build_maps(scene)
 
-    first, end = np.rint(light_map.occupied * scene.map.steps).astype(int).reshape(-1, 2).T
+    # Distances from the light, to light steps between the medium's bounds.
+    k_in, k_out = reference.march_bounds(scene.volume, *reference.texel_rays(scene.lights[0], scene.map.res))
+    length = np.where(k_out > k_in, k_out - k_in, 1)
+    occupied = light_map.occupied.reshape(-1, 2)
+    steps = (occupied - k_in[:, None]) / length[:, None] * scene.map.steps
+    first, end = np.rint(np.where(occupied[:, 1:] > 0, steps, 0)).astype(int).T
 
     # Rounding moves samples, by less than a thousandth of a voxel.
     sure = occupied_by_hand(scene, scene.lights[0], -1e-3)
@@ -525,7 +532,9 @@ def sparse_scenes(draw):
         medium=tfm.Medium(
             sigma_s=tuple(extinction), sigma_a=(0.1, 0.2, 0.0), phase=tfm.HenyeyGreenstein(0.4)
         ),
-        map=tfm.MapSettings(res=12, steps=draw(st.sampled_from([1, 5, 33, 200]))),
+        map=tfm.MapSettings(
+            basis="dct", density_weighting=10.0, res=12, steps=draw(st.sampled_from([1, 5, 33, 200]))
+        ),
         march=tfm.MarchSettings(
             steps=draw(st.sampled_from([1, 6, 33, 250])),
             sampling=draw(st.sampled_from(SAMPLINGS)),

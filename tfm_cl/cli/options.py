@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from tfm_cl.bases import BASES
+from tfm_cl.bases.base import FITS, LOOKUPS, RANGES, TARGETS
 from tfm_cl.lights import LIGHTS, SpotLight
 from tfm_cl.model import Model
 from tfm_cl.scene_file import SECTIONS
@@ -114,9 +115,15 @@ SCENE_OPTIONS = (
     SceneOption("Image", "--exposure", "image.exposure", "STOPS", click.FLOAT),
     SceneOption("Image", "--aov", "image.aov", "NAME[,NAME]", names, "none"),
     SceneOption("Method", "--method", "march.method", "", click.Choice(["tfm", "dual"])),
-    SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(list(BASES))),
-    SceneOption("Map", "--coeffs", "map.coeffs", "N", click.INT),
+    SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(["auto", *BASES])),
+    SceneOption("Map", "--coeffs", "map.coeffs", "N|auto", count_or_auto),
+    SceneOption("Map", "--map-bytes", "map.bytes", "B", click.FLOAT, "none"),
+    SceneOption("Map", "--max-error", "map.max_error", "E", click.FLOAT, "none"),
     SceneOption("Map", "--density-weighting", "map.density_weighting", "A|auto", number_or_auto),
+    SceneOption("Map", "--target", "map.target", "", click.Choice(["auto", *TARGETS])),
+    SceneOption("Map", "--fit", "map.fit", "", click.Choice(["auto", *FITS])),
+    SceneOption("Map", "--range", "map.range", "", click.Choice(["auto", *RANGES])),
+    SceneOption("Map", "--lookup", "map.lookup", "", click.Choice(["auto", *LOOKUPS])),
     SceneOption("Map", "--map-res", "map.res", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("Map", "--light-steps", "map.steps", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("Map", "--storage", "map.storage", "", click.Choice(["f32", "f16", "u8"])),

@@ -77,7 +77,7 @@ def command(
     if chosen and not quiet:
         print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
     if verbose:
-        print(to_toml(resolved), file=sys.stderr)
+        print(to_toml(resolved | {"map": scene.map.resolved().to_dict()}), file=sys.stderr)
     if print_config:
         print(to_toml(resolved), end="")
     if not outputs:
@@ -88,11 +88,12 @@ def command(
     from tfm_cl.renderer import Renderer  # noqa: PLC0415
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
-        result = renderer.render(scene, crop=scene_file.image.crop, progress=progress)
+        result = renderer.render(
+            scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
+        )
     for warning in () if quiet else result.warnings:
         print(f"tfm: warning: {warning}", file=sys.stderr)
-    if result.stats.density_weighting is not None:
-        resolved["map"]["density_weighting"] = result.stats.density_weighting
+    resolved["map"] = _used_map(resolved["map"], result)
 
     rendered = time.perf_counter()
     _save(result, outputs, scene_file.image, resolved)
@@ -103,6 +104,16 @@ def command(
         _print_stats(report)
     if json_path is not None:
         _write_json(json_path, report)
+
+
+def _used_map(asked: Values, result: "RenderResult") -> Values:
+    """Return what the map's settings came to; asked for: those of the scene."""
+    used = result.stats.map
+    if used is None:
+        return asked
+    # Where the target is not the transmittance, α means nothing.
+    alpha = {} if used.target == "transmittance" else {"density_weighting": asked["density_weighting"]}
+    return used.to_dict() | alpha
 
 
 def _check_writable(outputs: tuple[Path, ...], json_path: str | None) -> None:

@@ -1,5 +1,7 @@
-"""``tfm sweep``: quality against the number of coefficients."""
+"""``tfm sweep``: quality against what a texel costs."""
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,58 +10,119 @@ import click
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, overrides, scene_options
 from tfm_cl.cli.progress import progress_bar
 
+AXES = {
+    "bases": ("--bases", "basis"),
+    "coeffs": ("--coeffs", "coeffs"),
+    "weightings": ("--density-weighting", "density_weighting"),
+    "ranges": ("--ranges", "range"),
+    "fits": ("--fits", "fit"),
+    "storages": ("--storages", "storage"),
+    "map_sizes": ("--map-sizes", "res"),
+}
+"""Parameter -> flag, and key of [map] that the flag gives the values of."""
+
+NOT_ASKED = ("bytes", "max_error")
+"""Keys of [map] that choose what the sweep goes through."""
+
+
+def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    return click.option(*names, cls=GroupedOption, group="Sweep", **attributes)
+
 
 @click.command("sweep", cls=GroupedCommand)
 @click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
+@_option(
     "-o",
     "out",
     metavar="DIR",
     required=True,
     type=click.Path(path_type=Path),
-    cls=GroupedOption,
-    group="Sweep",
     help="folder of the results; an interrupted sweep goes on where it stopped",
 )
-@click.option(
-    "--coeffs",
-    default="2,4,8,16",
-    show_default=True,
-    metavar="N[,N]",
-    cls=GroupedOption,
-    group="Sweep",
-    help="numbers of coefficients",
+@_option("--bases", default="dct,auto", show_default=True, metavar="NAME[,NAME]", help="bases of the maps")
+@_option(
+    "--coeffs", default="2,4,8,16", show_default=True, metavar="N[,N]", help="numbers of coefficients a texel"
 )
-@click.option(
+@_option(
     "--density-weighting",
     "weightings",
     default="1,10",
     show_default=True,
     metavar="A[,A]",
-    cls=GroupedOption,
-    group="Sweep",
-    help="density weightings, numbers ≥ 1 or auto",
+    help="density weightings, numbers ≥ 1 or auto, where the target is transmittance",
 )
-@scene_options(without=("--coeffs", "--density-weighting", "--method", "--crop", "--exposure", "--aov"))
+@_option("--ranges", metavar="NAME[,NAME]", help="ranges of the light rays, as box,visible  [the scene's]")
+@_option("--fits", metavar="NAME[,NAME]", help="fits, as l2,visibility  [the scene's]")
+@_option("--storages", metavar="TYPE[,TYPE]", help="storage types, as f32,f16,u8  [the scene's]")
+@_option("--map-sizes", metavar="N[,N]", help="map resolutions, as 256,1024  [the scene's]")
+@_option(
+    "--converged/--no-converged",
+    default=True,
+    show_default=True,
+    help="compare with a dual march of more steps too",
+)
+@_option(
+    "--converged-steps",
+    metavar="N",
+    type=click.INT,
+    help="its steps, of both marches  [4 times the scene's, at most 1000]",
+)
+@_option(
+    "--ray",
+    metavar="U,V",
+    help="place on the light's map, 0 to 1, of the ray whose transmittance is kept  [a dark one]",
+)
+@_option(
+    "--jobs",
+    default=1,
+    show_default=True,
+    metavar="N",
+    type=click.INT,
+    help="processes; with several, each one's seconds are longer",
+)
+@scene_options(
+    without=(
+        "--basis",
+        "--coeffs",
+        "--density-weighting",
+        "--bytes",
+        "--max-error",
+        "--method",
+        "--crop",
+        "--exposure",
+        "--aov",
+    )
+)
 @click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
     inputs: tuple[Path, ...],
     out: Path,
-    coeffs: str,
-    weightings: str,
     settings: tuple[str, ...],
+    ray: str | None,
     device: str | None,
     *,
+    converged: bool,
+    converged_steps: int | None,
+    jobs: int,
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Render each INPUT (volume or scene) with maps of many sizes and compare with the dual march.
+    """Render each INPUT (volume or scene) with maps of many settings and compare with the dual march.
+
+    Every combination of the lists is rendered, but those that a basis refuses. Writes DIR/sweep.jsonl and
+    sweep.csv as it goes, then DIR/curves and the report.
 
     \b
-    Writes DIR/sweep.jsonl and sweep.csv as it goes, then sweep.md, sweep.png, contact_sheet.png.
-    tfm sweep volumes/plume.toml cloud.vdb -o out/sweep --coeffs 2,4,8,16 --density-weighting 1,10
+    tfm sweep volumes/plume.toml cloud.vdb -o out/sweep --bases dct,klt --coeffs 2,4,8,16
+    tfm sweep cloud.vdb -o out/sweep --bases klt --ranges box,visible --storages f16,u8 --jobs 2
     """  # noqa: D301 - click wants the character \b, not its escape
+    axes = {parameter: given.pop(parameter) for parameter in AXES}
+    changes = overrides(given, settings)
+    _check_apart(axes, [key for key, _ in changes])
+    if converged_steps is not None and not converged:
+        raise click.UsageError("--converged-steps: there is nothing converged with --no-converged")
+
     # matplotlib and scikit-image take their time to import.
     from tfm_cl import sweep  # noqa: PLC0415
 
@@ -67,23 +130,62 @@ def command(
         sweep.run(
             inputs,
             out,
-            coeffs=_list(coeffs, int, "--coeffs"),
-            density_weightings=_list(weightings, _weighting, "--density-weighting"),
+            bases=_list(axes, "bases", str),
+            coeffs=_list(axes, "coeffs", int),
+            density_weightings=_list(axes, "weightings", _weighting),
+            ranges=_list(axes, "ranges", str),
+            fits=_list(axes, "fits", str),
+            storages=_list(axes, "storages", str),
+            map_sizes=_list(axes, "map_sizes", int),
+            converged=converged,
+            converged_steps=converged_steps,
+            ray=_ray(ray),
+            jobs=jobs,
             device=device,
-            overrides=overrides(given, settings),
-            progress=progress,
+            overrides=changes,
+            # One stage, so that the time left is that of the whole.
+            progress=lambda _, fraction: progress("sweep", fraction),
+            notice=lambda line: None if quiet else print(f"tfm: {line}", file=sys.stderr),
         )
     if not quiet:
         print((out / "sweep.md").read_text(encoding="utf-8"), end="")
-        print(f"\n{out}: sweep.jsonl sweep.csv sweep.md sweep.png contact_sheet.png")
+        names = sorted(path.name for path in out.iterdir() if not path.name.startswith("."))
+        print(f"\n{out}: {' '.join(names)}")
+
+
+def _check_apart(axes: dict[str, str | None], changed: list[str]) -> None:
+    """Refuse one value for what the sweep goes through: it would be ignored."""
+    for parameter, (flag, key) in AXES.items():
+        if axes[parameter] is not None and f"map.{key}" in changed:
+            raise click.UsageError(f"map.{key} is what the sweep goes through: give its values to {flag}")
+    for key in NOT_ASKED:
+        if f"map.{key}" in changed:
+            raise click.UsageError(f"map.{key} chooses coeffs, which the sweep goes through: use --coeffs")
 
 
 def _weighting(text: str) -> Any:
     return text if text == "auto" else float(text)
 
 
-def _list(text: str, convert: Any, flag: str) -> list[Any]:
+def _list(axes: dict[str, str | None], parameter: str, convert: Callable[[str], Any]) -> list[Any]:
+    text = axes[parameter]
+    if text is None:
+        return []
+    parts = [part.strip() for part in text.split(",")]
     try:
-        return [convert(part.strip()) for part in text.split(",")]
+        if all(parts):
+            return [convert(part) for part in parts]
     except ValueError:
-        raise click.UsageError(f"{flag} {text}: should be values with commas between, as 2,4,8") from None
+        pass
+    example = "2,4,8" if convert is not str else "a,b"
+    raise click.UsageError(f"{AXES[parameter][0]} {text}: should be values with commas between, as {example}")
+
+
+def _ray(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        u, v = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.UsageError(f"--ray {text}: should be u,v, as 0.5,0.5") from None
+    return u, v

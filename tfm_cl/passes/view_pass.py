@@ -11,6 +11,7 @@ from tfm_cl.bricks import BrickGrid
 from tfm_cl.passes.launch import Launcher, Progress, Windows, int4
 from tfm_cl.passes.light_pass import MapBuffers, map_variant
 from tfm_cl.scene import Scene
+from tfm_cl.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -62,18 +63,33 @@ class ViewPass:
         self,
         scene: Scene,
         index: int,
-        method: str,
         crop: tuple[int, int, int, int],
         params: cl.Buffer,
         bricks: BrickGrid,
+        settings: MapSettings,
         light_map: MapBuffers | None,
         frame: FrameBuffers,
         progress: Progress,
+        *,
+        shows_residual: bool = False,
     ) -> float:
-        """Add one light's single scattering; returns device seconds."""
+        """Add one light's single scattering; returns device seconds.
+
+        Parameters
+        ----------
+        settings
+            Resolved ones of the map.
+        light_map
+            None for the dual march.
+        shows_residual
+            The map holds residuals, to be seen instead of the light's transmittance.
+        """
         light = scene.lights[index]
-        dual = method == "dual"
-        headers, defines = map_variant(scene.map, light, bricks)
+        dual = light_map is None
+        headers, defines = map_variant(settings, light, bricks)
+        if shows_residual:
+            headers = ("basis/single.h", *headers[1:])
+            defines |= {"TFM_SHOW_RESIDUAL": 1}
         headers = (*headers, scene.medium.phase.HEADER)
         grey = len(set(scene.medium.sigma_t.tolist())) == 1
         defines |= {"TFM_METHOD_DUAL": int(dual), "TFM_CHANNELS": 1 if grey else 3}
@@ -88,8 +104,7 @@ class ViewPass:
             progress,
             params,
             *bricks.arguments,
-            unused if light_map is None else light_map.coefficients,
-            unused if light_map is None else light_map.ranges,
+            *((unused,) * 4 if light_map is None else light_map.arguments),
             frame.radiance,
             frame.light_seen,
             frame.transmittance,

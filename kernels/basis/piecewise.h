@@ -1,0 +1,21 @@
+/* Extinction that is constant in n equal parts of the range ("Fourier Opacity Mapping", section 5.1): the numbers are
+   the optical depths of the parts.
+   Requires: what projection.h does. */
+#ifndef TFM_BASIS_H
+#define TFM_BASIS_H
+
+#include "../projection.h"
+
+TFM_INLINE Floats basis_optical_depth(__constant const Params *params, __global const float *modes, const Floats *c,
+                                      Floats v)
+{
+  (void)modes;
+  const Floats parts = v * (float)TFM_N_COEFF;
+  Floats sum = floats(0.0f);
+#pragma unroll
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    sum += c[j] * clamp_to(parts - (float)j, 1.0f);
+  return optical_depth_of_series(params, sum);
+}
+
+#endif

@@ -1,0 +1,166 @@
+"""What is decided before a map is built: α, ranges, and the functions of the basis and their number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tfm_cl import params as parameters
+from tfm_cl.bases import BASES
+from tfm_cl.bases.estimate import error_of_fit
+from tfm_cl.errors import SceneError
+from tfm_cl.model import is_auto
+from tfm_cl.passes.launch import Launcher
+from tfm_cl.passes.light_pass import LARGEST_HALF, MapPlan
+from tfm_cl.passes.light_probe import VISIBLE_DEPTH, LightProbe, Probe
+from tfm_cl.settings import MapSettings, field_res
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from tfm_cl.bases.base import Functions
+    from tfm_cl.bases.curves import Curves
+    from tfm_cl.bricks import BrickGrid
+    from tfm_cl.lights import Light
+    from tfm_cl.scene import Scene
+
+AUTO_WEIGHTING = (1.0, 16.0)
+"""Range of α times the extinction that density_weighting = auto chooses from."""
+PROBE_RES = 64
+"""Light rays along a side of the map that density_weighting = auto looks at."""
+
+RANGE_STEPS = 128
+"""Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
+map."""
+
+
+@dataclass(frozen=True)
+class Planned(MapPlan):
+    """A map's plan, and what it was made from."""
+
+    density_weighting: float
+    deepest: float
+    """Largest optical depth of the density along the rays of all lights, on a coarse map."""
+    extinction: float
+    """That visibility is meant for."""
+    seconds: float
+    """Device time of the probes."""
+
+
+class Planner:
+    """Looks at the light rays of a scene and plans its maps."""
+
+    def __init__(self, launcher: Launcher) -> None:
+        self._launcher = launcher
+        self._probe = LightProbe(launcher)
+
+    def plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
+        """Plan one map for each light of a resolved scene; they differ only in what depends on the light."""
+        settings = scene.map.resolved()
+        extinction = parameters.reference_extinction(scene.medium)
+        params = [self._params(scene, light, bricks) for light in scene.lights]
+        coarse = [
+            self._probe.ranges(light, of_light, bricks, PROBE_RES, np.inf, settings.steps)
+            for light, of_light in zip(scene.lights, params, strict=True)
+        ]
+        deepest = max(float(probe.optical_depth.max()) for probe in coarse)
+        alpha = _density_weighting(scene, deepest)
+        # Not checked again: for media with tiny sigmas α follows the density's large optical depth.
+        settings = settings.model_copy(update={"density_weighting": alpha})
+        probe_steps = max(settings.steps, RANGE_STEPS)
+        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        probes = [
+            probe
+            if settings.range == "box"
+            else self._probe.ranges(light, of_light, bricks, field_res(settings.res), cut, probe_steps)
+            for light, of_light, probe in zip(scene.lights, params, coarse, strict=True)
+        ]
+        fields = [_field(settings, probe) for probe in probes]
+        curves: list[Curves | None] = [None] * len(fields)
+        seconds = [probe.seconds for probe in probes]
+        if BASES[settings.basis].needs_curves or is_auto(settings.coeffs):
+            for i, light in enumerate(scene.lights):
+                curves[i], took = self._probe.curves(
+                    light,
+                    params[i],
+                    bricks,
+                    probes[i],
+                    None if settings.range == "box" else fields[i],
+                    extinction,
+                )
+                seconds[i] += took
+        if is_auto(settings.coeffs):
+            settings = settings.model_copy(update={"coeffs": _coeffs(settings, curves), "max_error": None})
+        unit = 1.0
+        if settings.storage == "f16" and settings.target != "transmittance":
+            unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
+        return [
+            Planned(
+                settings=settings,
+                field=field,
+                functions=functions_of(settings, of_light),
+                number_unit=unit,
+                density_weighting=alpha,
+                deepest=deepest,
+                extinction=extinction,
+                seconds=took,
+            )
+            for field, of_light, took in zip(fields, curves, seconds, strict=True)
+        ]
+
+    def _params(self, scene: Scene, light: Light, bricks: BrickGrid) -> cl.Buffer:
+        struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=bricks)
+        return self._launcher.upload("the parameters", struct)
+
+
+def functions_of(settings: MapSettings, curves: Curves | None) -> Functions | None:
+    """Make the functions of a basis, if it has any."""
+    make = BASES[settings.basis].functions
+    return None if make is None else make(settings, curves)
+
+
+def _field(settings: MapSettings, probe: Probe) -> np.ndarray:
+    if settings.range == "box":
+        return np.zeros((1, 1, 4), np.float32)
+    return probe.global_field() if settings.range == "global" else probe.field()
+
+
+def _density_weighting(scene: Scene, deepest: float) -> float:
+    """α of eq. 19: the scene's, or half the largest optical depth that its lights meet.
+
+    The range is that of the most extinguished colour's optical depth; α itself weights the density.
+    """
+    setting = scene.map.density_weighting
+    if setting != "auto":
+        return setting
+    sigma_t = float(scene.medium.sigma_t.max())
+    if sigma_t <= 0:
+        return 1.0
+    return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)
+
+
+def _coeffs(settings: MapSettings, curves: list[Curves | None]) -> int:
+    """Find the least number with which every light's rays keep ``max_error``, halving the interval."""
+    counts = BASES[settings.basis].counts
+
+    def error(n: int) -> float:
+        asked = settings.model_copy(update={"coeffs": n})
+        return max(
+            error_of_fit(asked, functions_of(asked, of_light), of_light) for of_light in curves if of_light
+        )
+
+    low, high = 0, len(counts) - 1
+    if (least := error(counts[high])) > (settings.max_error or 0):
+        raise SceneError(
+            f"map.max_error = {settings.max_error:g}: basis '{settings.basis}' reaches {least:.2g} at its "
+            f"{counts[high]} numbers; ask for more, or use method = 'dual'"
+        )
+    while low < high:
+        middle = (low + high) // 2
+        if error(counts[middle]) > (settings.max_error or 0):
+            low = middle + 1
+        else:
+            high = middle
+    return counts[low]
