@@ -89,6 +89,15 @@ TFM_INLINE Floats visibility(__constant const Params *params, Floats before, Flo
 #define TABLE_ROW TFM_N_COEFF
 #endif
 
+#define TERM(w, rows, j, k) w[k] * rows[k][j]
+#if TFM_LANES == 1
+#define SUM_OVER_STEPS(w, rows, j) TERM(w, rows, j, 0)
+#else
+#define SUM_OVER_STEPS(w, rows, j)                                                                            \
+  (((TERM(w, rows, j, 0) + TERM(w, rows, j, 1)) + (TERM(w, rows, j, 2) + TERM(w, rows, j, 3))) +              \
+   ((TERM(w, rows, j, 4) + TERM(w, rows, j, 5)) + (TERM(w, rows, j, 6) + TERM(w, rows, j, 7))))
+#endif
+
 TFM_INLINE void basis_steps(__constant const Params *params, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
@@ -105,32 +114,26 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
     state->value = value;
 #endif
   }
-  for (int j = 0; j < TFM_N_COEFF; ++j) {
-    Floats sum = state->sum[j];
-    for (int k = 0; k < steps->count; ++k)
-      sum += factor[k] * rows[k][j];
-    state->sum[j] = sum;
+  /* Always as many terms, so that the sums below are straight: what is not there weighs nothing. */
+  for (int k = steps->count; k < MOST_STEPS; ++k) {
+    rows[k] = rows[0];
+    factor[k] = floats(0.0f);
   }
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    state->sum[j] += SUM_OVER_STEPS(factor, rows, j);
 #if TFM_FIT
   Floats weight[MOST_STEPS];
   for (int k = 0; k < steps->count; ++k) {
     weight[k] = visibility(params, steps->before[k], steps->depth[k]);
     state->weight += weight[k];
     factor[k] = weight[k] * target_value(params, steps->before[k] + 0.5f * steps->depth[k]);
-    rows[k] += TFM_N_COEFF;
   }
-  for (int j = 0; j < TFM_N_COEFF; ++j) {
-    Floats sum = state->weighted[j];
-    for (int k = 0; k < steps->count; ++k)
-      sum += factor[k] * rows[k][j];
-    state->weighted[j] = sum;
-  }
-  for (int j = 0; j < PRODUCTS; ++j) {
-    Floats sum = state->gram[j];
-    for (int k = 0; k < steps->count; ++k)
-      sum += weight[k] * rows[k][TFM_N_COEFF + j];
-    state->gram[j] = sum;
-  }
+  for (int k = steps->count; k < MOST_STEPS; ++k)
+    weight[k] = floats(0.0f);
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    state->weighted[j] += SUM_OVER_STEPS(factor, rows, TFM_N_COEFF + j);
+  for (int j = 0; j < PRODUCTS; ++j)
+    state->gram[j] += SUM_OVER_STEPS(weight, rows, 2 * TFM_N_COEFF + j);
 #endif
 }
 

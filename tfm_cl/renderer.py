@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl import coloured
 from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
@@ -128,13 +129,16 @@ class Renderer:
         -------
         list of TransmittanceMap
             One for each light, in order, and for a light with a radius one for each of its points; they serve
-            until volume, light geometry or map settings change.
+            until volume, light geometry or map settings change. For a coloured volume three in the place of
+            each, for red, green and blue.
 
         Raises
         ------
         DeviceError
             Memory or compilation.
         """
+        if scene.volume.colour is not None:
+            return coloured.build_maps(self, scene, progress)
         progress = progress or _silent
         scene = _spread(scene.resolved())
         bricks = self._upload(scene)
@@ -200,6 +204,10 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        if scene.volume.colour is not None:
+            return coloured.render(
+                self, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
+            )
         progress = progress or _silent
         method = method or scene.march.method
         if method not in ("tfm", "dual"):

@@ -20,6 +20,8 @@ from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, u
 from tfm_cl.scene import Scene
 from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
 from tfm_cl.volume import Volume
+from tfm_cl.volume_io import colour as colour_io
+from tfm_cl.volume_io.numpy_array import COLOUR
 
 MAX_BYTES = 1 << 20
 """A scene file larger than this is not one."""
@@ -38,6 +40,22 @@ def _file(value: Any) -> Any:
     return value
 
 
+def _colour_source(value: Any) -> Any:
+    names = [value] if isinstance(value, str) else value
+    if value is None or value is False:
+        return value
+    if (
+        not isinstance(names, list | tuple)
+        or len(names) != (1 if isinstance(value, str) else 3)
+        or not all(isinstance(name, str) and name and name.isprintable() for name in names)
+    ):
+        raise ValueError(
+            "should be the name of an array or of a .npy or .npz file, three names of grids "
+            "['r', 'g', 'b'], or false"
+        )
+    return value if isinstance(value, str) else tuple(value)
+
+
 class VolumeSettings(Model):
     """Which grid of which file, and where it lies."""
 
@@ -47,6 +65,14 @@ class VolumeSettings(Model):
         description="volume file, relative to the scene file"
     )
     grid: str | None = Field(None, description="name of the grid")
+    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, BeforeValidator(_colour_source)] = (
+        Field(
+            None,
+            description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
+            "same npz, a .npy or .npz file (relative to the scene file), or three grids of the same file; "
+            "false: none; left out: the array 'colour' of an npz, if any",
+        )
+    )
     density_scale: Annotated[float | Literal["auto"], number_or_auto(0, LARGEST_COLOUR)] = Field(
         1.0,
         description="density = density_scale * grid; auto: a sensible optical depth (bare volumes' default)",
@@ -57,13 +83,16 @@ class VolumeSettings(Model):
     origin: Vec3 | None = Field(
         None, description="world position of the low corner of voxel 0,0,0 (files without a transform)"
     )
-    sanitize: bool = Field(default=False, description="set NaN, infinite and negative densities to 0")
+    sanitize: bool = Field(
+        default=False, description="set NaN, infinite and negative densities and colours to 0"
+    )
 
     def load(self, folder: Path) -> Volume:
         """Read the volume."""
         volume = Volume.load(
             folder / self.file,
             self.grid,
+            colour=self._colour_in(folder),
             voxel_size=self.voxel_size,
             origin=self.origin,
             sanitize=self.sanitize,
@@ -71,6 +100,24 @@ class VolumeSettings(Model):
         if self.density_scale == "auto":
             return volume.with_density_scale(placement.density_scale_for(volume))
         return volume.with_density_scale(self.density_scale)
+
+    def _colour_in(self, folder: Path) -> colour_io.ColourSource:
+        is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
+        return folder / str(self.colour) if is_file else self.colour
+
+    def resolved(self, folder: Path, volume: Volume) -> Values:
+        """Return the section of a scene file anywhere that loads ``volume`` again."""
+        colour = self._colour_in(folder)
+        if isinstance(colour, Path):
+            colour = str(colour.resolve())
+        elif colour is None and volume.colour is not None:
+            colour = COLOUR
+        return self.to_dict() | {
+            "file": str((folder / self.file).resolve()),
+            "grid": volume.name or None,
+            "colour": list(colour) if isinstance(colour, tuple) else colour,
+            "density_scale": volume.density_scale,
+        }
 
 
 SECTIONS: dict[str, type[Model]] = {
@@ -192,13 +239,8 @@ class SceneFile:
     def resolved(self, scene: Scene) -> Values:
         """Return every option as resolved, in the shape of a scene file that reproduces this run."""
         scene = scene.resolved()
-        volume = self.volume.to_dict() | {
-            "file": str((self.path.parent / self.volume.file).resolve()),
-            "grid": scene.volume.name or None,
-            "density_scale": scene.volume.density_scale,
-        }
         return {
-            "volume": volume,
+            "volume": self.volume.resolved(self.path.parent, scene.volume),
             "medium": scene.medium.to_dict(),
             "camera": scene.camera.to_dict(),
             "light": [light.to_dict() for light in scene.lights],

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,15 +15,8 @@ from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.volume_io.grid import Grid, world_from_index_of
-
-ColourSource = str | Path | Sequence[str] | Literal[False] | None
-"""Where a volume's colour is read from: see `Volume.load`."""
-
-COLOUR_FILES = (".npy", ".npz")
-"""Extensions of files that hold an array [z, y, x, 3]."""
-GRID_ALIGNMENT = 1e-3
-"""Of a voxel: how far apart the voxels of grids that belong together may lie."""
+from tfm_cl.volume_io.colour import ColourSource, check_array, checked, read_colour
+from tfm_cl.volume_io.grid import world_from_index_of
 
 
 class Volume:
@@ -153,9 +146,7 @@ class Volume:
         data = volume_io.read_stored(path, described)
         if isinstance(data, np.ndarray):
             data.flags.writeable = False  # nobody else has it: the volume can keep it without a copy
-        rgb = _read_colour(path, described, colour)
-        if rgb is not None:
-            rgb.flags.writeable = False
+        rgb = read_colour(path, described, colour, sanitize=sanitize)
         placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin, "colour": rgb}
         if described.has_transform:
             placed["world_from_index"] = described.world_from_index
@@ -213,11 +204,6 @@ class Volume:
 
         Made when first asked for, and kept: they are what a renderer keeps on its device. A volume without
         colour gives itself three times.
-
-        Raises
-        ------
-        VolumeError
-            The volume holds leaves, and the dense array would be larger than `volume_io.MAX_VOXELS`.
         """
         if self._colour is None:
             return self, self, self
@@ -267,7 +253,7 @@ class Volume:
         return sums.ravel()
 
     def same_voxels(self, other: Volume) -> bool:
-        """Tell whether both hold the very same voxels and colours in memory, whatever their scale and place."""
+        """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
         return self._voxels.stored is other._voxels.stored and self.colour is other.colour
 
     def with_density_scale(self, density_scale: float) -> Volume:
@@ -337,7 +323,7 @@ class _Colour:
         self.rgb = _as_colour(rgb, voxels.shape, label, sanitize=sanitize)
         self._voxels = voxels
         largest = float(voxels.stored.max()) * float(self.rgb.max())  # NaN where there are no leaves
-        if largest > np.finfo(np.float32).max:
+        if largest > float(np.finfo(np.float32).max):
             raise VolumeError(f"{label}: the largest density times the largest colour is beyond float32")
 
     @cached_property
@@ -408,101 +394,9 @@ def _as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
 
 def _as_colour(colour: ArrayLike, shape: Index, label: str, *, sanitize: bool) -> NDArray[np.float32]:
     array = np.asarray(colour)
-    _check_colour(array.shape, array.dtype, shape, f"{label}: the colour")
-    rgb = _as_float32(array)
-    low, high = float(rgb.min()), float(rgb.max())
-    if not 0 <= low <= high <= LARGEST_COLOUR:  # NaN is not
-        wrong = ~((rgb >= 0) & (rgb <= LARGEST_COLOUR))
-        if not sanitize:
-            z, y, x, channel = (int(i) for i in np.argwhere(wrong)[0])
-            raise VolumeError(
-                f"{label}: the colour is from 0 to {LARGEST_COLOUR:g}, in {np.count_nonzero(wrong)} places it "
-                f"is not, the first {rgb[z, y, x, channel]:g} at [z={z}, y={y}, x={x}, {'rgb'[channel]}]; set "
-                "them to 0 with --set volume.sanitize=true"
-            )
-        if not rgb.flags.writeable:
-            rgb = rgb.copy()
-        rgb[wrong] = 0.0
-    rgb.flags.writeable = False
-    return rgb
-
-
-def _check_colour(found: tuple[int, ...], dtype: np.dtype[Any], shape: Index, label: str) -> None:
-    if dtype.kind not in "fiub":
-        raise VolumeError(f"{label} is real numbers; these are of type {dtype}")
-    if found != (*shape, 3):
-        raise VolumeError(
-            f"{label} has the shape {list(found)}; expected [z, y, x, 3] of the volume, {[*shape, 3]}"
-        )
-
-
-def _read_colour(path: Path, grid: Grid, source: ColourSource) -> NDArray[np.float32] | None:
-    """Read the colour of a grid of ``path``; see `Volume.load`."""
-    from tfm_cl.volume_io import numpy_array  # noqa: PLC0415 - few volumes have a colour
-
-    if source is None and path.suffix.lower() == ".npz":
-        source = numpy_array.colour_of_archive(path)
-    if source is None or source is False:
-        return None
-    z, y, x = grid.shape
-    if reason := volume_io.too_large((z, y, 3 * x), sparse=False):
-        raise VolumeError(f"{path}: with three channels, grid '{grid.name}' {reason} for a colour")
-    if not isinstance(source, str | Path):
-        return _read_three_grids(path, grid, source)
-    if is_colour_file(source):
-        file, name = Path(source), None
-    elif path.suffix.lower() == ".npz":
-        file, name = path, str(source)
-    else:
-        raise VolumeError(
-            f"{path}: colour = {str(source)!r}: arrays by name are in .npz files only; give a "
-            f"{' or '.join(COLOUR_FILES)} file, or three grids [r, g, b] of this one"
-        )
-    found = numpy_array.find_colour(file, name)
-    _check_colour(found.header.shape, found.header.dtype, grid.shape, f"{file}: array {found.name!r}:"[:-1])
-    return found.read()
-
-
-def is_colour_file(source: str | Path) -> bool:
-    """Tell whether the source of a colour is a file, not an array's name."""
-    return Path(source).suffix.lower() in COLOUR_FILES
-
-
-def _read_three_grids(path: Path, grid: Grid, names: Sequence[str]) -> NDArray[np.float32]:
-    """Red, green and blue from scalar grids of the same file, in the box of the grid of densities."""
-    if len(names) != 3:  # noqa: PLR2004 - red, green, blue
-        raise VolumeError(f"{path}: colour is three names of grids [r, g, b]; got {len(names)}")
-    rgb = np.zeros((*grid.shape, 3), np.float32)
-    for channel, name in enumerate(names):
-        part = volume_io.choose_grid(path, name)
-        label = f"{path}: grid '{name}', a channel of the colour,"
-        grid_from_part = np.linalg.inv(grid.world_from_index) @ part.world_from_index
-        offset = np.rint(grid_from_part[:3, 3])
-        expected = np.eye(4)
-        expected[:3, 3] = offset
-        # Trees store a box around what is not empty, which may be another for each grid.
-        if part.read_leaves is None and part.shape != grid.shape:
-            raise VolumeError(f"{label} has the shape {list(part.shape)}; expected {list(grid.shape)}")
-        if np.abs(grid_from_part - expected).max() > GRID_ALIGNMENT:
-            raise VolumeError(f"{label} does not have its voxels where grid '{grid.name}' has them")
-        if reason := volume_io.too_large(part.shape, sparse=False):
-            raise VolumeError(f"{label} {reason} for a dense array")
-        in_grid, in_part = _overlap(grid.shape, part.shape, offset[::-1])
-        rgb[(*in_grid, channel)] = volume_io.read_grid(path, part)[in_part]
-    return rgb
-
-
-def _overlap(
-    shape: Index, other: Index, offset: NDArray[np.float64]
-) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """What boxes of voxels have in common, as slices of each; the other begins at ``offset`` (z, y, x)."""
-    of_one, of_other = [], []
-    for size, other_size, start in zip(shape, other, offset, strict=True):
-        begin = int(np.clip(start, 0, size))
-        end = max(begin, int(np.clip(start + other_size, 0, size)))
-        of_one.append(slice(begin, end))
-        of_other.append(slice(begin - int(start), end - int(start)) if end > begin else slice(0, 0))
-    return tuple(of_one), tuple(of_other)
+    label = f"{label}: the colour"
+    check_array(array.shape, array.dtype, shape, label)
+    return checked(_as_float32(array), label, sanitize=sanitize)
 
 
 def _as_density_leaves(leaves: Leaves, label: str, *, sanitize: bool) -> Leaves:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 VISIBLE_DEPTH = 8.0
 """Optical depth of the medium at which the range ``visible`` ends: 0.03 % of the light is left. Of 6, 8 and
 12 it gave the least error of T at 8 numbers on six volumes; beyond it τ goes on with its mean slope."""
-RAYS = 1024
+RAYS = 640
 """Light rays that a data-driven basis learns from."""
 SEED = 20110218
 """Of their choice: the same scene gives the same map."""

@@ -31,6 +31,8 @@ AUTO_WEIGHTING = (1.0, 16.0)
 PROBE_RES = 64
 """Light rays along a side of the map that density_weighting = auto looks at."""
 
+OF_THE_FIT = 0.6
+"""Of the error asked for: what the numbers may take of it; steps and ranges of the map take their part too."""
 RANGE_STEPS = 128
 """Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
 map."""
@@ -151,15 +153,16 @@ def _coeffs(settings: MapSettings, curves: list[Curves | None]) -> int:
             error_of_fit(asked, functions_of(asked, of_light), of_light) for of_light in curves if of_light
         )
 
+    wanted = OF_THE_FIT * (settings.max_error or 0)
     low, high = 0, len(counts) - 1
-    if (least := error(counts[high])) > (settings.max_error or 0):
+    if (least := error(counts[high])) > wanted:
         raise SceneError(
             f"map.max_error = {settings.max_error:g}: basis '{settings.basis}' reaches {least:.2g} at its "
             f"{counts[high]} numbers; ask for more, or use method = 'dual'"
         )
     while low < high:
         middle = (low + high) // 2
-        if error(counts[middle]) > (settings.max_error or 0):
+        if error(counts[middle]) > wanted:
             low = middle + 1
         else:
             high = middle

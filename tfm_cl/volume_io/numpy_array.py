@@ -6,6 +6,8 @@ keep their values. Pickled objects are never loaded.
 The array of a ``.npy`` file is the grid ``density``. In an ``.npz`` every 3-D array is a grid under its
 key, and these arrays, where present, place all of them: ``voxel_size`` (one number or x, y, z),
 ``origin`` (x, y, z, the low corner of voxel 0, 0, 0), or ``world_from_index`` (4×4) instead of both.
+
+A colour is an array [z, y, x, RGB] of the same types: that of a ``.npy`` file, or one of an ``.npz``.
 """
 
 import math
@@ -13,6 +15,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, Literal, NamedTuple, cast
@@ -25,6 +28,9 @@ from tfm_cl.volume_io.grid import Grid, world_from_index_of
 from tfm_cl.volume_io.raw import read_voxels
 
 EXTENSIONS = (".npy", ".npz")
+
+COLOUR = "colour"
+"""Key of the array that is an archive's colour unless another is named."""
 
 _PLACEMENT_KEYS = ("voxel_size", "origin", "world_from_index")
 _AXES = 3
@@ -51,15 +57,36 @@ class ArrayHeader(NamedTuple):
         return math.prod(self.shape) * self.dtype.itemsize
 
     @property
-    def unsupported(self) -> str:
-        """Why the array cannot be densities; empty when it can."""
+    def not_real(self) -> str:
+        """Why the values cannot be real numbers; empty when they can."""
         if self.dtype.hasobject:
             return "pickled Python objects, which are never loaded"
         if self.dtype.kind not in "fiub" or self.dtype.itemsize > _MAX_ITEM_BYTES:
             return f"values of type {self.dtype.name}, not real numbers of at most 64 bits"
+        return ""
+
+    @property
+    def unsupported(self) -> str:
+        """Why the array cannot be densities; empty when it can."""
+        if self.not_real:
+            return self.not_real
         if len(self.shape) != _AXES:
             return f"an array of shape {self.shape}; a volume is [z, y, x]"
         return ""
+
+
+_Decode = Callable[[IO[bytes], ArrayHeader, Path], NDArray[np.float32]]
+"""Reads an array from a stream that stands at its data."""
+
+
+class StoredColour(NamedTuple):
+    """An array [z, y, x, 3] of a file that has not been read yet."""
+
+    label: str
+    """File and array, for messages."""
+    header: ArrayHeader
+    read: Callable[[], NDArray[np.float32]]
+    """Reads it as a new array, float32, C order; call it only when the shape is the one expected."""
 
 
 def read_header(stream: IO[bytes]) -> ArrayHeader:
@@ -99,26 +126,87 @@ def open_grids(path: Path) -> list[Grid]:
         return _open_npz(path)
     with path.open("rb") as stream:
         header = _checked_header(stream, path.stat().st_size, str(path))
-    return [_grid("density", header, partial(_read_npy, path, header))]
+    return [_grid("density", header, partial(_read_npy, path, header, _read))]
 
 
 def _open_npz(path: Path) -> list[Grid]:
     try:
         with zipfile.ZipFile(path) as archive:
-            headers = {}
-            for member in dict.fromkeys(archive.namelist()):
-                if member.endswith(".npy"):
-                    headers[member.removesuffix(".npy")] = _member_header(archive, member, path)
+            headers = _headers(archive, path)
             world_from_index = _placement(archive, headers, path)
     except _ZIP_ERRORS as error:
         raise VolumeError(f"{path}: not a readable .npz archive ({_short(error)})") from error
     grids = [
-        _grid(name, header, partial(_read_member, path, name, header), world_from_index)
+        _grid(name, header, partial(_read_member, path, name, header, _read), world_from_index)
         for name, header in headers.items()
         if name not in _PLACEMENT_KEYS
     ]
     volumes = [grid for grid in grids if min(grid.shape) > 0 or not grid.unsupported]
     return volumes or grids
+
+
+def _headers(archive: zipfile.ZipFile, path: Path) -> dict[str, ArrayHeader]:
+    members = (member for member in dict.fromkeys(archive.namelist()) if member.endswith(".npy"))
+    return {member.removesuffix(".npy"): _member_header(archive, member, path) for member in members}
+
+
+def has_colour(path: Path) -> bool:
+    """Tell whether an ``.npz`` archive has an array `COLOUR` that is no grid: one of four axes.
+
+    Raises
+    ------
+    VolumeError
+        Damaged archive.
+    """
+    header = _archive_headers(path).get(COLOUR)
+    return header is not None and len(header.shape) == _AXES + 1
+
+
+def open_colour(path: Path, name: str | None = None) -> StoredColour:
+    """Find an array [z, y, x, 3] in a ``.npy`` or ``.npz`` file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        Key of the array in an archive; by default `COLOUR`, else the only array of four axes.
+
+    Raises
+    ------
+    VolumeError
+        Missing or damaged file, no such array, or one that is not of real numbers.
+    """
+    if not path.is_file():
+        raise VolumeError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
+    if path.suffix.lower() != ".npz":
+        try:
+            with path.open("rb") as stream:
+                header = _checked_header(stream, path.stat().st_size, str(path))
+        except OSError as error:
+            raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+        label, read = f"{path}: the colour", partial(_read_npy, path, header, _read_channels)
+    else:
+        headers = _archive_headers(path)
+        if name is None:
+            of_four = [key for key, header in headers.items() if len(header.shape) == _AXES + 1]
+            name = of_four[0] if len(of_four) == 1 else COLOUR
+        if name not in headers:
+            names = ", ".join(map(repr, headers)) or "none"
+            raise VolumeError(f"{path}: no array {name!r} [z, y, x, 3]; its arrays: {names}")
+        header, label = headers[name], f"{path}: array {name!r}"
+        read = partial(_read_member, path, name, header, _read_channels)
+    if header.not_real:
+        raise VolumeError(f"{label} holds {header.not_real}")
+    return StoredColour(label, header, read)
+
+
+def _archive_headers(path: Path) -> dict[str, ArrayHeader]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _headers(archive, path)
+    except _ZIP_ERRORS as error:
+        raise VolumeError(f"{path}: not a readable .npz archive ({_short(error)})") from error
 
 
 def _grid(name: str, header: ArrayHeader, read: Any, world_from_index: Any = None) -> Grid:
@@ -164,17 +252,17 @@ def _member_header(archive: zipfile.ZipFile, member: str, path: Path) -> ArrayHe
         return _checked_header(stream, info.file_size, label)
 
 
-def _read_npy(path: Path, header: ArrayHeader) -> NDArray[np.float32]:
+def _read_npy(path: Path, header: ArrayHeader, decode: _Decode) -> NDArray[np.float32]:
     with path.open("rb") as stream:
         stream.seek(header.header_bytes)
-        return _read(stream, header, path)
+        return decode(stream, header, path)
 
 
-def _read_member(path: Path, name: str, header: ArrayHeader) -> NDArray[np.float32]:
+def _read_member(path: Path, name: str, header: ArrayHeader, decode: _Decode) -> NDArray[np.float32]:
     try:
         with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
             stream.read(header.header_bytes)
-            return _read(stream, header, path)
+            return decode(stream, header, path)
     except (KeyError, *_ZIP_ERRORS) as error:
         raise VolumeError(f"{path}: array {name!r} cannot be read ({_short(error)})") from error
 
@@ -184,6 +272,16 @@ def _read(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.floa
         raise VolumeError(f"{path}: holds {header.unsupported}")
     shape = cast("tuple[int, int, int]", header.shape)
     return read_voxels(stream, header.dtype, shape, path, order=header.order)
+
+
+def _read_channels(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.float32]:
+    """Read an array [z, y, x, channels] as one of three axes, the last of which runs over both."""
+    z, y, x, channels = header.shape
+    values = read_voxels(stream, header.dtype, (z, y, x * channels), path, order=header.order)
+    if header.order == "F":
+        return np.ascontiguousarray(np.moveaxis(values.reshape(z, y, channels, x), 2, 3))
+    values.resize(header.shape, refcheck=False)  # not a view: see `read_voxels`
+    return values
 
 
 def _placement(
