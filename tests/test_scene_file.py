@@ -23,6 +23,7 @@ density_scale = 2.5
 voxel_size = [0.1, 0.2, 0.3]
 origin = [1, 2, 3]
 sanitize = true
+colour = false
 
 [medium]
 sigma_s = [1.0, 0.8, 0.5]

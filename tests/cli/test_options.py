@@ -79,6 +79,7 @@ KEYS = [
     ("volume.voxel_size", "0.5", [0.5, 0.5, 0.5]),
     ("volume.origin", "-1,2,3", [-1, 2, 3]),
     ("volume.sanitize", "true", True),
+    ("volume.colour", "false", False),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("camera.res", "[5, 6]", [5, 6]),
     ("camera.from", "-1, 2, 3", [-1, 2, 3]),
