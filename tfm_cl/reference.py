@@ -440,7 +440,7 @@ def render_with_aovs(
         The scene has another kind of light, or the crop is not inside the frame.
     """
     if scene.volume.colour is not None:
-        raise SceneError("the reference renders one channel of a coloured volume at a time: coloured.grey_scenes")
+        raise SceneError("the reference renders a coloured volume channel by channel: coloured.grey_scenes")
     scene = scene.resolved()
     scene = scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene)))
     likes: Sequence[TransmittanceMap | None] = maps or [None] * len(scene.lights)

@@ -32,7 +32,7 @@ PROBE_RES = 64
 """Light rays along a side of the map that density_weighting = auto looks at."""
 
 OF_THE_FIT = 0.6
-"""Of the error asked for: what the numbers may take of it; steps and ranges of the map take their part too."""
+"""Of the error asked for: what the numbers may take of it; steps and ranges take their part too."""
 RANGE_STEPS = 128
 """Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
 map."""
