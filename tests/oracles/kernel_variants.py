@@ -46,7 +46,10 @@ MAP: Choices = {
     "TFM_RANGE": (0, 1),
     "TFM_LOOKUP": (0, 1, 2),
 }
+"""Every map."""
 VIEW: Choices = {
+    # The kinds of evaluation; the light pass's program evaluates every basis.
+    "basis": [_basis(MapSettings(basis=name)) for name in ("dct", "klt", "slices", "moments", "nodes")],
     "phase": [phase.HEADER for phase in PHASES.values()],
     "TFM_METHOD_DUAL": (0, 1),
     "TFM_CHANNELS": (1, 3),
