@@ -567,10 +567,10 @@ def tfm_fig5(lab: Lab) -> Study:
     smoke = with_map(lab.scene(SMOKE), density_weighting=10.0)
     collinear, across = gobo_scenes(lab)
     views = {
-        "views along the light, max_stretch = 10⁶ (the paper's)": with_march(collinear, max_stretch=1e6),
-        "views along the light, max_stretch = 4": collinear,
-        "views across the light": across,
-        "smoke (plume.toml)": smoke,
+        "along the light, max_stretch = 10⁶ (paper)": with_march(collinear, max_stretch=1e6),
+        "along the light, max_stretch = 4": collinear,
+        "across the light": across,
+        SMOKE: smoke,
     }
     rows = [["view", "projective, visible error", "world"]]
     cases, shown_rows = [], []
@@ -586,7 +586,7 @@ def tfm_fig5(lab: Lab) -> Study:
         errors = {sampling: lab.error(image, truth) for sampling, image in images.items()}
         rows.append([where, *map(shown, errors.values())])
         cases.append(smaller(where, **errors))
-        if where.startswith("views"):
+        if where != SMOKE:
             white = white_of(truth.astype(np.float64))
             captions = {f"10 samples, {sampling}": image for sampling, image in images.items()}
             panels = {f"{where}:\n{lab.sizes.fine_steps} samples": truth, **captions}
@@ -750,10 +750,9 @@ def tfm_fig10(lab: Lab) -> Study:
             dual = table.frames.least[march, "dual"]["frame"]
             ratios = [dual / table.frames.least[march, n]["frame"] for n in NUMBERS]
             rows.append([name, march, *map(shown, ratios)])
-            faster += [
-                at_least(f"{name}, {march}, n = {n}", ratio, paper)
-                for n, ratio, paper in zip(NUMBERS, ratios, PAPER_SPEEDUP, strict=True)
-            ]
+            measured = {f"n = {n}": ratio for n, ratio in zip(NUMBERS, ratios, strict=True)}
+            enough = all(ratio >= paper for ratio, paper in zip(ratios, PAPER_SPEEDUP, strict=True))
+            faster.append(Case(f"{name}, {march}", measured, enough))
         plausible.append(at_least(name, table.compared[2, 10.0].ssim, PLAUSIBLE))
         white = white_of(table.dual.astype(np.float64))
         shown_rows.append(
@@ -786,8 +785,7 @@ def tfm_fig10(lab: Lab) -> Study:
         "light and camera placed so that the medium fills the frame. Samples without density need no light "
         f"here, so every voxel gets {HAZE:g} of the largest density, which cannot be seen. Empty space "
         "skipped: the same without that and with this renderer's defaults, which serve both methods. Scene "
-        "file: what the pictures "
-        "show, defaults, two lights and so two maps. " + lab.table(SMOKE).frames.note
+        "file: what the pictures show, defaults, two lights and so two maps. " + lab.table(SMOKE).frames.note
     )
     title = "TFM figure 10: pictures and speed against the dual march"
     return Study(title, how, claims, rows, pictures(shown_rows))
@@ -992,7 +990,8 @@ def fom_fig5(lab: Lab) -> Study:
         "The map's range is the same for all rays, from the nearest to the farthest density; the volume is "
         f"padded with empty voxels, and on the light's axis a puff of {MARK:g} of the largest density sets "
         "each new bound. Moved: from 10 % beyond the medium at both ends to 5 % before and 15 % behind, "
-        "which moves the medium in the range. The control is what the puffs change by themselves."
+        "which moves the medium in the range. The ranges are those that the map's coarse rays found. The "
+        "control is what the puffs change by themselves."
     )
     return Study("FOM figure 5: stability of the picture", how, [claim], rows, pictures(shown_rows))
 
@@ -1310,8 +1309,7 @@ def fom_tables(lab: Lab) -> Study:
     how = (
         "The plume under one light from the left, ranges of the box. 'slices' holds the depths at planes "
         "and looks at the light's rays first to place them; 'piecewise' is OSM as FOM section 5.1 writes "
-        "it. Of the view the "
-        "larger of both screens' ratios counts. " + timings.note
+        "it. Of the view the larger of both screens' ratios counts. " + timings.note
     )
     return Study("FOM tables 1 and 2: cost of maps and views", how, claims, rows, figure)
 

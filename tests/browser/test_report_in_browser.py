@@ -13,7 +13,7 @@ from sweep_folder import key, make_folder, picture, row
 
 from tfm_cl import sweep_report
 
-SECONDS = 30
+SECONDS = 120
 """Until something that should happen counts as missing; other tests may keep the machine busy."""
 
 NAME = '<img src=x onerror="window.owned=1"><b>smoke</b></script><script>window.owned=1</script>'
