@@ -89,13 +89,15 @@ TFM_INLINE Floats visibility(__constant const Params *params, Floats before, Flo
 #define TABLE_ROW TFM_N_COEFF
 #endif
 
+/* In the steps' order, so that a step that weighs nothing leaves no trace in the sums' rounding. */
 #define TERM(w, rows, j, k) w[k] * rows[k][j]
 #if TFM_LANES == 1
-#define SUM_OVER_STEPS(w, rows, j) TERM(w, rows, j, 0)
+#define ADD_STEPS(sum, w, rows, j) (sum) += TERM(w, rows, j, 0)
 #else
-#define SUM_OVER_STEPS(w, rows, j)                                                                            \
-  (((TERM(w, rows, j, 0) + TERM(w, rows, j, 1)) + (TERM(w, rows, j, 2) + TERM(w, rows, j, 3))) +              \
-   ((TERM(w, rows, j, 4) + TERM(w, rows, j, 5)) + (TERM(w, rows, j, 6) + TERM(w, rows, j, 7))))
+#define ADD_STEPS(sum, w, rows, j)                                                                            \
+  (sum) = ((((((((sum) + TERM(w, rows, j, 0)) + TERM(w, rows, j, 1)) + TERM(w, rows, j, 2)) +                 \
+              TERM(w, rows, j, 3)) + TERM(w, rows, j, 4)) + TERM(w, rows, j, 5)) + TERM(w, rows, j, 6)) +     \
+          TERM(w, rows, j, 7)
 #endif
 
 TFM_INLINE void basis_steps(__constant const Params *params, __global const float *table, BasisState *state,
@@ -120,7 +122,7 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
     factor[k] = floats(0.0f);
   }
   for (int j = 0; j < TFM_N_COEFF; ++j)
-    state->sum[j] += SUM_OVER_STEPS(factor, rows, j);
+    ADD_STEPS(state->sum[j], factor, rows, j);
 #if TFM_FIT
   Floats weight[MOST_STEPS];
   for (int k = 0; k < steps->count; ++k) {
@@ -131,9 +133,9 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
   for (int k = steps->count; k < MOST_STEPS; ++k)
     weight[k] = floats(0.0f);
   for (int j = 0; j < TFM_N_COEFF; ++j)
-    state->weighted[j] += SUM_OVER_STEPS(factor, rows, TFM_N_COEFF + j);
+    ADD_STEPS(state->weighted[j], factor, rows, TFM_N_COEFF + j);
   for (int j = 0; j < PRODUCTS; ++j)
-    state->gram[j] += SUM_OVER_STEPS(weight, rows, 2 * TFM_N_COEFF + j);
+    ADD_STEPS(state->gram[j], weight, rows, 2 * TFM_N_COEFF + j);
 #endif
 }
 
