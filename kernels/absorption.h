@@ -20,7 +20,7 @@ typedef struct {
 
 /* A colour that nothing extinguishes is scattered by nothing either: it starts at 0, so that it keeps no ray
    alive. */
-TFM_INLINE CameraRay camera_ray_begin(__constant const Params *params, Ints active)
+TFM_INLINE CameraRay camera_ray_begin(PARAMS params, Ints active)
 {
   CameraRay state;
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -33,7 +33,7 @@ TFM_INLINE CameraRay camera_ray_begin(__constant const Params *params, Ints acti
 }
 
 /* The rays of which more than the cutoff is left in some colour. */
-TFM_INLINE Ints is_visible(__constant const Params *params, const CameraRay *state)
+TFM_INLINE Ints is_visible(PARAMS params, const CameraRay *state)
 {
   Floats most = state->through[0];
   for (int c = 1; c < TFM_CHANNELS; ++c)
@@ -43,7 +43,7 @@ TFM_INLINE Ints is_visible(__constant const Params *params, const CameraRay *sta
 
 /* A step at distance t takes its opacity from the ray. Constant density along the step integrates exactly:
    T (1 - e^(-sigma_t D d)). Returns the mean over the colours. */
-TFM_INLINE Floats camera_ray_step(__constant const Params *params, CameraRay *state, Floats step_depth, Floats t,
+TFM_INLINE Floats camera_ray_step(PARAMS params, CameraRay *state, Floats step_depth, Floats t,
                                   Floats *opacity)
 {
   Floats mean = floats(0.0f);
@@ -61,13 +61,13 @@ TFM_INLINE Floats camera_ray_step(__constant const Params *params, CameraRay *st
 
 /* March a part of the camera ray on which no light is gathered: `steps` midpoints from begin to end.
    Not inlined: the view pass calls it twice a tile, and would take twice as long to compile. */
-static __attribute__((noinline)) void march_unlit(__constant const Params *params, const Grid *grid, Ray ray,
+static __attribute__((noinline)) void march_unlit(PARAMS params, const Grid *grid, const GridRay *ray,
                                                   Interval part, Ints steps, Ints active, CameraRay *state)
 {
   active &= steps > 0;
   if (!any_lane(active))
     return;
-  const Walk walk = walk_from(ray, part.begin, part.end - part.begin, no_warp(), 0, steps, active);
+  const Walk walk = walk_from(grid, ray, part.begin, part.end - part.begin, no_warp(), 0, steps, active);
   Ints alive = active & is_visible(params, state);
   Ints read = ints(0);
   Steps list = no_steps();

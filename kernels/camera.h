@@ -13,7 +13,7 @@ typedef struct {
 } Pixels;
 
 /* The tile of this work-item; launches cover the crop in windows x0, y0, x1, y1. */
-TFM_INLINE Pixels tile_pixels(__constant const Params *params, int4 window)
+TFM_INLINE Pixels tile_pixels(PARAMS params, int4 window)
 {
   Pixels pixels;
   pixels.x = window.x / TILE_WIDTH * TILE_WIDTH + (int)get_global_id(0) * TILE_WIDTH + LANE_X;
@@ -24,7 +24,7 @@ TFM_INLINE Pixels tile_pixels(__constant const Params *params, int4 window)
 }
 
 /* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
-TFM_INLINE Ray camera_rays(__constant const Params *params, Pixels pixels)
+TFM_INLINE Ray camera_rays(PARAMS params, Pixels pixels)
 {
   const Floats x = 2.0f * (TO_FLOATS(pixels.x) + 0.5f) / (float)params->image_size[0] - 1.0f;
   const Floats y = 1.0f - 2.0f * (TO_FLOATS(pixels.y) + 0.5f) / (float)params->image_size[1];
@@ -39,10 +39,24 @@ TFM_INLINE Ray camera_rays(__constant const Params *params, Pixels pixels)
 }
 
 /* Position in buffers that hold the crop. */
-TFM_INLINE size_t pixel_index(__constant const Params *params, int x, int y)
+TFM_INLINE size_t pixel_index(PARAMS params, int x, int y)
 {
   const int width = params->crop[2] - params->crop[0];
   return (size_t)(y - params->crop[1]) * (size_t)width + (size_t)(x - params->crop[0]);
+}
+
+/* Distances of the solids that the pixels show: the fourth number of what the crop's buffer holds. */
+TFM_INLINE Floats solid_distance(PARAMS params, __global const float4 *solid, Pixels pixels)
+{
+  FloatArray distance;
+  IntArray x, y, wanted;
+  x.lanes = pixels.x;
+  y.lanes = pixels.y;
+  wanted.lanes = pixels.wanted ? ints(1) : ints(0);
+  for (int lane = 0; lane < TFM_LANES; ++lane)
+    distance.lane[lane] =
+        wanted.lane[lane] ? solid[pixel_index(params, x.lane[lane], y.lane[lane])].w : INFINITY;
+  return distance.lanes;
 }
 
 #endif

@@ -149,6 +149,11 @@ TFM_INLINE Ints gather_ints(__global const int *p, Ints i)
   return (Ints)FOR_LANES(GATHER_ONE, p, i);
 }
 
+TFM_INLINE Floats gather_floats(__global const float *p, Ints i)
+{
+  return (Floats)FOR_LANES(GATHER_ONE, p, i);
+}
+
 /* Two floats a lane, from PAIR(component), to one vector of the first and one of the second. */
 #if TFM_LANES == 1
 #define SPLIT_PAIRS(PAIR, first, second) \

@@ -1,4 +1,5 @@
-/* Light pass: TFM algorithm 2 as corrected (midpoints, normalisation, a miss is T = 1).
+/* Light pass: TFM algorithm 2 as corrected (midpoints, normalisation, a miss is T = 1; what a solid shadows keeps the T
+   that reaches the solid, so that its neighbours may be interpolated with it: the shadow map darkens it).
    Includes expected before: Params, a basis header, a light header. Requires: what they and map.h do. */
 #include "map.h"
 #include "walk.h"
@@ -22,7 +23,7 @@ TFM_INLINE Texels tile_texels(int res, int4 window)
 }
 
 /* The part of a texel's ray that its numbers speak of; the lanes in which there is one. */
-TFM_INLINE Ints texel_range(__constant const Params *params, __global const float4 *field, Texels texels, Ray ray,
+TFM_INLINE Ints texel_range(PARAMS params, __global const float4 *field, Texels texels, const GridRay *ray,
                             Interval *part)
 {
 #if TFM_RANGE
@@ -47,7 +48,7 @@ TFM_INLINE int steps_of_level(int steps, int level)
   return (steps * level + MARCH_LEVELS - 1) / MARCH_LEVELS;
 }
 
-TFM_INLINE int march_level(__constant const Params *params, __global const float4 *field, Texels texels)
+TFM_INLINE int march_level(PARAMS params, __global const float4 *field, Texels texels)
 {
 #if TFM_RANGE
   const float width = (float)BLOCK_TEXELS / (float)params->map_res;
@@ -68,27 +69,39 @@ TFM_INLINE int march_level(__constant const Params *params, __global const float
 #endif
 }
 
+#if TFM_SHADOW
+TFM_INLINE Floats texel_clip(Texels texels, int res, __global const float *clip)
+{
+  const Ints texel = texels.y * res + texels.x;
+  return gather_floats(clip, texels.inside ? texel : ints(0));
+}
+#endif
+
 /* Projects the transmittance of every light ray onto the basis.
    field         ranges of the rays, where they are not the medium's bounds
    tables        what the basis needs for each step of a march of 1/8, 2/8 ... of the steps, one after the other
    table_starts  where each begins
+   clip          [res, res]: distance from the light beyond which a texel's ray lights nothing (with TFM_SHADOW only)
    coefficients  out, [res, res, n]
    occupied      out, [res, res]: where density begins and ends along the ray, distances from the light; 0 without
    counts        out, a tile each: the texels whose ray meets the medium's bounds, and the densities read
    window        x0, y0, x1, y1 of the texels of this launch; x0 and y0 where tiles begin */
-__kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __global const float4 *field,
-                         __global const float *tables, __constant const int *table_starts,
-                         __global float *coefficients, __global float2 *occupied,
+__kernel void light_pass(PARAMS params, GRID_ARGUMENTS, __global const float4 *field,
+                         __global const float *tables, __global const int *table_starts,
+                         __global const float *clip, __global float *coefficients, __global float2 *occupied,
                          __global uint2 *counts, int4 window)
 {
   const int res = params->map_res;
   const Texels texels = tile_texels(res, window);
   if (!any_lane(texels.inside))
     return;
-  const Ray ray = index_ray(params, light_texel_ray(params, texels.u, texels.v));
+  const GridRay ray = index_ray(params, light_texel_ray(params, texels.u, texels.v));
   Interval part;
-  const Ints active = texels.inside & texel_range(params, field, texels, ray, &part);
+  const Ints active = texels.inside & texel_range(params, field, texels, &ray, &part);
 
+#if !TFM_SHADOW
+  (void)clip;
+#endif
   const int level = march_level(params, field, texels);
   const int most = steps_of_level(params->light_steps, level);
   __global const float *table = tables + table_starts[level - 1];
@@ -98,7 +111,16 @@ __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __glob
   Floats step = floats(0.0f);
   if (any_lane(active)) {
     PADDED_GRID(grid);
-    const Walk walk = walk_from(ray, part.begin, part.end - part.begin, no_warp(), 0, ints(most), active);
+    const Floats length = part.end - part.begin;
+#if TFM_SHADOW
+    /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end. */
+    const Floats open = clamp_to((texel_clip(texels, res, clip) - part.begin) / length, 1.0f) * (float)most;
+    const Ints taken_steps = TO_INTS(open) + 1 < most ? TO_INTS(open) + 1 : ints(most);
+    const Walk walk = walk_from(&grid, &ray, part.begin, length * TO_FLOATS(taken_steps) * (1.0f / (float)most),
+                                no_warp(), 0, taken_steps, active);
+#else
+    const Walk walk = walk_from(&grid, &ray, part.begin, length, no_warp(), 0, ints(most), active);
+#endif
     step = walk.step;
     Floats optical_depth = floats(0.0f);
     Steps list = no_steps();
@@ -109,7 +131,7 @@ __kernel void light_pass(__constant const Params *params, GRID_ARGUMENTS, __glob
       for (int k = 0; k < list.count; ++k) {
         steps.n[k] = list.n[k];
         const Floats density = density_at(&grid, &walk, &list, k, place_of(&walk, list.n[k]).t, &samples);
-        steps.depth[k] = active ? walk.step * density : floats(0.0f);
+        steps.depth[k] = (active & (list.n[k] < walk.steps)) ? walk.step * density : floats(0.0f);
       }
       for (int k = 0; k < list.count; ++k) {
         const int n = list.n[k];
@@ -169,7 +191,7 @@ __kernel void pack_map(__global const float *coefficients, __global MapStorage *
 
 /* Optical depth of the density between the light and world points; -1 where the light does not reach.
    One work-item a point. */
-__kernel void evaluate_map(__constant const Params *params, __global const MapStorage *map,
+__kernel void evaluate_map(PARAMS params, __global const MapStorage *map,
                            __global const float2 *ranges, __global const float4 *field, __global const float *modes,
                            __global const float *points, __global float *optical_depths, int count)
 {
@@ -178,33 +200,39 @@ __kernel void evaluate_map(__constant const Params *params, __global const MapSt
     return;
   const Vec3 point = vec3(floats(points[3 * i]), floats(points[3 * i + 1]), floats(points[3 * i + 2]));
   FloatArray depth;
-  const Ray ray = light_ray_to(params, transform_point(params->index_from_world, point));
-  const MapPlace place = map_place(params, field, ray, light_at(params, point));
+  const MapPlace place = map_place(params, field, point, light_at(params, point));
   depth.lanes = map_optical_depth(params, map, ranges, modes, place);
   depth.lanes = light_reaches(params, point) ? depth.lanes : floats(-1.0f);
   optical_depths[i] = depth.lane[0];
 }
 
 /* How far the map is from its own light rays: T is marched between the medium's bounds and compared at every step.
+   clip       as of light_pass
    residuals  out, [res, res]: the integrals of D (T_map - T)^2 and of D T^2 along the texel's ray
    steps      of this march */
-__kernel void map_residual(__constant const Params *params, GRID_ARGUMENTS, __global const MapStorage *map,
+__kernel void map_residual(PARAMS params, GRID_ARGUMENTS, __global const MapStorage *map,
                            __global const float2 *ranges, __global const float4 *field, __global const float *modes,
-                           __global float2 *residuals, int steps, int4 window)
+                           __global const float *clip, __global float2 *residuals, int steps, int4 window)
 {
   const int res = params->map_res;
   const Texels texels = tile_texels(res, window);
   if (!any_lane(texels.inside))
     return;
   const Ray world_ray = light_texel_ray(params, texels.u, texels.v);
-  const Ray ray = index_ray(params, world_ray);
+  const GridRay ray = index_ray(params, world_ray);
   Interval bounds;
-  const Ints active = texels.inside & light_medium_interval(params, ray, &bounds);
+  Ints active = texels.inside & light_medium_interval(params, &ray, &bounds);
+#if TFM_SHADOW
+  bounds.end = least(bounds.end, texel_clip(texels, res, clip));
+  active &= bounds.begin < bounds.end;
+#else
+  (void)clip;
+#endif
   Floats error = floats(0.0f), light = floats(0.0f);
   if (any_lane(active)) {
     PADDED_GRID(grid);
     const Walk walk =
-        walk_from(ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
+        walk_from(&grid, &ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
     Floats optical_depth = floats(0.0f);
     Ints samples = ints(0);
     Steps list = no_steps();
@@ -217,9 +245,7 @@ __kernel void map_residual(__constant const Params *params, GRID_ARGUMENTS, __gl
         sample.u = texels.u;
         sample.v = texels.v;
         sample.distance = t;
-        Ray to_point = ray;
-        to_point.direction = vec3(t * ray.direction.x, t * ray.direction.y, t * ray.direction.z);
-        const MapPlace place = map_place(params, field, to_point, sample);
+        const MapPlace place = map_place(params, field, ray_at(world_ray, t), sample);
         const Floats found = map_optical_depth(params, map, ranges, modes, place);
         const Floats exact =
             transmittance_of(params->reference_extinction * (optical_depth + 0.5f * depth));

@@ -5,11 +5,14 @@
 #include "walk.h"
 
 /* Marches the rays of a coarse map between the medium's bounds, in `steps` steps.
+   clip     [size, size]: distance beyond which no ray around lights anything (with TFM_SHADOW only)
    ranges   out, [size, size]: where density begins, where it ends or the optical depth reaches `cut`, the optical depth
             per unit length from there to the last density, and the optical depth of the whole ray; begin and end are
             equal without density. Distances from the light.
+   lasts    out, [size, size]: where the last density is
    window   x0, y0, x1, y1 of this launch's part of it */
-__kernel void light_ranges(__constant const Params *params, GRID_ARGUMENTS, __global float4 *ranges, int size,
+__kernel void light_ranges(PARAMS params, GRID_ARGUMENTS, __global const float *clip, __global float4 *ranges,
+                           __global float *lasts, int size,
                            int steps, float cut, int4 window)
 {
   const Ints x_lanes = window.x + (int)get_global_id(0) * TILE_WIDTH + LANE_X;
@@ -17,17 +20,24 @@ __kernel void light_ranges(__constant const Params *params, GRID_ARGUMENTS, __gl
   const Ints inside_lanes = (x_lanes < window.z) & (y_lanes < window.w);
   if (!any_lane(inside_lanes))
     return;
-  const Ray ray = index_ray(params, light_texel_ray(params, (TO_FLOATS(x_lanes) + 0.5f) / (float)size,
+  const GridRay ray = index_ray(params, light_texel_ray(params, (TO_FLOATS(x_lanes) + 0.5f) / (float)size,
                                                     (TO_FLOATS(y_lanes) + 0.5f) / (float)size));
   Interval bounds = {floats(0.0f), floats(INFINITY)};
-  const Ints active = inside_lanes & medium_clip(params, ray, &bounds);
+  Ints active = inside_lanes & medium_clip(params, &ray, &bounds);
+#if TFM_SHADOW
+  const Ints entry = inside_lanes ? y_lanes * size + x_lanes : ints(0);
+  bounds.end = least(bounds.end, gather_floats(clip, entry));
+  active &= bounds.begin < bounds.end;
+#else
+  (void)clip;
+#endif
   Floats optical_depth = floats(0.0f), until_cut = floats(0.0f);
   Ints first = ints(0), end = ints(0), last = ints(0), samples = ints(0);
   Floats step = floats(0.0f);
   if (any_lane(active)) {
     PADDED_GRID(grid);
     const Walk walk =
-        walk_from(ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
+        walk_from(&grid, &ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
     step = walk.step;
     Steps list = no_steps();
     while (find_steps(&grid, &walk, active, 0, &list))
@@ -43,7 +53,7 @@ __kernel void light_ranges(__constant const Params *params, GRID_ARGUMENTS, __gl
         until_cut = kept ? optical_depth : until_cut;
       }
   }
-  FloatArray begins, ends, slopes, depths;
+  FloatArray begins, ends, slopes, depths, last_ends;
   IntArray x, y, inside;
   const Ints dense = last > 0;
   const Floats beyond = TO_FLOATS(last - end) * step;
@@ -53,13 +63,16 @@ __kernel void light_ranges(__constant const Params *params, GRID_ARGUMENTS, __gl
   ends.lanes = dense ? least(bounds.begin + end_step * step, bounds.end) : floats(0.0f);
   slopes.lanes = beyond > 0.0f ? (optical_depth - until_cut) / beyond : floats(0.0f);
   depths.lanes = optical_depth;
+  last_ends.lanes = dense ? bounds.begin + TO_FLOATS(last) * step : floats(0.0f);
   x.lanes = x_lanes;
   y.lanes = y_lanes;
   inside.lanes = inside_lanes ? ints(1) : ints(0);
   for (int lane = 0; lane < TFM_LANES; ++lane)
-    if (inside.lane[lane])
-      ranges[y.lane[lane] * size + x.lane[lane]] =
-          (float4)(begins.lane[lane], ends.lane[lane], slopes.lane[lane], depths.lane[lane]);
+    if (inside.lane[lane]) {
+      const int i = y.lane[lane] * size + x.lane[lane];
+      ranges[i] = (float4)(begins.lane[lane], ends.lane[lane], slopes.lane[lane], depths.lane[lane]);
+      lasts[i] = last_ends.lane[lane];
+    }
 }
 
 #define CURVE_CELLS 64
@@ -69,7 +82,7 @@ __kernel void light_ranges(__constant const Params *params, GRID_ARGUMENTS, __gl
    rays    [count]: map position u, v, begin and end (distances from the light); the medium's bounds clip them where
            the end is infinite
    curves  out, [count, CURVE_CELLS + 1] */
-__kernel void light_curves(__constant const Params *params, GRID_ARGUMENTS, __global const float4 *rays,
+__kernel void light_curves(PARAMS params, GRID_ARGUMENTS, __global const float4 *rays,
                            __global float *curves, int count)
 {
   const int start = (int)get_global_id(0) * TFM_LANES;
@@ -83,10 +96,10 @@ __kernel void light_curves(__constant const Params *params, GRID_ARGUMENTS, __gl
     begin.lane[lane] = one.z;
     end.lane[lane] = one.w;
   }
-  const Ray ray = index_ray(params, light_texel_ray(params, u.lanes, v.lanes));
+  const GridRay ray = index_ray(params, light_texel_ray(params, u.lanes, v.lanes));
   Interval bounds = {begin.lanes, end.lanes};
   const Ints open = end.lanes >= MAXFLOAT;
-  const Ints meets = medium_clip(params, ray, &bounds);
+  const Ints meets = medium_clip(params, &ray, &bounds);
   begin.lanes = open ? bounds.begin : begin.lanes;
   end.lanes = open ? bounds.end : end.lanes;
   const Ints active = (begin.lanes < end.lanes) & (!open | meets);
@@ -95,7 +108,7 @@ __kernel void light_curves(__constant const Params *params, GRID_ARGUMENTS, __gl
     curve[cell].lanes = floats(0.0f);
   if (any_lane(active)) {
     PADDED_GRID(grid);
-    const Walk walk = walk_from(ray, begin.lanes, end.lanes - begin.lanes, no_warp(), 0,
+    const Walk walk = walk_from(&grid, &ray, begin.lanes, end.lanes - begin.lanes, no_warp(), 0,
                                 ints(STEPS_A_CELL * CURVE_CELLS), active);
     Ints samples = ints(0);
     Steps list = no_steps();

@@ -7,6 +7,7 @@
 #define TFM_MAP_H
 
 #include "light/sample.h"
+#include "texels.h"
 #include "volume.h"
 
 /* Vectors of coefficients in memory need only their elements' alignment. */
@@ -113,29 +114,6 @@ BILINEAR(8)
 /* The sum of every row from its even and its odd half. */
 #define HALVED(a, b) (EVEN(a, b) + ODD(a, b))
 #endif
-
-/* Which texels a map position lies between. */
-typedef struct {
-  Ints texel; /* lower left one */
-  Floats fx, fy;
-} MapPosition;
-
-TFM_INLINE MapPosition map_position(int res, Floats u, Floats v)
-{
-  const float last = (float)(res - 1);
-  const Floats x = clamp_to(u * (float)res - 0.5f, last);
-  const Floats y = clamp_to(v * (float)res - 0.5f, last);
-  /* The last texel is reached as a full step from the one before it. */
-  const int last_low = res > 1 ? res - 2 : 0;
-  const Ints ix = TO_INTS(x), iy = TO_INTS(y);
-  const Ints low_x = ix < last_low ? ix : ints(last_low);
-  const Ints low_y = iy < last_low ? iy : ints(last_low);
-  MapPosition position;
-  position.texel = low_y * res + low_x;
-  position.fx = x - TO_FLOATS(low_x);
-  position.fy = y - TO_FLOATS(low_y);
-  return position;
-}
 
 /* All coefficients at a map position.
    ranges: for 8 bits the lowest value and the extent of every coefficient over the map. */
@@ -290,23 +268,24 @@ TFM_INLINE Floats map_series(__global const MapStorage *map, __global const floa
 #endif
 
 /* The part of a light ray that lies in the medium: from k_in, or the light itself, to k_out. */
-TFM_INLINE Ints light_medium_interval(__constant const Params *params, Ray ray_in_index_space, Interval *k)
+TFM_INLINE Ints light_medium_interval(PARAMS params, const GridRay *ray, Interval *k)
 {
   k->begin = floats(0.0f);
   k->end = floats(INFINITY);
-  return medium_clip(params, ray_in_index_space, k);
+  return medium_clip(params, ray, k);
 }
 
 /* The part of a light ray that the map's numbers speak of, distances from the light. */
 typedef struct {
   Floats begin, end;
-  Floats slope; /* optical depth of the density per unit length beyond the end */
+  Floats slope; /* optical depth of the density per unit length from the end to the last density */
+  Floats last;  /* where that is */
 } RayRange;
 
 #if TFM_RANGE
 /* The field of ranges is coarser than the map and continuous, so that neighbouring texels speak of nearly the same
-   range and their numbers may be interpolated. field: begin, end, slope, 0. */
-TFM_INLINE RayRange map_range(__constant const Params *params, __global const float4 *field, Floats u, Floats v)
+   range and their numbers may be interpolated. field: begin, end, slope, last. */
+TFM_INLINE RayRange map_range(PARAMS params, __global const float4 *field, Floats u, Floats v)
 {
   const int res = params->field_res;
   const MapPosition at = map_position(res, u, v);
@@ -319,18 +298,20 @@ TFM_INLINE RayRange map_range(__constant const Params *params, __global const fl
   range.begin = both.x;
   range.end = both.y;
   range.slope = both.z;
+  range.last = both.w;
 #else
 #define RANGES_ROW(s, dy) (*(__global const Unaligned8 *)(field + LANE(at.texel, s) + dy))
 #define RANGE_PAIR(s) (RANGES_ROW(s, 0) + LANE(at.fy, s) * (RANGES_ROW(s, res) - RANGES_ROW(s, 0)))
 #define RANGE_ROW(s) (RANGE_PAIR(s).lo + LANE(at.fx, s) * (RANGE_PAIR(s).hi - RANGE_PAIR(s).lo))
   const Floats r[4] = ROWS4(RANGE_ROW);
-  Floats unused;
-  TRANSPOSE4(r, range.begin, range.end, range.slope, unused);
-  (void)unused;
+  TRANSPOSE4(r, range.begin, range.end, range.slope, range.last);
 #endif
   return range;
 }
 #endif
+
+/* Of a map's width: far more than positions on its edge are rounded by. */
+#define EDGE_MARGIN 1e-3f
 
 /* Where a point is looked up: between texels, at v in the range of its light ray. */
 typedef struct {
@@ -340,32 +321,34 @@ typedef struct {
   Ints hit;      /* mask: there may be density between the light and the point */
 } MapPlace;
 
-/* ray: the light's through the point, as light_ray_to gives it. The range is that of the point's own ray, so that
-   interpolated texels agree on what v means. */
-TFM_INLINE MapPlace map_place(__constant const Params *params, __global const float4 *field, Ray ray,
-                              LightSample sample)
+/* point: world. The range is that of the point's own ray, so that interpolated texels agree on what v means. */
+TFM_INLINE MapPlace map_place(PARAMS params, __global const float4 *field, Vec3 point, LightSample sample)
 {
   MapPlace place;
 #if TFM_RANGE
-  (void)ray;
+  (void)point;
   const RayRange range = map_range(params, field, sample.u, sample.v);
   const Floats from_begin = sample.distance - range.begin;
   place.v = clamp_to(from_begin / (range.end - range.begin), 1.0f);
-  place.beyond = greatest(sample.distance - range.end, floats(0.0f)) * range.slope;
+  place.beyond = greatest(least(sample.distance, range.last) - range.end, floats(0.0f)) * range.slope;
   place.hit = from_begin > 0.0f;
 #else
   (void)field;
+  const GridRay ray = index_ray(params, light_ray_to(params, point));
   Interval k;
-  place.hit = light_medium_interval(params, ray, &k);
+  place.hit = light_medium_interval(params, &ray, &k);
   place.v = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
   place.beyond = floats(0.0f);
 #endif
+  /* What passes the map by meets no medium. */
+  place.hit &= (sample.u > -EDGE_MARGIN) & (sample.u < 1.0f + EDGE_MARGIN) & (sample.v > -EDGE_MARGIN) &
+               (sample.v < 1.0f + EDGE_MARGIN);
   place.position = map_position(params->map_res, sample.u, sample.v);
   return place;
 }
 
 /* Optical depth at v, of the numbers at one position. */
-TFM_INLINE Floats map_optical_depth_at(__constant const Params *params, __global const MapStorage *map,
+TFM_INLINE Floats map_optical_depth_at(PARAMS params, __global const MapStorage *map,
                                        __global const float2 *ranges, __global const float *modes,
                                        MapPosition position, Floats v)
 {
@@ -407,7 +390,7 @@ TFM_INLINE Floats noise_of(Ints bits)
 #endif
 
 /* Optical depth of the density between the light and a point, from the map. */
-TFM_INLINE Floats map_optical_depth(__constant const Params *params, __global const MapStorage *map,
+TFM_INLINE Floats map_optical_depth(PARAMS params, __global const MapStorage *map,
                                     __global const float2 *ranges, __global const float *modes, MapPlace place)
 {
 #if TFM_LOOKUP == 0

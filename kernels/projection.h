@@ -60,7 +60,7 @@ TFM_INLINE void basis_begin(BasisState *state)
 #endif
 }
 
-TFM_INLINE Floats target_value(__constant const Params *params, Floats optical_depth)
+TFM_INLINE Floats target_value(PARAMS params, Floats optical_depth)
 {
 #if TFM_TARGET == TARGET_TRANSMITTANCE
   return opacity_of(optical_depth * params->inverse_weighting);
@@ -74,7 +74,7 @@ TFM_INLINE Floats target_value(__constant const Params *params, Floats optical_d
 #define TABLE_HEAD PRODUCTS
 #define TABLE_ROW (2 * TFM_N_COEFF + PRODUCTS)
 /* The weight of a step; for f = T^(1/alpha) an error counts (alpha / f)^2 times. */
-TFM_INLINE Floats visibility(__constant const Params *params, Floats before, Floats depth)
+TFM_INLINE Floats visibility(PARAMS params, Floats before, Floats depth)
 {
   const float extinction = params->reference_extinction;
 #if TFM_TARGET == TARGET_TRANSMITTANCE
@@ -100,7 +100,7 @@ TFM_INLINE Floats visibility(__constant const Params *params, Floats before, Flo
           TERM(w, rows, j, 7)
 #endif
 
-TFM_INLINE void basis_steps(__constant const Params *params, __global const float *table, BasisState *state,
+TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
   (void)most;
@@ -139,7 +139,7 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
 #endif
 }
 
-TFM_INLINE void basis_finish(__constant const Params *params, __global const float *table, Ints active,
+TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
   (void)most;
@@ -201,7 +201,7 @@ TFM_INLINE void basis_finish(__constant const Params *params, __global const flo
 
 /* What a series means: f itself where the basis has the function 1, else 1 - f. A truncated series leaves [0, 1]:
    clamped before the power (eq. 20), where a negative value would come back as a bright ghost. */
-TFM_INLINE Floats optical_depth_of_series(__constant const Params *params, Floats sum)
+TFM_INLINE Floats optical_depth_of_series(PARAMS params, Floats sum)
 {
 #if TFM_TARGET == TARGET_TRANSMITTANCE
 #ifdef TFM_BASIS_HAS_ONE

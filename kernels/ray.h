@@ -30,7 +30,7 @@ TFM_INLINE Vec3 vec3(Floats x, Floats y, Floats z)
 }
 
 /* The same three numbers of the parameters in every lane. */
-TFM_INLINE Vec3 uniform_vec3(__constant const float *v)
+TFM_INLINE Vec3 uniform_vec3(__global const float *v)
 {
   return vec3(floats(v[0]), floats(v[1]), floats(v[2]));
 }
@@ -51,20 +51,20 @@ TFM_INLINE Vec3 unit3(Vec3 v)
 }
 
 /* a_from_b: 3x4, row major. */
-TFM_INLINE Vec3 transform_vector(__constant const float *a_from_b, Vec3 v)
+TFM_INLINE Vec3 transform_vector(__global const float *a_from_b, Vec3 v)
 {
   return vec3(a_from_b[0] * v.x + a_from_b[1] * v.y + a_from_b[2] * v.z,
               a_from_b[4] * v.x + a_from_b[5] * v.y + a_from_b[6] * v.z,
               a_from_b[8] * v.x + a_from_b[9] * v.y + a_from_b[10] * v.z);
 }
 
-TFM_INLINE Vec3 transform_point(__constant const float *a_from_b, Vec3 p)
+TFM_INLINE Vec3 transform_point(__global const float *a_from_b, Vec3 p)
 {
   const Vec3 v = transform_vector(a_from_b, p);
   return vec3(v.x + a_from_b[3], v.y + a_from_b[7], v.z + a_from_b[11]);
 }
 
-TFM_INLINE Ray transform_ray(__constant const float *a_from_b, Ray ray)
+TFM_INLINE Ray transform_ray(__global const float *a_from_b, Ray ray)
 {
   Ray moved;
   moved.origin = transform_point(a_from_b, ray.origin);
@@ -76,6 +76,12 @@ TFM_INLINE Vec3 ray_at(Ray ray, Floats t)
 {
   return vec3(ray.origin.x + t * ray.direction.x, ray.origin.y + t * ray.direction.y,
               ray.origin.z + t * ray.direction.z);
+}
+
+/* Into [0, upper]; NaN becomes 0. */
+TFM_INLINE Floats clamp_to(Floats x, float upper)
+{
+  return least(greatest(x, floats(0.0f)), floats(upper));
 }
 
 /* 1 / direction, large but finite where that is 0. */

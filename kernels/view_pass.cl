@@ -1,89 +1,67 @@
 /* View pass: TFM algorithm 1 with section 4.2, for one light. With TFM_METHOD_DUAL the reduced intensity is
    marched instead of looked up: the reference; every other line is shared.
    Includes expected before: Params, a basis, a light and a phase header.
-   Requires: what they, absorption.h, map.h and volume.h do; TFM_METHOD_DUAL 0 or 1. */
+   Requires: what they, absorption.h and reduced_intensity.h do. */
 #include "absorption.h"
 #include "camera.h"
-#include "map.h"
+#include "reduced_intensity.h"
 #include "walk.h"
 
-#ifndef TFM_METHOD_DUAL
-#error "TFM_METHOD_DUAL must be 0 or 1"
+#ifndef TFM_SHOW_RESIDUAL
+#define TFM_SHOW_RESIDUAL 0
 #endif
 
 /* A sample that scatters, on its way through the loops. */
 typedef struct {
   Floats step_depth; /* optical depth of the density along the step; 0 in lanes that do not scatter */
   Floats source;     /* phase function, falloff and edge */
-#if TFM_METHOD_DUAL
-  Ray light_ray;
-  Floats distance;
-#else
-  MapPlace place;
+  Floats visible;    /* the part of the light that no solid stops */
+#if TFM_TEXTURE
+  Floats tint[3];
 #endif
+  LightPath path;
 } ViewSample;
 
-#ifndef TFM_SHOW_RESIDUAL
-#define TFM_SHOW_RESIDUAL 0
-#endif
-
 /* What a sample needs before its light is looked up. */
-TFM_INLINE ViewSample view_sample(__constant const Params *params, __global const float4 *field, Ray ray,
-                                  Ray ray_in_grid, Floats t, Floats step_depth)
+TFM_INLINE ViewSample view_sample(PARAMS params, const LightBuffers *buffers, Ray ray, Floats t, Floats step_depth)
 {
-  const LightSample light = light_at(params, ray_at(ray, t));
-  const Ray light_ray = light_ray_to(params, ray_at(ray_in_grid, t));
+  const Vec3 point = ray_at(ray, t);
+  const LightSample light = light_at(params, point);
   ViewSample sample;
   sample.step_depth = step_depth;
   sample.source = phase_eval(params, -dot3(light.direction, ray.direction)) * light.strength;
-#if TFM_METHOD_DUAL
-  (void)field;
-  sample.light_ray = light_ray;
-  sample.distance = light.distance;
-#else
-  sample.place = map_place(params, field, light_ray, light);
+  sample.visible = light_visibility(params, buffers->shadow, light);
+#if TFM_TEXTURE
+  light_tint(params, buffers, light, sample.tint);
 #endif
+  sample.path = light_path(params, buffers, point, light);
   return sample;
 }
 
-/* Optical depth of the density between the light and a sample. */
-TFM_INLINE Floats light_optical_depth(__constant const Params *params, const Grid *grid,
-                                      __global const MapStorage *map, __global const float2 *ranges,
-                                      __global const float *modes, const ViewSample *sample, Ints *samples)
-{
-#if TFM_METHOD_DUAL
-  (void)map;
-  (void)ranges;
-  (void)modes;
-  Interval k;
-  const Ints lit = (sample->step_depth > 0.0f) & light_medium_interval(params, sample->light_ray, &k) & (k.begin < 1.0f);
-  return sample->distance *
-         march_optical_depth(grid, sample->light_ray, k.begin, floats(1.0f), params->light_steps, lit, samples);
-#else
-  (void)grid;
-  (void)samples;
-  return map_optical_depth(params, map, ranges, modes, sample->place);
-#endif
-}
-
 /* radiance       adds this light's single scattering (eq. 4), RGB
-   light_seen     adds light transmittance times opacity, RGB, and the opacity
+   light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
    transmittance  of the first light only, out: RGB transmittance of the whole camera ray, and the opacity-weighted
                   mean distance (0 without a medium)
    samples        adds the densities read
+   solid          normal of the solid that a pixel shows, and its distance, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
-__kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __global const MapStorage *map,
-                        __global const float2 *ranges, __global const float4 *field, __global const float *modes,
-                        __global float4 *radiance, __global float4 *light_seen, __global float4 *transmittance,
+__kernel void view_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS,
+                        __global const float4 *solid, __global float4 *radiance, __global float4 *light_seen, __global float4 *transmittance,
                         __global uint *samples, int is_first_light, int4 window)
 {
   const Pixels pixels = tile_pixels(params, window);
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(params, pixels);
-  const Ray ray_in_grid = index_ray(params, ray);
+  const GridRay ray_in_grid = index_ray(params, ray);
+  LIGHT_BUFFERS(buffers);
   Interval medium = {floats(0.0f), floats(INFINITY)};
-  const Ints in_medium = pixels.inside & medium_clip(params, ray_in_grid, &medium);
+#if TFM_SHADOW
+  medium.end = solid_distance(params, solid, pixels);
+#else
+  (void)solid;
+#endif
+  const Ints in_medium = pixels.inside & medium_clip(params, &ray_in_grid, &medium);
   Interval lit = medium;
   const Ints active = in_medium & light_clip(params, ray, &lit);
   PADDED_GRID(grid);
@@ -94,10 +72,11 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
     sum[c] = seen[c] = floats(0.0f);
   Floats seen_opacity = floats(0.0f);
 
-  /* What lies between the camera and the light's cone dims all that follows. */
+  /* What lies between the camera and the light's cone dims all that follows; not so in the paper's algorithm 1. */
   const Floats share = active ? (lit.begin - medium.begin) / (medium.end - medium.begin) : floats(0.0f);
   const Interval before = {medium.begin, lit.begin};
-  march_unlit(params, &grid, ray_in_grid, before, rounded_up((float)steps * share), active, &state);
+  march_unlit(params, &grid, &ray_in_grid, before, rounded_up((float)steps * share),
+              params->paper_attenuation ? ints(0) : active, &state);
 
   if (any_lane(active)) {
     const Floats lit_begin = active ? lit.begin : floats(0.0f);
@@ -106,7 +85,7 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
     if (params->projective)
       warp = projective_warp(light_projective_depth(params, ray_at(ray, lit_begin)),
                              light_projective_depth(params, ray_at(ray, lit_begin + length)), params->max_stretch);
-    const Walk walk = walk_from(ray_in_grid, lit_begin, length, warp, 1, ints(steps), active);
+    const Walk walk = walk_from(&grid, &ray_in_grid, lit_begin, length, warp, 1, ints(steps), active);
     Ints alive = active & is_visible(params, &state);
     Ints read = ints(0);
     Steps list = no_steps();
@@ -124,9 +103,12 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
         count += any_lane(scatters);
       }
       for (int k = 0; k < count; ++k)
-        sample[k] = view_sample(params, field, ray, ray_in_grid, place_of(&walk, list.n[k]).t, depth[k]);
+        sample[k] = view_sample(params, &buffers, ray, place_of(&walk, list.n[k]).t, depth[k]);
       for (int k = 0; k < count; ++k)
-        depth[k] = light_optical_depth(params, &grid, map, ranges, modes, &sample[k], &state.samples);
+        depth[k] = any_lane(sample[k].visible > 0.0f)
+                       ? light_optical_depth(params, &grid, &buffers, &sample[k].path, sample[k].step_depth > 0.0f,
+                                             &state.samples)
+                       : floats(0.0f);
       for (int k = 0; k < count; ++k) {
         Floats opacity[TFM_CHANNELS];
         const Floats weight = camera_ray_step(params, &state, sample[k].step_depth, floats(0.0f), opacity);
@@ -136,8 +118,13 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
 #else
           const Floats reduced = transmittance_of(params->sigma_t[c] * depth[k]);
 #endif
-          sum[c] += opacity[c] * reduced * sample[k].source;
-          seen[c] += weight * reduced;
+          const Floats arrives = reduced * sample[k].visible;
+#if TFM_TEXTURE
+          sum[c] += opacity[c] * arrives * sample[k].source * sample[k].tint[c];
+#else
+          sum[c] += opacity[c] * arrives * sample[k].source;
+#endif
+          seen[c] += weight * arrives;
         }
         seen_opacity += weight;
       }
@@ -148,7 +135,7 @@ __kernel void view_pass(__constant const Params *params, GRID_ARGUMENTS, __globa
   /* The whole ray, whatever the light. */
   CameraRay whole = camera_ray_begin(params, in_medium);
   if (is_first_light)
-    march_unlit(params, &grid, ray_in_grid, medium, ints(steps), in_medium, &whole);
+    march_unlit(params, &grid, &ray_in_grid, medium, ints(steps), in_medium, &whole);
 
   /* What the cutoff leaves of a ray counts as nothing. */
   const Floats whole_depth =

@@ -2,8 +2,10 @@
    The padded grid carries one zero voxel on each side, so that the density falls to 0 over one voxel. Its cells
    (the cubes between 8 voxels) are grouped into bricks of 4x4x4, the units of skipping, and blocks of 2x2x2 bricks,
    the units of storage. A block with any density has a record of all voxels that its cells touch, so that a sample
-   reads one record only; all others have none.
-   Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; Params. */
+   reads one record only; all others have none. Several volumes, each with its transform, add up; they share the table
+   and the records.
+   Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; TFM_VOLUMES, the number
+   of volumes; Params. */
 #ifndef TFM_VOLUME_H
 #define TFM_VOLUME_H
 
@@ -60,59 +62,83 @@ typedef uchar Voxel;
 #error "TFM_POOLS must be 1 or 8"
 #endif
 
-/* The grid with all that a sample needs of it, read once before a loop. */
+/* What is each volume's own. */
 typedef struct {
   __global const int *bricks;
-  __global const Voxel *pools[TFM_POOLS];
-  int row;       /* bricks to the next y */
-  int layer;     /* bricks to the next z */
-  int pool_size; /* records a pool */
+  int row;   /* bricks to the next y */
+  int layer; /* bricks to the next z */
   float upper[3];
   float density_scale;
-  int skip; /* 0: sample empty bricks too */
+} Extent;
+
+/* The volumes with all that a sample needs of them, read once before a loop. */
+typedef struct {
+  __global const Voxel *pools[TFM_POOLS];
+  int pool_size; /* records a pool */
+  int skip;      /* 0: sample empty bricks too */
+  Extent of[TFM_VOLUMES];
 } Grid;
+
+/* A ray in the padded grid of every volume. */
+typedef struct {
+  Ray of[TFM_VOLUMES];
+} GridRay;
 
 #define PADDED_GRID(grid)                                  \
   __global const Voxel *const grid##_pools[] = GRID_POOLS; \
   Grid grid;                                               \
-  grid.bricks = bricks;                                    \
   for (int k = 0; k < TFM_POOLS; ++k)                      \
     grid.pools[k] = grid##_pools[k];                       \
-  describe_grid(params, &grid)
+  describe_grid(params, bricks, &grid)
 
-TFM_INLINE void describe_grid(__constant const Params *params, Grid *grid)
+TFM_INLINE void describe_grid(PARAMS params, __global const int *bricks, Grid *grid)
 {
-  grid->row = params->brick_count[0];
-  grid->layer = params->brick_count[0] * params->brick_count[1];
   grid->pool_size = params->pool_size;
-  for (int axis = 0; axis < 3; ++axis)
-    grid->upper[axis] = (float)(params->grid_size[axis] - 1);
-  grid->density_scale = params->density_scale;
   grid->skip = params->skip_empty;
+  for (int i = 0; i < TFM_VOLUMES; ++i) {
+    Extent *extent = &grid->of[i];
+    extent->bricks = bricks + params->first_brick[i];
+    extent->row = params->brick_count[3 * i];
+    extent->layer = params->brick_count[3 * i] * params->brick_count[3 * i + 1];
+    for (int axis = 0; axis < 3; ++axis)
+      extent->upper[axis] = (float)(params->grid_size[3 * i + axis] - 1);
+    extent->density_scale = params->density_scale[i];
+  }
 }
 
-/* A world ray in the padded grid's index space. */
-TFM_INLINE Ray index_ray(__constant const Params *params, Ray world_ray)
+/* A world ray in the padded grids' index spaces. */
+TFM_INLINE GridRay index_ray(PARAMS params, Ray world_ray)
 {
-  return transform_ray(params->index_from_world, world_ray);
+  GridRay ray;
+  for (int i = 0; i < TFM_VOLUMES; ++i)
+    ray.of[i] = transform_ray(params->index_from_world + 12 * i, world_ray);
+  return ray;
 }
 
-/* The part of a ray, given in index space, that lies in the medium's bounds; the lanes in which there is one. */
-TFM_INLINE Ints medium_clip(__constant const Params *params, Ray ray, Interval *interval)
+/* The part of a ray from the first to the last of the volumes' bounds; the lanes in which there is one. */
+TFM_INLINE Ints medium_clip(PARAMS params, const GridRay *ray, Interval *interval)
 {
-  float upper[3];
-  for (int axis = 0; axis < 3; ++axis)
-    upper[axis] = (float)(params->grid_size[axis] - 1);
-  return box_clip(ray, upper, interval);
+  const Interval whole = *interval;
+  Interval joined = {floats(INFINITY), floats(-INFINITY)};
+  for (int i = 0; i < TFM_VOLUMES; ++i) {
+    float upper[3];
+    for (int axis = 0; axis < 3; ++axis)
+      upper[axis] = (float)(params->grid_size[3 * i + axis] - 1);
+    Interval part = whole;
+    const Ints meets = box_clip(ray->of[i], upper, &part);
+    if (TFM_VOLUMES == 1) {
+      *interval = part;
+      return meets;
+    }
+    joined.begin = meets ? least(joined.begin, part.begin) : joined.begin;
+    joined.end = meets ? greatest(joined.end, part.end) : joined.end;
+  }
+  *interval = joined;
+  return joined.begin < joined.end;
 }
 
-TFM_INLINE Floats clamp_to(Floats x, float upper)
-{
-  return least(greatest(x, floats(0.0f)), floats(upper)); /* NaN becomes 0 */
-}
-
-/* The number of a brick in the table. */
-#define BRICK_AT(grid, bx, by, bz) ((bz) * (grid)->layer + (by) * (grid)->row + (bx))
+/* The number of a brick in a volume's table. */
+#define BRICK_AT(extent, bx, by, bz) ((bz) * (extent)->layer + (by) * (extent)->row + (bx))
 
 /* Two voxels that are neighbours in x, in every lane. i: from the start of the lane's pool. */
 TFM_INLINE void gather_voxel_pairs(const Grid *grid, Ints pool, Ints i, int offset, Floats *low_x, Floats *high_x)
@@ -208,15 +234,16 @@ TFM_INLINE Floats density_together(const Grid *grid, const Window *window, Vec3 
     sum += wz[k] * layer;
   }
 #if TFM_VOXEL_BITS == 8
-  return grid->density_scale * *(__global const float *)(start + RECORD_VOXELS) * sum;
+  return grid->of[0].density_scale * *(__global const float *)(start + RECORD_VOXELS) * sum;
 #else
-  return grid->density_scale * sum;
+  return grid->of[0].density_scale * sum;
 #endif
 }
 #endif
 
-/* Density D where every lane reads for itself, at points in the grid; 0 where its brick has no record (<= 0). */
-TFM_INLINE Floats density_apart(const Grid *grid, Ints record, Vec3 point)
+/* Density D of one volume where every lane reads for itself, at points in its grid; 0 where its brick has no record
+   (<= 0). */
+TFM_INLINE Floats density_apart(const Grid *grid, int volume, Ints record, Vec3 point)
 {
   const Ints ix = TO_INTS(point.x), iy = TO_INTS(point.y), iz = TO_INTS(point.z);
   record = record > 0 ? record : ints(0);
@@ -246,10 +273,10 @@ TFM_INLINE Floats density_apart(const Grid *grid, Ints record, Vec3 point)
 #else
 #define SCALE(p, i, s) (*(__global const float *)(grid->pools[LANE(pool, s)] + RECORD_VOXELS + LANE(start, s)))
 #endif
-  return grid->density_scale * density * (Floats)FOR_LANES(SCALE, 0, 0);
+  return grid->of[volume].density_scale * density * (Floats)FOR_LANES(SCALE, 0, 0);
 #undef SCALE
 #else
-  return grid->density_scale * density;
+  return grid->of[volume].density_scale * density;
 #endif
 }
 

@@ -14,8 +14,11 @@
 /* Added to a tile's box, voxels. */
 #define TFM_ROUNDING 0.01f
 
+/* A tile moves as one through one volume; through several every lane looks for itself. */
+#define SHARES_WINDOWS (TFM_LANES > 1 && TFM_VOLUMES == 1)
+
 typedef struct {
-  Ray ray;           /* index space */
+  GridRay ray;
   Floats begin;      /* ray parameter of the walk's begin */
   Floats length;
   Floats step;       /* length of a step, where they are equal */
@@ -23,9 +26,12 @@ typedef struct {
   int warped;        /* 0: steps of equal length */
   Ints steps;        /* of each ray */
   int most;          /* steps of the longest */
-  Vec3 inverse;      /* 1 / direction */
+  Vec3 inverse[TFM_VOLUMES]; /* 1 / direction */
+#if TFM_VOLUMES > 1
+  Interval within[TFM_VOLUMES]; /* each volume's bounds */
+#endif
   Floats inverse_length;
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
   int together; /* the samples of every step lie in at most 3 cells along each axis */
   /* The box of the samples at a fraction f of the walk: low + f * low_change to high + f * high_change. */
   float low[3], low_change[3], high[3], high_change[3];
@@ -49,12 +55,12 @@ typedef struct {
   int next;                   /* where to look on */
   int forced;                 /* the next step is listed whatever it holds */
   int n[MOST_STEPS];          /* the steps' numbers */
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
   Window window[MOST_STEPS];  /* where the tile moves as one */
 #endif
   /* Where every lane looks for itself. */
-  Vec3 point[MOST_STEPS];
-  Ints records[MOST_STEPS];
+  Vec3 point[MOST_STEPS][TFM_VOLUMES];
+  Ints records[MOST_STEPS][TFM_VOLUMES];
 } Steps;
 
 /* Where a step's samples lie. */
@@ -84,10 +90,10 @@ TFM_INLINE float smaller(float a, float b)
 }
 
 /* The rays that are active, each from begin to begin + length in its own number of steps. */
-TFM_INLINE Walk walk_from(Ray ray, Floats begin, Floats length, Warp warp, int warped, Ints steps, Ints active)
+TFM_INLINE Walk walk_from(const Grid *grid, const GridRay *ray, Floats begin, Floats length, Warp warp, int warped, Ints steps, Ints active)
 {
   Walk walk;
-  walk.ray = ray;
+  walk.ray = *ray;
   walk.begin = active ? begin : floats(0.0f);
   walk.length = active ? length : floats(0.0f);
   walk.warp = warp;
@@ -95,13 +101,24 @@ TFM_INLINE Walk walk_from(Ray ray, Floats begin, Floats length, Warp warp, int w
   walk.steps = active ? steps : ints(0);
   walk.most = -least_int(-walk.steps);
   walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
-  walk.inverse = vec3(inverse_of(ray.direction.x), inverse_of(ray.direction.y), inverse_of(ray.direction.z));
+  for (int i = 0; i < TFM_VOLUMES; ++i) {
+    const Vec3 direction = ray->of[i].direction;
+    walk.inverse[i] = vec3(inverse_of(direction.x), inverse_of(direction.y), inverse_of(direction.z));
+#if TFM_VOLUMES > 1
+    walk.within[i].begin = floats(-INFINITY);
+    walk.within[i].end = floats(INFINITY);
+    const Ints meets = box_clip(ray->of[i], grid->of[i].upper, &walk.within[i]);
+    walk.within[i].begin = meets ? walk.within[i].begin : floats(INFINITY);
+#else
+    (void)grid;
+#endif
+  }
   walk.inverse_length = inverse_of(length);
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
   /* A ray of fewer steps goes on beyond its end, where the caller leaves it out. */
   const Floats whole = warped ? walk.length : walk.step * (float)walk.most;
-  const Vec3 first = ray_at(ray, walk.begin);
-  const Vec3 last = ray_at(ray, walk.begin + whole);
+  const Vec3 first = ray_at(ray->of[0], walk.begin);
+  const Vec3 last = ray_at(ray->of[0], walk.begin + whole);
   const Floats none = floats(INFINITY);
   const Floats firsts[3] = {first.x, first.y, first.z}, lasts[3] = {last.x, last.y, last.z};
   float spread = 0.0f, extent = 0.0f;
@@ -149,9 +166,10 @@ TFM_INLINE Place place_of(const Walk *walk, int n)
 }
 
 /* In the grid, whatever the rounding: NaN and what lies outside come to its border. */
-TFM_INLINE Vec3 point_in_grid(const Grid *grid, Vec3 point)
+TFM_INLINE Vec3 point_in_grid(const Extent *extent, Vec3 point)
 {
-  return vec3(clamp_to(point.x, grid->upper[0]), clamp_to(point.y, grid->upper[1]), clamp_to(point.z, grid->upper[2]));
+  return vec3(clamp_to(point.x, extent->upper[0]), clamp_to(point.y, extent->upper[1]),
+              clamp_to(point.z, extent->upper[2]));
 }
 
 /* The step after n at which some lane comes near a brick with density, from the position, in steps, that all
@@ -164,7 +182,7 @@ TFM_INLINE int step_at(float position, int n, int most)
   return next > n ? next : n + 1;
 }
 
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
 TFM_INLINE int clamped_cell(float x, float upper)
 {
   x = x > 0.0f ? x : 0.0f;
@@ -174,6 +192,7 @@ TFM_INLINE int clamped_cell(float x, float upper)
 /* The tile as one. after: also list the step after one that is read. */
 TFM_INLINE void find_steps_together(const Grid *grid, const Walk *walk, int after, Steps *steps)
 {
+  const Extent *extent = &grid->of[0];
   int n = steps->next, count = 0, force = steps->forced;
   while (n < walk->most && count < MOST_STEPS) {
     const float s = ((float)n + 0.5f) * walk->width;
@@ -184,17 +203,17 @@ TFM_INLINE void find_steps_together(const Grid *grid, const Walk *walk, int afte
 #pragma unroll
     for (int axis = 0; axis < 3; ++axis) {
       const float low = smaller(walk->low[axis] + f * walk->low_change[axis], walk->low[axis] + g * walk->low_change[axis]);
-      const int cell = clamped_cell(low, grid->upper[axis]);
+      const int cell = clamped_cell(low, extent->upper[axis]);
       window->corner[axis] = cell;
       brick[axis] = cell >> BRICK_SHIFT;
     }
-    const int record = grid->bricks[BRICK_AT(grid, brick[0], brick[1], brick[2])];
+    const int record = extent->bricks[BRICK_AT(extent, brick[0], brick[1], brick[2])];
     if (force | (record > 0) | !grid->skip) {
 #pragma unroll
       for (int axis = 0; axis < 3; ++axis) {
         const float high =
             larger(walk->high[axis] + f * walk->high_change[axis], walk->high[axis] + g * walk->high_change[axis]);
-        window->voxels[axis] = clamped_cell(high, grid->upper[axis]) - window->corner[axis] + 2;
+        window->voxels[axis] = clamped_cell(high, extent->upper[axis]) - window->corner[axis] + 2;
       }
       steps->n[count] = n;
       window->record = record > 0 ? record : 0;
@@ -238,11 +257,11 @@ TFM_INLINE Floats empty_until(Ints brick, Ints record, Floats origin, Floats inv
   return (TO_FLOATS(inverse > 0.0f ? above : below) - origin) * inverse;
 }
 
-/* What the table says of the bricks at each lane's point. */
-TFM_INLINE Ints records_at(const Grid *grid, Vec3 point)
+/* What a volume's table says of the bricks at each lane's point. */
+TFM_INLINE Ints records_at(const Extent *extent, Vec3 point)
 {
-  return gather_ints(grid->bricks, BRICK_AT(grid, TO_INTS(point.x) >> BRICK_SHIFT, TO_INTS(point.y) >> BRICK_SHIFT,
-                                            TO_INTS(point.z) >> BRICK_SHIFT));
+  return gather_ints(extent->bricks, BRICK_AT(extent, TO_INTS(point.x) >> BRICK_SHIFT,
+                                              TO_INTS(point.y) >> BRICK_SHIFT, TO_INTS(point.z) >> BRICK_SHIFT));
 }
 
 /* Every lane for itself. */
@@ -250,23 +269,40 @@ TFM_INLINE void find_steps_apart(const Grid *grid, const Walk *walk, Ints alive,
 {
   int n = steps->next, count = 0, force = steps->forced;
   while (n < walk->most && count < MOST_STEPS) {
-    const Vec3 point = point_in_grid(grid, ray_at(walk->ray, place_of(walk, n).t));
-    const Ints records = records_at(grid, point);
+    const Floats t = place_of(walk, n).t;
     const Ints here = alive & (n < walk->steps);
-    const int read = any_lane(here & (records > 0));
+    int read = 0;
+    for (int i = 0; i < TFM_VOLUMES; ++i) {
+      const Vec3 point = point_in_grid(&grid->of[i], ray_at(walk->ray.of[i], t));
+      Ints records = records_at(&grid->of[i], point);
+#if TFM_VOLUMES > 1
+      records = (t >= walk->within[i].begin) & (t <= walk->within[i].end) ? records : ints(0);
+#endif
+      read |= any_lane(here & (records > 0));
+      steps->point[count][i] = point;
+      steps->records[count][i] = records;
+    }
     if (force | read | !grid->skip) {
       steps->n[count] = n;
-      steps->point[count] = point;
-      steps->records[count] = records;
       force = after & read;
       ++count;
       ++n;
       continue;
     }
-    const Floats x = empty_until(TO_INTS(point.x) >> BRICK_SHIFT, records, walk->ray.origin.x, walk->inverse.x);
-    const Floats y = empty_until(TO_INTS(point.y) >> BRICK_SHIFT, records, walk->ray.origin.y, walk->inverse.y);
-    const Floats z = empty_until(TO_INTS(point.z) >> BRICK_SHIFT, records, walk->ray.origin.z, walk->inverse.z);
-    const Floats fraction = clamp_to((least(least(x, y), z) - walk->begin) * walk->inverse_length, 1.0f);
+    Floats nearest = floats(INFINITY);
+    for (int i = 0; i < TFM_VOLUMES; ++i) {
+      const Vec3 point = steps->point[count][i], origin = walk->ray.of[i].origin, inverse = walk->inverse[i];
+      const Ints records = steps->records[count][i];
+      const Floats x = empty_until(TO_INTS(point.x) >> BRICK_SHIFT, records, origin.x, inverse.x);
+      const Floats y = empty_until(TO_INTS(point.y) >> BRICK_SHIFT, records, origin.y, inverse.y);
+      const Floats z = empty_until(TO_INTS(point.z) >> BRICK_SHIFT, records, origin.z, inverse.z);
+      Floats until = least(least(x, y), z);
+#if TFM_VOLUMES > 1
+      until = t < walk->within[i].begin ? walk->within[i].begin : t > walk->within[i].end ? floats(INFINITY) : until;
+#endif
+      nearest = least(nearest, until);
+    }
+    const Floats fraction = clamp_to((nearest - walk->begin) * walk->inverse_length, 1.0f);
     const Floats part = walk->warped ? unwarp_fraction(walk->warp, fraction) : fraction;
     n = step_at(least_float(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most);
   }
@@ -279,7 +315,7 @@ TFM_INLINE void find_steps_apart(const Grid *grid, const Walk *walk, Ints alive,
    after: also list the step after each of them. */
 TFM_INLINE int find_steps(const Grid *grid, const Walk *walk, Ints alive, int after, Steps *steps)
 {
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
   if (walk->together)
     find_steps_together(grid, walk, after, steps);
   else
@@ -293,27 +329,31 @@ TFM_INLINE int find_steps(const Grid *grid, const Walk *walk, Ints alive, int af
 TFM_INLINE Floats density_at(const Grid *grid, const Walk *walk, const Steps *steps, int k, Floats t, Ints *samples)
 {
   const Ints here = steps->n[k] < walk->steps;
-#if TFM_LANES > 1
+#if SHARES_WINDOWS
   if (walk->together) {
     if (steps->window[k].record > 0 || !grid->skip)
       *samples += here ? ints(1) : ints(0);
     if (steps->window[k].record == 0)
       return floats(0.0f);
-    return density_together(grid, &steps->window[k], ray_at(walk->ray, t));
+    return density_together(grid, &steps->window[k], ray_at(walk->ray.of[0], t));
   }
 #endif
-  const Ints records = steps->records[k];
-  /* A mask's lanes are -1. */
-  *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
-  return density_apart(grid, records, steps->point[k]);
+  Floats density = floats(0.0f);
+  for (int i = 0; i < TFM_VOLUMES; ++i) {
+    const Ints records = steps->records[k][i];
+    /* A mask's lanes are -1. */
+    *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
+    density += density_apart(grid, i, records, steps->point[k][i]);
+  }
+  return density;
 }
 
 /* Optical depth of the density (sigma_t = 1) from begin to end, by the midpoint rule in `steps` steps, of the rays
    that are active; 0 in the others. samples: counts the densities read. */
-TFM_INLINE Floats march_optical_depth(const Grid *grid, Ray ray, Floats begin, Floats end, int steps, Ints active,
+TFM_INLINE Floats march_optical_depth(const Grid *grid, const GridRay *ray, Floats begin, Floats end, int steps, Ints active,
                                       Ints *samples)
 {
-  const Walk walk = walk_from(ray, begin, end - begin, no_warp(), 0, ints(steps), active);
+  const Walk walk = walk_from(grid, ray, begin, end - begin, no_warp(), 0, ints(steps), active);
   Floats sum = floats(0.0f);
   Ints read = ints(0);
   Steps list = no_steps();

@@ -122,6 +122,15 @@ class Candle(Light):
     def footprint(self, distance):
         return distance
 
+    def rays(self, positions):
+        return positions, positions
+
+    def begins(self, points):
+        return points
+
+    def arrival(self, points, nearest=0.0):
+        return points, nearest
+
 
 def test_a_light_of_another_type_is_itself():
     light = Candle(type="candle")

@@ -104,7 +104,7 @@ class OnDevice:
         self.launcher = launcher
         scene = make_scene(volume=volume, march=tfm.MarchSettings(skip_empty=skip_empty, voxels=voxels))
         light = scene.lights[0]
-        self.bricks = build_bricks(launcher, volume.leaves, "the volume", voxels)
+        self.bricks = build_bricks(launcher, [volume.leaves], "the volume", voxels)
         self.centre = volume.bounds.mean(axis=0)
         self.headers = ("basis/cosine.h", light.HEADER, scene.medium.phase.HEADER)
         self.defines = map_variant(NO_MAP, light, self.bricks)[1]
@@ -284,7 +284,7 @@ def test_values_that_are_halves_are_exact_in_16_bits(launcher, rng, exponent):
     places = np.argwhere(np.ones(shape))[:, ::-1]
     # A short step: optical depths end at 1e30.
     assert (device.densities(places, 2.0**-20) == data.ravel()).all()
-    assert device.bricks.exponent == np.floor(np.log2(data.max()))
+    assert device.bricks.exponents[0] == np.floor(np.log2(data.max()))
 
 
 @pytest.mark.parametrize("voxels", VOXELS)
@@ -331,7 +331,7 @@ def test_memory_follows_density(launcher):
         np.concatenate([values, values]).astype(np.float32),
     )
 
-    built = build_bricks(launcher, leaves, "the volume", "f32")
+    built = build_bricks(launcher, [leaves], "the volume", "f32")
 
     table = 4 * int(np.prod(brick_count_of(shape)))
     # A ball meets at most 5 blocks along an axis, wherever it lies.
@@ -343,7 +343,7 @@ def test_memory_follows_density(launcher):
 
 @pytest.mark.parametrize("voxels", VOXELS)
 def test_records_take_the_bytes_of_their_voxels(launcher, voxels):
-    one = build_bricks(launcher, leaves_of(np.ones((3, 3, 3), np.float32)), "v", voxels)
+    one = build_bricks(launcher, [leaves_of(np.ones((3, 3, 3), np.float32))], "v", voxels)
 
     edge = 9 if launcher.lanes == 1 else REACH
     least = 2 * edge**3 * {"f32": 4, "f16": 2, "u8": 1}[voxels]
@@ -357,7 +357,7 @@ def test_twice_the_density_takes_twice_the_records(launcher):
     two = one.copy()
     two[3:5, 3:5, 170] = 1
 
-    records = [build_bricks(launcher, leaves_of(data), "v", "f32").records - 1 for data in (one, two)]
+    records = [build_bricks(launcher, [leaves_of(data)], "v", "f32").records - 1 for data in (one, two)]
 
     assert records[1] == 2 * records[0] == 2
 
@@ -400,12 +400,12 @@ def test_pools_do_not_show(device_name, launcher, pools):
         march=tfm.MarchSettings(steps=50),
     )
     lanes = launcher.lanes
-    records = build_bricks(launcher, scene.volume.leaves, "the volume", "f32").records
+    records = build_bricks(launcher, [scene.volume.leaves], "the volume", "f32").records
     nbytes = record_bytes(lanes, "f32") * -(-records // pools)
     with tfm.Renderer(device_name, lanes=lanes) as renderer:
         expected = renderer.render(scene)
     with tfm.Renderer(device_name, lanes=lanes, largest_buffer=nbytes) as renderer:
-        grid = build_bricks(renderer._launcher, scene.volume.leaves, "the volume", "f32")
+        grid = build_bricks(renderer._launcher, [scene.volume.leaves], "the volume", "f32")
         result = renderer.render(scene)
 
     assert len(grid.pools) == pools
@@ -422,6 +422,6 @@ def test_too_many_pools_are_refused(launcher, voxels, hint):
 
     expected = r"^the cloud needs [\d.]+ MiB; .* allows 0\.4 MiB in 8 buffers"
     with pytest.raises(DeviceMemoryError, match=expected) as error:
-        build_bricks(small, leaves, "the cloud", voxels)
+        build_bricks(small, [leaves], "the cloud", voxels)
 
     assert ("--voxels f16 or u8" in str(error.value)) == hint

@@ -8,7 +8,8 @@ from scenes import blobs, turned
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.placement import OPTICAL_DEPTH, camera_for, density_scale_for, light_for
+from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.placement import INTENSITY, OPTICAL_DEPTH, camera_for, density_scale_for, light_for
 
 
 def corner_blob():
@@ -83,6 +84,65 @@ def test_light_comes_from_above_on_the_left(volume):
     assert from_centre @ right[:3] < 0
     assert from_centre @ up[:3] > 0
     assert from_centre @ forward[:3] < 0  # not behind the volume
+
+
+TYPES = pytest.mark.parametrize("kind", ["spot", "sun", "point", "environment"])
+
+
+@volumes
+@TYPES
+@pytest.mark.parametrize("falloff", ["none", "inverse-square"])
+def test_lights_of_every_type_are_as_bright(volume, kind, falloff):
+    centre = volume.occupied_bounds.mean(axis=0)[None]
+    if falloff != "none" and kind in {"sun", "environment"}:
+        with pytest.raises(SceneError, match=r"light\.falloff"):
+            light_for(volume, camera_for(volume), type=kind, falloff=falloff)
+        return
+
+    light = light_for(volume, camera_for(volume), type=kind, falloff=falloff)
+
+    assert light.type == kind
+    parts = [part.fitted(volume.bounds) for part in light.parts()]
+    arriving = sum(part.arrival(centre).strength[0] * part.intensity[0] for part in parts)
+    # As far as the numbers' digits go: three, and of 1.19 (a sky) three.
+    assert arriving == pytest.approx(INTENSITY, rel=0.006) or light.intensity[0] == LARGEST_COLOUR
+
+
+@volumes
+def test_other_lights_come_from_where_the_spot_does(volume):
+    spot, sun, point = (light_for(volume, camera_for(volume), type=kind) for kind in ("spot", "sun", "point"))
+    assert spot.from_ == sun.from_ == point.from_
+    assert spot.to == sun.to
+
+
+def test_a_light_within_the_volume_is_not_too_faint():
+    volume = VOLUMES["bare"]
+    centre = tuple(volume.occupied_bounds.mean(axis=0))
+    light = light_for(
+        volume, camera_for(volume), **{"type": "point", "from": centre, "falloff": "inverse-square"}
+    )
+    radius = np.linalg.norm(np.diff(volume.occupied_bounds, axis=0)) / 2
+    assert light.intensity[0] == pytest.approx(INTENSITY * radius**2, rel=0.006)
+
+
+@TYPES
+def test_keys_that_a_type_does_not_have_are_refused(kind):
+    known = {"spot": {"to", "cone"}, "sun": {"to"}, "point": set(), "environment": set()}[kind]
+    for key, value in (("to", (1.0, 2.0, 3.0)), ("cone", 9.0)):
+        given = {"type": kind, key: value}
+        if key in known:
+            assert light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given).type == kind
+        else:
+            with pytest.raises(SceneError, match=f"unknown key '{key}' in \\[light\\]"):
+                light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given)
+
+
+@pytest.mark.parametrize("kind", ["disco", 3, ["spot"], None])
+def test_an_unknown_type_is_refused(kind):
+    with pytest.raises(
+        SceneError, match=r"light\.type: unknown light .*known: spot, sun, point, environment"
+    ):
+        light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), type=kind)
 
 
 def test_a_light_inside_the_volume_gets_a_wide_cone():

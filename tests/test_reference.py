@@ -9,7 +9,7 @@ from scipy.special import roots_legendre
 from tfm_cl import reference
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import Light, LightFrame, SpotLight
+from tfm_cl.lights import EnvironmentLight, PointLight, SpotLight, SunLight
 from tfm_cl.medium import Medium
 from tfm_cl.phases import HenyeyGreenstein, Isotropic
 from tfm_cl.scene import Scene
@@ -465,7 +465,8 @@ def test_as_many_coefficients_as_steps_reproduce_the_steps(light):
 
 def test_map_is_bilinear_and_clamps_to_its_edge():
     light = SpotLight(from_=(0, 0, 3), to=(0, 0, 0), cone=20.0)
-    scene = scene_of(density_weighting=1.0)
+    around = Volume(np.ones((5, 5, 5)), voxel_size=1.0, origin=(-2.5, -2.5, -2.5))  # every ray meets it
+    scene = scene_of(around, density_weighting=1.0)
     coefficients = np.exp(-np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
     matrix, tangent = light.frame().world_from_light, np.tan(np.radians(20))
 
@@ -734,15 +735,74 @@ def test_method_is_the_scenes_unless_given():
     assert (reference.render(scene, "dual") != reference.render(scene, "tfm")).any()
 
 
-def test_other_lights_are_refused():
-    class Lamp(Light):
-        type: str = "lamp"
+# --- other lights --------------------------------------------------------------------------------------
 
-        def frame(self):
-            return LightFrame(np.eye(4), ())
 
-        def footprint(self, distance):
-            return distance
+@pytest.mark.parametrize("march", [{"method": "dual"}, {"method": "tfm"}], ids=["dual", "tfm"])
+def test_a_sun_is_a_spot_from_far_away(march):
+    direction = np.array([0.4, -0.8, -0.45]) / np.linalg.norm([0.4, -0.8, -0.45])
+    sun = SunLight(from_=(0, 0, 0), to=tuple(direction), intensity=(20, 30, 40))
+    far = SpotLight(
+        from_=tuple(-1e6 * direction), to=(0, 0, 0), cone=np.degrees(2e-6), intensity=sun.intensity
+    )
+    images = [
+        reference.render(scene_of(lights=[light], march=march, res=48, coeffs=8)) for light in (sun, far)
+    ]
+    assert images[0][..., :3].max() > 0.5
+    # Rays differ by a millionth; the maps' texels are of other widths.
+    np.testing.assert_allclose(*images, atol=1e-5 if march["method"] == "dual" else 5e-3)
 
-    with pytest.raises(SceneError, match="spot lights only; got a light of type 'lamp'"):
-        reference.render(scene_of(lights=[Lamp()]))
+
+def test_light_march_along_a_suns_rays():
+    rng = np.random.default_rng(8)
+    sun, points = SunLight(from_=(1, 2, 1.5), to=(0, 0, 0)), rng.uniform(-0.6, 0.6, size=(200, 3))
+    against = np.array(sun.from_) / np.linalg.norm(sun.from_)
+    exact = segment_depth(points + FAR * against, points)
+    found = reference.light_optical_depth(scene_of(lights=[sun], steps=400), sun, points)
+    assert exact.mean() > 0.3
+    np.testing.assert_allclose(found, exact, atol=2e-4)
+
+
+@pytest.mark.parametrize("falloff", ["none", "inverse-square"])
+def test_a_point_light_is_a_spot_without_a_cone(falloff):
+    place = {"from_": (1.5, 2.5, 1.0), "intensity": (50, 60, 70), "falloff": falloff}
+    spot, point = SpotLight(**place, to=(0, 0, 0), cone=80.0), PointLight(**place)
+    march = {"sampling": "world"}  # a point light's projective depth is constant
+    images = [reference.render(scene_of(lights=[light], march=march)) for light in (spot, point)]
+    assert images[0][..., :3].max() > 0.1
+    np.testing.assert_allclose(*images, rtol=1e-12)
+    projective = reference.render(scene_of(lights=[point], march={"sampling": "projective"}))
+    assert (projective == images[1]).all()
+
+
+def test_a_point_lights_map_has_what_the_march_has():
+    point = PointLight(from_=(0.05, 0.1, -0.1), intensity=(5, 6, 7))  # within: all of the sphere is used
+    scene = scene_of(random_volume(np.random.default_rng(4)), [point], res=96, coeffs=16, steps=100)
+    images = [reference.render(scene, method) for method in ("tfm", "dual")]
+    np.testing.assert_allclose(*images, atol=0.02 * images[1].max())
+
+
+def test_an_environment_is_the_sum_of_its_suns():
+    sky = EnvironmentLight(intensity=(1, 2, 3), samples=3)
+    bounds = constant_volume().bounds
+    suns = [part.fitted(bounds) for part in sky.parts()]
+    whole = reference.render(scene_of(lights=[sky]))
+    parts = [reference.render(scene_of(lights=[sun])) for sun in suns]
+    np.testing.assert_allclose(whole[..., :3], np.sum(parts, axis=0)[..., :3], rtol=1e-12)
+    np.testing.assert_allclose(whole[..., 3], parts[0][..., 3], rtol=1e-12)
+    assert whole[..., :3].max() > 0.1
+
+
+def test_a_disk_of_light_is_the_sum_of_its_points():
+    disk = WIDE.replace(radius=0.5, samples=3)
+    whole = reference.render(scene_of(lights=[disk]))
+    parts = [reference.render(scene_of(lights=[part])) for part in disk.parts()]
+    np.testing.assert_allclose(whole[..., :3], np.sum(parts, axis=0)[..., :3], rtol=1e-12)
+
+
+def test_a_texture_colours_what_arrives(tmp_path):
+    np.save(tmp_path / "halves.npy", np.array([[[1.0, 0, 0], [0, 0, 1]]]))  # red left, blue right
+    light = SpotLight(from_=(0, 0, 3), to=(0, 0, 0), texture=str(tmp_path / "halves.npy"), intensity=2)
+    points = np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]])
+    arriving = reference.unshadowed(constant_volume(), light, points)
+    np.testing.assert_allclose(arriving, [[2, 0, 0], [1, 0, 1], [0, 0, 2]], atol=1e-12)

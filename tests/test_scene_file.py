@@ -52,6 +52,13 @@ falloff = "inverse-square"
 from = [-3, 4, 2]
 to = [0, 0, 0]
 
+[ambient]
+radiance = [0.1, 0.2, 0.3]
+
+[shadow]
+res = 256
+filter = "nearest"
+
 [map]
 basis = "dct"
 coeffs = 6
@@ -71,6 +78,7 @@ blur_kernel = "box"
 method = "dual"
 steps = 60
 sampling = "world"
+attenuation = "paper"
 max_stretch = 8
 cutoff = 0.01
 skip_empty = false
@@ -148,6 +156,7 @@ def test_every_key_arrives(folder):
         method="dual",
         steps=60,
         sampling="world",
+        attenuation="paper",
         max_stretch=8,
         cutoff=0.01,
         skip_empty=False,

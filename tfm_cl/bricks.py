@@ -22,7 +22,7 @@ from tfm_cl.leaves import LEAF, Leaves
 from tfm_cl.passes.launch import int4
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from tfm_cl.passes.launch import Launcher
 
@@ -44,28 +44,31 @@ SLAB_BYTES = 64 << 20
 """Leaves uploaded at a time."""
 TABLE_ENTRY = 4
 """Bytes of a brick in the table."""
+ANY_GRID = {"TFM_POOLS": 1, "TFM_VOLUMES": 1}
+"""Macros of kernels that make records and read none."""
 BATCH = 1024
 """Leaves looked at at a time on the host."""
 
 
 @dataclass(frozen=True)
 class BrickGrid:
-    """A volume's bricks on a device."""
+    """The bricks of one or several volumes on a device."""
 
     table: cl.Buffer
-    """int [z, y, x] of the bricks: number of the record, from 1, or minus the distance to the nearest."""
+    """int [z, y, x] of the bricks, a volume after the other: number of the record, from 1, or minus the
+    distance to the nearest."""
     pools: tuple[cl.Buffer, ...]
     """Records, ``pool_size`` each; record 0 is all zero."""
-    brick_count: tuple[int, int, int]
-    """Bricks along x, y, z."""
+    brick_counts: tuple[tuple[int, int, int], ...]
+    """Of each volume, bricks along x, y, z."""
     occupied: int
     """Bricks with density."""
     records: int
     """Blocks with density, and the zero record."""
     pool_size: int
     voxels: VoxelType
-    exponent: int
-    """A stored voxel times two to this power is the volume's."""
+    exponents: tuple[int, ...]
+    """A stored voxel times two to this power is its volume's."""
 
     @property
     def defines(self) -> dict[str, int]:
@@ -73,6 +76,7 @@ class BrickGrid:
         return {
             "TFM_VOXEL_BITS": VOXEL_BITS[self.voxels],
             "TFM_POOLS": 1 if len(self.pools) == 1 else MOST_POOLS,
+            "TFM_VOLUMES": len(self.brick_counts),
         }
 
     @property
@@ -133,15 +137,15 @@ def _count_blocks(leaves: Leaves, lanes: int) -> int:
     return len(found)
 
 
-def build_bricks(launcher: Launcher, leaves: Leaves, what: str, voxels: VoxelType) -> BrickGrid:
-    """Put leaves on the device as bricks.
+def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxels: VoxelType) -> BrickGrid:
+    """Put the leaves of volumes on the device as bricks.
 
     Parameters
     ----------
-    leaves
-        The volume's voxels.
+    volumes
+        Each volume's voxels.
     what
-        Names the volume in messages.
+        Names them in messages.
     voxels
         Type that records are stored in. ``f16``: relative error 2⁻¹¹ (absolute 3e-8 of the largest
         density); ``u8``: absolute error 1/510 of the largest density of the block.
@@ -151,24 +155,31 @@ def build_bricks(launcher: Launcher, leaves: Leaves, what: str, voxels: VoxelTyp
     DeviceMemoryError
         When the records exceed the device's memory, or `MOST_POOLS` of its largest buffers.
     """
-    count = brick_count_of(leaves.shape)
-    if math.prod(count) > MAX_INDEX:
-        raise DeviceMemoryError(f"{what} has {math.prod(count):,} bricks; kernels index {MAX_INDEX:,}")
-    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * math.prod(count))
-    slabs = list(_slabs(launcher, leaves, count[2]))
-    flags = np.concatenate([_occupied(launcher, slab, count) for slab in slabs])
-    blocks = _any_of_blocks(flags)
-    records = int(np.count_nonzero(blocks)) + 1
+    counts = tuple(brick_count_of(leaves.shape) for leaves in volumes)
+    bricks = sum(map(math.prod, counts))
+    if bricks > MAX_INDEX:
+        raise DeviceMemoryError(f"{what} has {bricks:,} bricks; kernels index {MAX_INDEX:,}")
+    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * bricks)
+    slabs = [list(_slabs(launcher, leaves, count[2])) for leaves, count in zip(volumes, counts, strict=True)]
+    flags = [
+        np.concatenate([_occupied(launcher, slab, count) for slab in of_volume])
+        for of_volume, count in zip(slabs, counts, strict=True)
+    ]
+    blocks = [_any_of_blocks(of_volume) for of_volume in flags]
+    records = 1 + sum(int(np.count_nonzero(of_volume)) for of_volume in blocks)
     pools, pool_size = _allocate(launcher, what, records, voxels)
-    exponent = _exponent(leaves.max()) if voxels == "f16" else 0
-    grid = BrickGrid(table, pools, count, int(np.count_nonzero(flags)), records, pool_size, voxels, exponent)
-    done = 1
-    for slab in slabs:
-        first, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
-        places = np.argwhere(blocks[first:end])[:, ::-1] + (0, 0, first)
-        _fill(launcher, slab, grid, places, done)
-        done += len(places)
-    launcher.write(table, brick_table(flags, blocks))
+    exponents = tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in volumes)
+    occupied = sum(int(np.count_nonzero(of_volume)) for of_volume in flags)
+    grid = BrickGrid(table, pools, counts, occupied, records, pool_size, voxels, exponents)
+    done, tables = 1, []
+    for i, of_volume in enumerate(slabs):
+        tables.append(brick_table(flags[i], blocks[i], done).ravel())
+        for slab in of_volume:
+            first, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
+            places = np.argwhere(blocks[i][first:end])[:, ::-1] + (0, 0, first)
+            _fill(launcher, slab, grid, exponents[i], places, done)
+            done += len(places)
+    launcher.write(table, np.concatenate(tables))
     return grid
 
 
@@ -179,10 +190,13 @@ def _any_of_blocks(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(split.any(axis=(1, 3, 5)))
 
 
-def brick_table(flags: NDArray[np.bool_], blocks: NDArray[np.bool_]) -> NDArray[np.int32]:
+def brick_table(
+    flags: NDArray[np.bool_], blocks: NDArray[np.bool_], first_record: int = 1
+) -> NDArray[np.int32]:
     """Give bricks with density their block's record, others minus their chessboard distance.
 
-    Records are numbered from 1, z-major. Distances stop at `FARTHEST`: a jump may be shorter than it could.
+    Records are numbered from ``first_record``, z-major. Distances stop at `FARTHEST`: a jump may be shorter
+    than it could.
     """
     table = np.full(flags.shape, -FARTHEST, np.int32)
     reached = flags
@@ -193,7 +207,7 @@ def brick_table(flags: NDArray[np.bool_], blocks: NDArray[np.bool_]) -> NDArray[
             break
         reached = grown
     numbers = np.zeros(blocks.shape, np.int32)
-    numbers[blocks] = np.arange(1, np.count_nonzero(blocks) + 1, dtype=np.int32)
+    numbers[blocks] = np.arange(first_record, first_record + np.count_nonzero(blocks), dtype=np.int32)
     for axis in range(3):
         numbers = numbers.repeat(BLOCK_BRICKS, axis=axis)
     np.copyto(table, numbers, where=flags)
@@ -273,7 +287,7 @@ def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> N
     shape = (slab.end_layer - slab.first_layer, count[1], count[0])
     if not len(slab.values):
         return np.zeros(shape, np.bool_)
-    kernel = launcher.kernels.kernel("find_occupied", "bricks.cl", (), {"TFM_VOXEL_BITS": 32, "TFM_POOLS": 1})
+    kernel = launcher.kernels.kernel("find_occupied", "bricks.cl", (), {"TFM_VOXEL_BITS": 32, **ANY_GRID})
     flags = launcher.empty("the occupied bricks", math.prod(shape))
     launcher.run(
         kernel,
@@ -309,11 +323,18 @@ def _exponent(largest: float) -> int:
     return math.frexp(largest)[1] - 1 if largest > 0 else 0
 
 
-def _fill(launcher: Launcher, slab: _Slab, grid: BrickGrid, places: NDArray[np.int64], record: int) -> None:
+def _fill(
+    launcher: Launcher,
+    slab: _Slab,
+    grid: BrickGrid,
+    exponent: int,
+    places: NDArray[np.int64],
+    record: int,
+) -> None:
     """Write the records of the blocks at ``places`` [N, 3] (x, y, z), numbered from ``record``."""
     if not len(places):
         return
-    kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), grid.defines | {"TFM_POOLS": 1})
+    kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), grid.defines | ANY_GRID)
     leaf_arguments = _leaf_arguments(launcher, slab)
     while len(places):
         pool, within = divmod(record, grid.pool_size)
@@ -327,7 +348,7 @@ def _fill(launcher: Launcher, slab: _Slab, grid: BrickGrid, places: NDArray[np.i
             launcher.upload("the blocks' places", blocks),
             np.int32(len(here)),
             np.int32(within),
-            np.int32(-grid.exponent),
+            np.int32(-exponent),
             grid.pools[pool],
         )
         places, record = places[len(here) :], record + len(here)

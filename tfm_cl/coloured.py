@@ -46,7 +46,7 @@ def grey_scenes(scene: Scene) -> tuple[Scene, ...]:
             medium=medium.replace(sigma_s=medium.sigma_s[c], sigma_a=medium.sigma_a[c]),
             lights=tuple(light.replace(intensity=light.intensity[c]) for light in scene.lights),
         )
-        for c, volume in enumerate(scene.volume.channels)
+        for c, volume in enumerate(scene.grid.channels)
     )
 
 
@@ -135,7 +135,7 @@ def _joined_image(results: list[RenderResult]) -> NDArray[np.float32]:
 
 
 def _joined_layers(results: list[RenderResult]) -> dict[str, NDArray[np.float32]]:
-    opacities = np.stack([result.image[..., 3] for result in results])
+    opacities = np.stack([1 - result.aovs["transmittance"].mean(axis=-1) for result in results])
     layers = {}
     for name in results[0].aovs:
         parts = np.stack([result.aovs[name] for result in results])

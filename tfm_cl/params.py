@@ -9,6 +9,8 @@ scenes far from the origin keep float32's full precision.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,8 +21,10 @@ from tfm_cl.bases.base import UNIFORM_SHARE
 from tfm_cl.camera import Camera
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
+from tfm_cl.model import LARGEST_COORDINATE
 from tfm_cl.scene import Scene
 from tfm_cl.volume import Volume
+from tfm_cl.volumes import MOST_VOLUMES
 
 if TYPE_CHECKING:
     from tfm_cl.bricks import BrickGrid
@@ -37,12 +41,18 @@ class Field:
 
 
 FIELDS = (
-    Field("float", "index_from_world", 12, "3x4 row major, to the padded grid: 0 is the zero border"),
-    Field("int", "grid_size", 3, "padded grid x, y, z: one zero voxel on each side"),
-    Field("int", "brick_count", 3, "bricks x, y, z that cover it"),
+    Field(
+        "float",
+        "index_from_world",
+        12 * MOST_VOLUMES,
+        "3x4 row major, to each padded grid: 0 is the zero border",
+    ),
+    Field("int", "grid_size", 3 * MOST_VOLUMES, "padded grid x, y, z: one zero voxel on each side"),
+    Field("int", "brick_count", 3 * MOST_VOLUMES, "bricks x, y, z that cover it"),
+    Field("int", "first_brick", MOST_VOLUMES, "where each volume's bricks begin in the table"),
     Field("int", "pool_size", 1, "records in a pool"),
     Field("int", "skip_empty", 1, "1: jump over bricks without density"),
-    Field("float", "density_scale", 1, "density = density_scale * voxel as stored"),
+    Field("float", "density_scale", MOST_VOLUMES, "density = density_scale * voxel as stored"),
     Field("float", "sigma_t", 3, "extinction at density 1, RGB, per world unit"),
     Field("float", "albedo", 3, "sigma_s / sigma_t, RGB; 0 where sigma_t is 0"),
     Field("float", "phase", 4, "parameters of the phase function"),
@@ -55,13 +65,23 @@ FIELDS = (
     Field("int", "view_steps", 1, "samples along the lit part of a camera ray"),
     Field("int", "projective", 1, "1: uniform in projective space (section 4.2), 0: in the world"),
     Field("float", "max_stretch", 1, "longest projective step over the mean one"),
+    Field("int", "paper_attenuation", 1, "1: algorithm 1 as printed, dimmed within the light's cone only"),
     Field("float", "cutoff", 1, "a camera ray ends where no colour has more transmittance left"),
     Field("float", "world_from_light", 12, "3x4 row major, rigid; the light looks along +z"),
     Field("float", "light_from_world", 12, "its inverse"),
     Field("float", "light_shape", 4, "parameters of the light's kind"),
     Field("float", "light_intensity", 3, "RGB"),
-    Field("float", "light_in_grid", 3, "its position in the padded grid"),
     Field("float", "light_nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
+    Field("float", "medium_half", 3, "homogeneous: half sizes of the box, or the radius first; middle at 0"),
+    Field("float", "medium_density", 1, "density of a homogeneous medium"),
+    Field("float", "medium_visible", 1, "distance in it beyond which the cutoff ends a camera ray"),
+    Field("int", "light_in_medium", 1, "1: the light lies in it"),
+    Field("int", "lit_pixels", 4, "x0, y0, x1, y1 of the pixels that the light may change"),
+    Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
+    Field("int", "shadow_res", 1, "texels along each side of the shadow map"),
+    Field("int", "first_shadow", 1, "where it begins in its buffer"),
+    Field("int", "texture_size", 2, "columns and rows of the light's texture"),
+    Field("int", "first_texel", 1, "where it begins in its buffer"),
     Field("int", "map_res", 1, "texels along each side of the map"),
     Field("int", "light_steps", 1, "steps along a light ray"),
     Field("float", "density_weighting", 1, "alpha of eq. 19"),
@@ -73,6 +93,11 @@ FIELDS = (
     Field("float", "uniform_share", 1, "of the uniform weight in the visibility-weighted fit"),
 )
 
+LEAST_CUTOFF = 1e-7
+"""Of a camera ray in a homogeneous medium: it may be infinite."""
+SMALLEST_SIZE = 1e-6
+"""World units, of what a millionth is the distance at which inverse-square falloff stops growing."""
+
 DTYPE = np.dtype(
     [
         (f.name, np.float32 if f.kind == "float" else np.int32, (f.count,) if f.count > 1 else ())
@@ -82,11 +107,11 @@ DTYPE = np.dtype(
 
 
 def c_declaration() -> str:
-    """Return the struct as OpenCL C, one commented member a line."""
+    """Return the struct as OpenCL C, one commented member a line, and ``PARAMS``, how kernels take it."""
     members = (
         f"  {f.kind} {f.name}{f'[{f.count}]' if f.count > 1 else ''};  /* {f.meaning} */" for f in FIELDS
     )
-    return "\n".join(["typedef struct {", *members, "} Params;"])
+    return "\n".join(["typedef struct {", *members, "} Params;", "#define PARAMS __global const Params *"])
 
 
 def fill(
@@ -98,40 +123,29 @@ def fill(
     bricks: BrickGrid | None = None,
     field: NDArray[np.float32] | None = None,
     number_unit: float = 1.0,
+    texture_size: tuple[int, int] = (1, 1),
 ) -> NDArray[Any]:
     """Return the struct, as a 0-d array of `DTYPE`, for one light of a scene.
 
     Without ``bricks`` no density can be read.
     """
     params = np.zeros((), dtype=DTYPE)
-    world_from_device = np.eye(4)
-    world_from_device[:3, 3] = scene.volume.bounds.mean(axis=0)
+    world_from_device = _world_from_device(scene)
     device_from_world = np.linalg.inv(world_from_device)
-    _fill_volume(params, scene.volume, world_from_device)
+    for i, volume in enumerate(scene.volume.parts):
+        _fill_volume(params, i, volume, world_from_device)
     if bricks is not None:
-        params["brick_count"] = bricks.brick_count
-        params["pool_size"] = bricks.pool_size
-        params["density_scale"] = scene.volume.density_scale * 2.0**bricks.exponent
+        _fill_bricks(params, scene.volume.parts, bricks)
     params["skip_empty"] = scene.march.skip_empty
-    params["cutoff"] = scene.march.cutoff
-    sigma_t = scene.medium.sigma_t
-    params["sigma_t"] = sigma_t
-    params["albedo"] = np.divide(scene.medium.sigma_s, sigma_t, out=np.zeros(3), where=sigma_t > 0)
-    phase = scene.medium.phase.kernel_parameters()
-    params["phase"][: len(phase)] = phase
-    _fill_camera(params, scene.camera, device_from_world)
-    params["crop"] = crop
-    params["view_steps"] = scene.march.steps
-    params["projective"] = scene.march.sampling == "projective"
-    params["max_stretch"] = min(scene.march.max_stretch, 1e30)
+    params["shadow_res"] = scene.shadow.res
+    params["texture_size"] = texture_size
+    _fill_view(params, scene, crop, device_from_world)
     frame = light.frame()
     device_from_light = device_from_world @ frame.world_from_light
     params["world_from_light"] = device_from_light[:3].ravel()
     params["light_from_world"] = np.linalg.inv(device_from_light)[:3].ravel()
     params["light_shape"][: len(frame.shape)] = frame.shape
     params["light_intensity"] = light.intensity
-    padded_from_world = padded_from_index() @ np.linalg.inv(scene.volume.world_from_index)
-    params["light_in_grid"] = (padded_from_world @ frame.world_from_light)[:3, 3]
     params["light_nearest_inverse"] = 1e6 / np.linalg.norm(np.diff(scene.volume.bounds, axis=0))
     if field is not None:
         params["field_res"] = len(field)
@@ -147,6 +161,52 @@ def fill(
     return params
 
 
+def fill_homogeneous(scene: Scene, *, crop: tuple[int, int, int, int]) -> NDArray[Any]:
+    """Return the structs, [lights] of `DTYPE`, for the lights of a scene with a `Homogeneous` volume.
+
+    What is kept in buffers (shadow maps, textures, lit pixels) is left at 0.
+
+    Parameters
+    ----------
+    scene
+        Of single lights, fitted to the volume.
+    """
+    volume = scene.volume
+    world_from_device = _world_from_device(scene)
+    device_from_world = np.linalg.inv(world_from_device)
+    common = np.zeros((), dtype=DTYPE)
+    _fill_view(common, scene, crop, device_from_world)
+    common["medium_half"] = half_sizes = volume.half_sizes
+    common["medium_density"] = volume.density
+    extinction = scene.medium.sigma_t * volume.density
+    seen = extinction[extinction > 0]
+    if seen.size:
+        common["medium_visible"] = min(visible_depth(scene.march.cutoff) / seen.min(), LARGEST_COORDINATE)
+    lights = scene.lights
+    params = np.broadcast_to(common, len(lights)).copy()
+    frames = [light.frame() for light in lights]
+    device_from_light = device_from_world @ np.stack([frame.world_from_light for frame in frames])
+    params["world_from_light"] = device_from_light[:, :3].reshape(-1, 12)
+    params["light_from_world"] = np.linalg.inv(device_from_light)[:, :3].reshape(-1, 12)
+    for shape, frame in zip(params["light_shape"], frames, strict=True):
+        shape[: len(frame.shape)] = frame.shape
+    params["light_intensity"] = [light.intensity for light in lights]
+    # A sun is in no medium, wherever its map begins.
+    placed = np.array([light.lit_cone() is not None for light in lights])
+    params["light_in_medium"] = placed & volume.contains(device_from_light[:, :3, 3])
+    sizes = np.full(len(lights), np.linalg.norm(half_sizes) * 2)
+    if not np.isfinite(sizes).all():
+        # Nothing else has a size where the medium has none.
+        sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)
+    params["light_nearest_inverse"] = 1e6 / np.maximum(sizes, SMALLEST_SIZE)
+    return params
+
+
+def visible_depth(cutoff: float) -> float:
+    """Optical depth at which a camera ray in a homogeneous medium ends."""
+    return -math.log(max(cutoff, LEAST_CUTOFF))
+
+
 def reference_extinction(medium: Medium) -> float:
     """Choose the extinction at density 1 that visibility is meant for: of the colour that sees deepest."""
     seen = medium.sigma_t[medium.sigma_t > 0]
@@ -160,11 +220,52 @@ def padded_from_index() -> NDArray[np.float64]:
     return matrix
 
 
-def _fill_volume(params: NDArray[Any], volume: Volume, world_from_device: NDArray[np.float64]) -> None:
+def _world_from_device(scene: Scene) -> NDArray[np.float64]:
+    """4×4: the middle of the volume's bounds, or the camera where they are infinite, is the device's origin."""
+    matrix = np.eye(4)
+    bounds = scene.volume.bounds
+    matrix[:3, 3] = bounds.mean(axis=0) if np.isfinite(bounds).all() else scene.camera.from_
+    return matrix
+
+
+def _fill_view(
+    params: NDArray[Any],
+    scene: Scene,
+    crop: tuple[int, int, int, int],
+    device_from_world: NDArray[np.float64],
+) -> None:
+    """Fill in medium, camera and march: what is the same for all lights and volumes."""
+    params["cutoff"] = scene.march.cutoff
+    params["paper_attenuation"] = scene.march.attenuation == "paper"
+    sigma_t = scene.medium.sigma_t
+    params["sigma_t"] = sigma_t
+    params["albedo"] = np.divide(scene.medium.sigma_s, sigma_t, out=np.zeros(3), where=sigma_t > 0)
+    phase = scene.medium.phase.kernel_parameters()
+    params["phase"][: len(phase)] = phase
+    _fill_camera(params, scene.camera, device_from_world)
+    params["crop"] = crop
+    params["view_steps"] = scene.march.steps
+    params["projective"] = scene.march.sampling == "projective"
+    params["max_stretch"] = min(scene.march.max_stretch, 1e30)
+
+
+def _fill_volume(
+    params: NDArray[Any], i: int, volume: Volume, world_from_device: NDArray[np.float64]
+) -> None:
     z, y, x = volume.shape
     padded_from_device = padded_from_index() @ np.linalg.inv(volume.world_from_index) @ world_from_device
-    params["index_from_world"] = padded_from_device[:3].ravel()
-    params["grid_size"] = (x + 2, y + 2, z + 2)
+    params["index_from_world"][12 * i : 12 * i + 12] = padded_from_device[:3].ravel()
+    params["grid_size"][3 * i : 3 * i + 3] = (x + 2, y + 2, z + 2)
+
+
+def _fill_bricks(params: NDArray[Any], volumes: Sequence[Volume], bricks: BrickGrid) -> None:
+    params["pool_size"] = bricks.pool_size
+    first = 0
+    for i, (volume, count) in enumerate(zip(volumes, bricks.brick_counts, strict=True)):
+        params["brick_count"][3 * i : 3 * i + 3] = count
+        params["first_brick"][i] = first
+        params["density_scale"][i] = volume.density_scale * 2.0 ** bricks.exponents[i]
+        first += math.prod(count)
 
 
 def _fill_camera(params: NDArray[Any], camera: Camera, device_from_world: NDArray[np.floating]) -> None:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tfm_cl.camera import Camera
-from tfm_cl.lights import Light, parse_light
+from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
 
 if TYPE_CHECKING:
     from tfm_cl.volume import Volume
+    from tfm_cl.volumes import Volumes
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
 """From the volume to the camera: in front, a little to the right and above (y is up)."""
@@ -27,7 +28,7 @@ OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
 
 
-def camera_for(volume: "Volume", /, **given: Any) -> Camera:
+def camera_for(volume: "Volume | Volumes", /, **given: Any) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame."""
     centre, radius = _sphere(volume)
     given.setdefault("to", _point(centre, radius))
@@ -46,18 +47,33 @@ def camera_for(volume: "Volume", /, **given: Any) -> Camera:
     return Camera(**given)
 
 
-def light_for(volume: "Volume", camera: Camera, /, **given: Any) -> Light:
-    """Make a light from the keys given: a spot above and to the left whose cone holds the medium."""
+def light_for(volume: "Volume | Volumes", camera: Camera, /, **given: Any) -> Light:
+    """Make a light from the keys given: of any type, above and to the left; a spot's cone holds the medium.
+
+    With the intensity chosen here, what reaches the volume's centre through no medium is `INTENSITY`
+    whatever the type, falloff and distance.
+    """
+    kind = given.get("type", "spot")
+    keys = LIGHTS[kind].keys() if isinstance(kind, str) and kind in LIGHTS else {}
+    if "from" not in keys:
+        given.setdefault("intensity", round(INTENSITY / (4 * math.pi), 2))
+        return parse_light(given)
     centre, radius = _sphere(volume)
     right, up, forward = camera.world_from_camera[:3, :3].T
     left_up_front = TOWARDS_LIGHT[0] * right + TOWARDS_LIGHT[1] * up - TOWARDS_LIGHT[2] * forward
-    given.setdefault("to", _point(centre, radius))
     given.setdefault("from", _along(centre, left_up_front, LIGHT_DISTANCE * radius, radius))
-    given.setdefault("intensity", INTENSITY)
+    if "to" in keys:
+        given.setdefault("to", _point(centre, radius))
     distance = float(np.linalg.norm(centre - _vector(given["from"])))
-    # From inside the sphere no cone holds it: take a wide one.
-    half_angle = np.degrees(np.arcsin(radius / distance)) + 0.5 if distance > radius else WIDEST_CONE
-    given.setdefault("cone", round(min(float(half_angle), WIDEST_CONE), 1))
+    intensity = INTENSITY
+    if given.get("falloff") == "inverse-square":
+        # Three digits, and from inside as from the surface: the volume begins at no distance.
+        intensity = float(f"{min(INTENSITY * max(distance, radius) ** 2, LARGEST_COLOUR):.3g}")
+    given.setdefault("intensity", intensity)
+    if "cone" in keys:
+        # From inside the sphere no cone holds it: take a wide one.
+        half_angle = np.degrees(np.arcsin(radius / distance)) + 0.5 if distance > radius else WIDEST_CONE
+        given.setdefault("cone", round(min(float(half_angle), WIDEST_CONE), 1))
     return parse_light(given)
 
 
@@ -79,11 +95,11 @@ def density_scale_for(volume: "Volume") -> float:
     return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
 
 
-def _corners(volume: "Volume") -> np.ndarray:
+def _corners(volume: "Volume | Volumes") -> np.ndarray:
     return np.array(list(itertools.product(*volume.occupied_bounds.T)))
 
 
-def _sphere(volume: "Volume") -> tuple[np.ndarray, float]:
+def _sphere(volume: "Volume | Volumes") -> tuple[np.ndarray, float]:
     low, high = volume.occupied_bounds
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 

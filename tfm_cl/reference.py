@@ -3,7 +3,8 @@
 Small enough to read in one sitting. Rays are arrays ``[rays, 3]`` in world space with unit directions,
 distances and optical depths ``[rays]``; Python loops run over steps and lights only. An interval (begin,
 end) is the part of a ray between two distances ≥ 0, (0, 0) where there is none. Optical depths are the
-density's alone (TFM eq. 13); the medium's colour enters as exp(-σ_t τ) (eq. 14).
+density's alone (TFM eq. 13); the medium's colour enters as exp(-σ_t τ) (eq. 14). Solids are traced by
+`tfm_cl.solids.tracer`, which has tests of its own; what is done with its answers is done here again.
 
 Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011 (TFM).
 """
@@ -22,18 +23,23 @@ from tfm_cl.bases import BASES
 from tfm_cl.bases.base import UNIFORM_SHARE, Functions
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import SpotLight
+from tfm_cl.lights import Arrival, Light, SpotLight
 from tfm_cl.scene import Scene
 from tfm_cl.settings import MapSettings
 from tfm_cl.volume import Volume
+from tfm_cl.volumes import Volumes
 
 if TYPE_CHECKING:
+    from tfm_cl.solids.tracer import Tracer
     from tfm_cl.transmittance_map import TransmittanceMap
 
 Floats = NDArray[np.float64]
 Interval = tuple[Floats, Floats]
 Method = Literal["tfm", "dual"]
 Crop = tuple[int, int, int, int]
+Grids = Volume | Volumes
+Shadows = Literal["exact", "map"]
+"""Of solids in the medium: traced to every sample, or looked up in the scene's ``[shadow]`` map."""
 
 CHUNK = 1 << 13
 """Rays at a time: bounds the memory, and keeps the arrays in the cache."""
@@ -41,8 +47,8 @@ DARKEST = 1e-37
 """Smallest transmittance looked up in a map: near float32's smallest normal number."""
 AUTO_RES = 64
 """Texels along a side of the map that ``density_weighting = "auto"`` looks at."""
-TINY = 1e-100
-"""Keeps points at the light from dividing by 0."""
+EDGE_MARGIN = 1e-3
+"""Of a map's width: what passes it by further than this meets no medium (``kernels/map.h``)."""
 
 
 class Rays(NamedTuple):
@@ -60,8 +66,16 @@ class Rays(NamedTuple):
         return Rays(self.origins[which], self.directions[which])
 
 
-def density(volume: Volume, points: Floats) -> Floats:
-    """D at world-space ``points [..., 3]``: trilinear between voxel centres, 0 one voxel beyond them."""
+def density(volume: Grids, points: Floats) -> Floats:
+    """D at world-space ``points [..., 3]``: of all volumes together, each `_density_of_one`."""
+    total = np.zeros(points.shape[:-1])
+    for part in volume.parts:
+        total += _density_of_one(part, points)
+    return total
+
+
+def _density_of_one(volume: Volume, points: Floats) -> Floats:
+    """Trilinear between voxel centres, 0 one voxel beyond them."""
 
     def neighbours(at: Floats, count: int) -> list[tuple[NDArray[np.intp], Floats]]:
         at = np.clip(at, -1, count)  # all further out is 0 as well
@@ -86,8 +100,22 @@ def _to_index(volume: Volume, vectors: Floats, w: int) -> Floats:
     return index
 
 
-def march_bounds(volume: Volume, origins: Floats, directions: Floats) -> Interval:
-    """Interval of each ray inside the index-space box [-1, N], outside of which D = 0."""
+def march_bounds(
+    volume: Grids, origins: Floats, directions: Floats, limit: Floats | float = np.inf
+) -> Interval:
+    """Interval of each ray, up to ``limit``, from the first to the last of the boxes that it meets.
+
+    A volume's is the index-space box [-1, N], outside of which its D = 0. Between boxes D = 0 too, but steps
+    are taken there.
+    """
+    boxes = [_box_bounds(part, origins, directions, limit) for part in volume.parts]
+    met = [end > begin for begin, end in boxes]
+    first = np.min([np.where(hit, begin, np.inf) for hit, (begin, _) in zip(met, boxes, strict=True)], axis=0)
+    last = np.max([np.where(hit, end, -np.inf) for hit, (_, end) in zip(met, boxes, strict=True)], axis=0)
+    return _interval(first, last)
+
+
+def _box_bounds(volume: Volume, origins: Floats, directions: Floats, limit: Floats | float) -> Interval:
     origin, direction = _to_index(volume, origins, 1), _to_index(volume, directions, 0)
     size = np.array(volume.shape[::-1])
     along = direction != 0
@@ -95,35 +123,12 @@ def march_bounds(volume: Volume, origins: Floats, directions: Floats) -> Interva
     to_high = np.divide(size - origin, direction, out=np.full(origin.shape, np.inf), where=along)
     passes = (along | ((origin >= -1) & (origin <= size))).all(axis=-1)
     begin, end = np.minimum(to_low, to_high).max(axis=-1), np.maximum(to_low, to_high).min(axis=-1)
-    return _interval(begin, np.where(passes, end, -np.inf))
+    return _interval(begin, np.where(passes, np.minimum(end, limit), -np.inf))
 
 
 def cone_interval(light: SpotLight, origins: Floats, directions: Floats) -> Interval:
     """Interval of each ray inside the light's solid cone; the end may be infinite."""
-    matrix, slope = light.frame().world_from_light, np.tan(np.radians(light.cone))
-    origin, direction = (origins - matrix[:3, 3]) @ matrix[:3, :3], directions @ matrix[:3, :3]
-    # From the ray's point nearest to the apex the roots keep their digits however far the camera is.
-    nearest = -(origin * direction).sum(axis=-1)
-    origin = origin + nearest[:, None] * direction
-    # Both nappes: z² slope² - x² - y² = a t² + 2 b t + c ≥ 0.
-    metric = np.array([-1.0, -1.0, slope**2])
-    a, b, c = (
-        (one * other * metric).sum(axis=-1)
-        for one, other in ((direction, direction), (origin, direction), (origin, origin))
-    )
-    discriminant = b * b - a * c
-    root = -(b + np.copysign(np.sqrt(np.maximum(discriminant, 0)), b))
-    # A ray parallel to the side (a = 0) has one of its roots at infinity.
-    one = np.divide(root, a, out=np.copysign(np.inf, -b), where=a != 0)
-    other = np.divide(c, root, out=np.zeros_like(c), where=root != 0)
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    # a ≥ 0: the ray runs from one nappe into the other. a < 0: it crosses one nappe, if any.
-    steep, forward = a >= 0, direction[:, 2] > 0
-    height = origin[:, 2] - np.divide(b, a, out=np.zeros_like(b), where=a != 0) * direction[:, 2]
-    begin = np.where(steep, np.where(forward, high, -np.inf), low)
-    end = np.where(steep, np.where(forward, np.inf, low), high)
-    missed = ~steep & ((discriminant <= 0) | (height <= 0))
-    return _interval(begin + nearest, np.where(missed, -np.inf, end + nearest))
+    return light.interval(origins, directions)
 
 
 def _interval(begin: Floats, end: Floats) -> Interval:
@@ -152,7 +157,7 @@ def edges(
     return distance(np.arange(steps + 1) / steps), distance((np.arange(steps) + 0.5) / steps)
 
 
-def _march(volume: Volume, rays: Rays, steps: tuple[Floats, Floats]) -> Iterator[tuple[Floats, ...]]:
+def _march(volume: Grids, rays: Rays, steps: tuple[Floats, Floats]) -> Iterator[tuple[Floats, ...]]:
     """Yield, step by step of `edges`, sample distance, optical depth of the step and of all before."""
     boundaries, samples = steps
     before = np.zeros(len(samples))
@@ -162,7 +167,7 @@ def _march(volume: Volume, rays: Rays, steps: tuple[Floats, Floats]) -> Iterator
         before = before + depth
 
 
-def _optical_depth(volume: Volume, rays: Rays, interval: Interval, steps: int | NDArray[np.intp]) -> Floats:
+def _optical_depth(volume: Grids, rays: Rays, interval: Interval, steps: int | NDArray[np.intp]) -> Floats:
     """∫ D dt by the midpoint rule; the number of steps may differ from ray to ray."""
     begin, end = interval
     counts = np.broadcast_to(steps, begin.shape)
@@ -176,29 +181,43 @@ def _optical_depth(volume: Volume, rays: Rays, interval: Interval, steps: int | 
     return tau
 
 
-def _light_rays(light: SpotLight, points: Floats) -> tuple[Rays, Floats, Floats]:
-    """Rays from the light to points ``[rays, 3]``, the distances, and the points in light space."""
-    matrix = light.frame().world_from_light
-    offset = points - matrix[:3, 3]
-    distance = np.linalg.norm(offset, axis=-1)
-    directions = offset / np.maximum(distance, TINY)[:, None]
-    return Rays(np.broadcast_to(matrix[:3, 3], points.shape), directions), distance, offset @ matrix[:3, :3]
+def _light_rays(light: Light, points: Floats) -> tuple[Rays, Arrival]:
+    """Rays from the light to points ``[rays, 3]``, and how it arrives there."""
+    arrival = light.arrival(points)
+    return Rays(light.begins(points), arrival.direction), arrival
 
 
-def light_optical_depth(scene: Scene, light: SpotLight, points: Floats) -> Floats:
+def _grids(scene: Scene) -> Grids:
+    """Return the volumes of a scene that are marched."""
+    if not isinstance(scene.volume, Volume | Volumes):
+        raise SceneError("the reference marches grids, not a homogeneous volume")
+    return scene.volume
+
+
+def _fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:
+    """Return a light with a place for its map: its own, that of a map to compare with, or the scene's."""
+    if not light.needs_fitting:
+        return light
+    if like is not None and not like.light.needs_fitting:
+        return like.light
+    boxes = [box for box in (solid.bounds() for solid in scene.solids) if box is not None]
+    casters = np.array([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
+    return light.fitted(_grids(scene).bounds, casters)
+
+
+def light_optical_depth(scene: Scene, light: Light, points: Floats) -> Floats:
     """March from the light's entry into the bounds to each point: the inner march of the dual method."""
     scene = scene.resolved()
-    rays, distance, _ = _light_rays(light, points)
-    k_in, k_out = march_bounds(scene.volume, *rays)
-    return _optical_depth(scene.volume, rays, (k_in, np.clip(distance, k_in, k_out)), scene.map.steps)
+    volume = _grids(scene)
+    rays, arrival = _light_rays(_fitted(scene, light), points)
+    k_in, k_out = march_bounds(volume, *rays)
+    ends = np.clip(arrival.distance, k_in, k_out)
+    return _optical_depth(volume, rays, (k_in, ends), scene.map.steps)
 
 
-def map_rays(light: SpotLight, positions: Floats) -> Rays:
+def map_rays(light: Light, positions: Floats) -> Rays:
     """Rays of map positions ``[rays, 2]`` in [0, 1]², unit directions."""
-    matrix = light.frame().world_from_light
-    x, y = ((2 * positions - 1) * np.tan(np.radians(light.cone))).T[:, :, None]
-    directions = _unit(x * matrix[:3, 0] + y * matrix[:3, 1] + matrix[:3, 2])
-    return Rays(np.broadcast_to(matrix[:3, 3], directions.shape), directions)
+    return Rays(*light.rays(positions))
 
 
 def texel_positions(res: int) -> Floats:
@@ -207,7 +226,7 @@ def texel_positions(res: int) -> Floats:
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
 
 
-def texel_rays(light: SpotLight, res: int) -> Rays:
+def texel_rays(light: Light, res: int) -> Rays:
     """Rays through the texel centres of a map, in the order of `texel_positions`."""
     return map_rays(light, texel_positions(res))
 
@@ -222,10 +241,14 @@ def density_weighting(scene: Scene) -> float:
     if scene.map.density_weighting != "auto":
         return float(scene.map.density_weighting)
     scene = scene.resolved()
+    volume = _grids(scene)
     sigma_t, deepest = float(scene.medium.sigma_t.max()), 0.0
-    for rays in (texel_rays(light, AUTO_RES) for light in _spots(scene)):
-        bounds = march_bounds(scene.volume, *rays)
-        deepest = max(deepest, _optical_depth(scene.volume, rays, bounds, scene.map.steps).max())
+    for light in _lights(scene):
+        rays = texel_rays(light, AUTO_RES)
+        begin, end = march_bounds(volume, *rays)
+        if scene.solids:
+            end = np.clip(_clip(scene, light, AUTO_RES), begin, end)
+        deepest = max(deepest, _optical_depth(volume, rays, (begin, end), scene.map.steps).max())
     # α divides the density's optical depth, but the limits are meant for the medium's.
     return max(1.0, float(np.clip(sigma_t * deepest / 2, 1, 16)) / sigma_t) if sigma_t > 0 else 1.0
 
@@ -318,22 +341,45 @@ def _numbers(model: MapModel, depth: Floats) -> Floats:
     return solved
 
 
-def build_map(scene: Scene, light: SpotLight, like: TransmittanceMap | None = None) -> Floats:
-    """Numbers ``[y, x, n]`` of the texels' rays (TFM Alg. 2 as corrected; `kernels/projection.h`)."""
+def solid_distances(scene: Scene, light: Light) -> NDArray[np.float32]:
+    """Map of distances ``[y, x]`` from a light to the first solid, infinite without: ``shadow.res`` wide."""
+    from tfm_cl.visibility import Visibility  # noqa: PLC0415 - it builds on this module
+
+    distances = Visibility().distances(scene, _fitted(scene, light))
+    res = scene.shadow.res
+    return np.full((res, res), np.inf, np.float32) if distances is None else distances
+
+
+def _clip(scene: Scene, light: Light, res: int) -> Floats:
+    """Distances ``[res²]`` beyond which solids leave nothing lit near the texels' rays."""
+    from tfm_cl.visibility import clip_of  # noqa: PLC0415 - it builds on this module
+
+    return clip_of(solid_distances(scene, light), res).astype(np.float64).ravel()
+
+
+def build_map(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Floats:
+    """Numbers ``[y, x, n]`` of the texels' rays (TFM Alg. 2 as corrected; `kernels/projection.h`).
+
+    Behind the step in which solids end what is lit, the transmittance stays as it is there.
+    """
     scene = scene.resolved()
-    model = map_model(scene, like)
+    model, light = map_model(scene, like), _fitted(scene, light, like)
+    volume = _grids(scene)
     res, positions = model.settings.res, texel_positions(model.settings.res)
     numbers = np.zeros((res * res, model.settings.coeffs))
     counts = _steps_of_rays(model, positions)
+    clip = _clip(scene, light, res) if scene.solids else np.full(res * res, np.inf)
     for steps in np.unique(counts):
         these = np.flatnonzero(counts == steps)
         for part in np.array_split(these, 1 + len(these) // CHUNK):
             rays = map_rays(light, positions[part])
-            begin, end = march_bounds(scene.volume, *rays)
+            begin, end = march_bounds(volume, *rays)
             if model.settings.range != "box":
                 begin, end = bilinear(model.field, positions[part])[:, :2].T
-            marched = _march(scene.volume, rays, edges(begin, end, int(steps)))
+            boundaries, samples = edges(begin, end, int(steps))
+            marched = _march(volume, rays, (boundaries, samples))
             depth = np.stack([depth for _, depth, _ in marched], axis=1)
+            depth[boundaries[:, :-1] > clip[part, None]] = 0
             numbers[part] = _numbers(model, depth)
             numbers[part[end <= begin]] = 0  # a ray that misses the medium stays clear
     if model.settings.target == "transmittance" and _has_one(model):
@@ -342,20 +388,19 @@ def build_map(scene: Scene, light: SpotLight, like: TransmittanceMap | None = No
 
 
 def map_optical_depth(
-    scene: Scene, light: SpotLight, coefficients: Floats, points: Floats, like: TransmittanceMap | None = None
+    scene: Scene, light: Light, coefficients: Floats, points: Floats, like: TransmittanceMap | None = None
 ) -> Floats:
     """Look the optical depth up in a map, over the range of the point's own light ray."""
     if like is None:
         scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
     model = map_model(scene, like)
-    rays, distance, local = _light_rays(light, points)
-    edge = np.maximum(local[:, 2:], TINY) * np.tan(np.radians(light.cone))
-    positions = (np.clip(local[:, :2] / edge, -1, 1) + 1) / 2
-    begin, end = march_bounds(scene.volume, *rays)
-    beyond = np.zeros(len(points))
+    rays, (_, distance, positions, _) = _light_rays(_fitted(scene, light, like), points)
+    begin, end = march_bounds(_grids(scene), *rays)
+    hit, beyond = end > begin, np.zeros(len(points))
     if model.settings.range != "box":
-        begin, end, slope = bilinear(model.field, positions)[:, :3].T
-        beyond = np.maximum(distance - end, 0) * slope
+        begin, end, slope, last = bilinear(model.field, positions).T
+        beyond = np.maximum(np.minimum(distance, last) - end, 0) * slope
+        hit = distance > begin
     v = np.divide(distance - begin, end - begin, out=np.zeros_like(begin), where=end > begin)
     values = model.functions.values(np.clip(v, 0, 1))
 
@@ -374,20 +419,16 @@ def map_optical_depth(
             tau += weight[:, 0] * reconstructed(coefficients[y, x])
     else:
         tau += reconstructed(bilinear(coefficients, positions))
-    return tau if model.settings.range == "box" else np.where(distance > begin, tau + beyond, 0)
+    hit &= (np.abs(positions - 0.5) < 0.5 + EDGE_MARGIN).all(axis=-1)
+    return np.where(hit, tau + beyond, 0)
 
 
-def unshadowed(volume: Volume, light: SpotLight, points: Floats) -> Floats:
-    """RGB that would arrive at points ``[rays, 3]`` inside the cone, were there no medium."""
-    _, distance, local = _light_rays(light, points)
-    gain = np.ones(len(points))
-    if light.falloff == "inverse-square":
-        gain /= np.maximum(distance, 1e-6 * np.linalg.norm(np.subtract(*volume.bounds))) ** 2
-    if light.blend > 0:
-        cone, angle = np.radians(light.cone), np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
-        x = np.clip((cone - angle) / (cone * light.blend), 0, 1)
-        gain *= x * x * (3 - 2 * x)
-    return np.multiply.outer(gain, light.intensity)
+def unshadowed(volume: Grids, light: Light, points: Floats) -> Floats:
+    """RGB that would arrive at points ``[rays, 3]`` that the light reaches, were there no medium."""
+    nearest = 1e-6 * float(np.linalg.norm(np.subtract(*volume.bounds)))
+    light = light.fitted(volume.bounds) if light.needs_fitting else light
+    arrival = light.arrival(points, nearest)
+    return arrival.strength[:, None] * light.intensity_at(arrival.position)
 
 
 def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
@@ -404,14 +445,88 @@ def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
     return Rays(np.broadcast_to(position, directions.shape), directions)
 
 
+def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadows = "exact") -> Floats:
+    """Part of the light, [0, 1], that solids let through to points ``[rays, 3]`` in the medium.
+
+    ``map``: by the shadow map, as ``kernels/shadow.h``; see `Shadows`.
+    """
+    obstacles = _Obstacles(scene, shadows)
+    return obstacles.visibility(_fitted(scene, light), points)
+
+
+class _Surfaces(NamedTuple):
+    """What camera rays meet: distances ``[rays]``, normals and albedo ``[rays, 3]``."""
+
+    distance: Floats
+    normal: Floats
+    albedo: Floats
+
+
+class _Obstacles:
+    """The solids of a scene."""
+
+    def __init__(self, scene: Scene, shadows: Shadows) -> None:
+        self._scene, self._shadows = scene, shadows
+        self._maps: dict[tuple[object, ...], NDArray[np.float32]] = {}
+        self._tracer: Tracer | None = None
+        if scene.solids:
+            from tfm_cl.solids.tracer import Tracer  # noqa: PLC0415 - most scenes have no solids
+
+            self._tracer = Tracer(scene.solids)
+
+    def surfaces(self, rays: Rays) -> _Surfaces:
+        """Of the nearest solids; distances are infinite without."""
+        count = len(rays.origins)
+        if self._tracer is None:
+            return _Surfaces(np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3)))
+        hits = self._tracer.nearest(*rays)
+        return _Surfaces(*(values.astype(np.float64) for values in (hits.distance, hits.normal, hits.albedo)))
+
+    def visibility(self, light: Light, points: Floats) -> Floats:
+        """As `solid_visibility`."""
+        if self._tracer is None:
+            return np.ones(len(points))
+        arrival = light.arrival(points)
+        if self._shadows == "exact":
+            lengths = light.source_distance(points)
+            return (~self._tracer.occluded(points, -arrival.direction, lengths)).astype(np.float64)
+        key = light.map_key()
+        if key not in self._maps:
+            self._maps[key] = solid_distances(self._scene, light)
+        distances = self._maps[key]
+        res = len(distances)
+        if self._scene.shadow.filter == "nearest":
+            at = np.clip(arrival.position * res - 0.5, 0, res - 1)
+            x, y = np.ceil(at - 0.5).astype(np.intp).T
+            nearest: Floats = (distances[y, x] >= arrival.distance).astype(np.float64)
+            return nearest
+        visible: Floats = np.zeros(len(points))
+        for x, y, weight in _corners(res, arrival.position):
+            visible += weight[:, 0] * (distances[y, x] >= arrival.distance)
+        return visible
+
+    def lights(self, light: Light, points: Floats, surfaces: _Surfaces) -> Floats:
+        """Cosine at which the light meets surfaces at ``points``; 0 where they do not see it."""
+        direction = light.arrival(points).direction
+        cosine = -(direction * surfaces.normal).sum(axis=-1)
+        seen = np.flatnonzero((cosine > 0) & light.reaches(points))
+        result = np.zeros(len(points))
+        if self._tracer is not None and len(seen):
+            at = self._tracer.lifted(points[seen], surfaces.normal[seen], surfaces.distance[seen])
+            hidden = self._tracer.occluded(at, -direction[seen], light.source_distance(at))
+            result[seen] = np.where(hidden, 0, cosine[seen])
+        return result
+
+
 def render(
     scene: Scene,
     method: Method | None = None,
     crop: Crop | None = None,
     maps: Sequence[TransmittanceMap] | None = None,
+    shadows: Shadows = "exact",
 ) -> Floats:
     """Render ``[height, width, RGBA]``, scene-linear and premultiplied; see `render_with_aovs`."""
-    return render_with_aovs(scene, method, crop, maps)[0]
+    return render_with_aovs(scene, method, crop, maps, shadows)[0]
 
 
 def render_with_aovs(
@@ -419,95 +534,127 @@ def render_with_aovs(
     method: Method | None = None,
     crop: Crop | None = None,
     maps: Sequence[TransmittanceMap] | None = None,
+    shadows: Shadows = "exact",
 ) -> tuple[Floats, dict[str, Floats]]:
     """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
 
     Parameters
     ----------
     scene
-        What to render; all lights are spot lights. ``map.storage`` is not imitated.
+        What to render. Lights of several parts are the sum of these. ``map.storage`` is not imitated.
     method
         Instead of ``scene.march.method``.
     crop
         Pixels x0, y0, x1, y1 (end excluded) of the frame.
     maps
-        Whose ranges and functions are to be taken, see `MapModel`; needed for all but ranges ``box`` and
-        bases without light rays.
+        Whose ranges and functions are to be taken, see `MapModel`, one for each part of each light; needed
+        for all but ranges ``box`` and bases without light rays.
+    shadows
+        Of solids in the medium, see `Shadows`; on solids they are always exact.
 
     Raises
     ------
     SceneError
-        The scene has another kind of light, or the crop is not inside the frame.
+        A homogeneous volume, a texture or mesh that cannot be used, or a crop not inside the frame.
     """
     if scene.volume.colour is not None:
         raise SceneError("the reference renders a coloured volume channel by channel: coloured.grey_scenes")
+    _grids(scene)
     scene = scene.resolved()
     scene = scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene)))
-    likes: Sequence[TransmittanceMap | None] = maps or [None] * len(scene.lights)
+    obstacles = _Obstacles(scene, shadows)
+    lights = _lights(scene)
+    likes: Sequence[TransmittanceMap | None] = maps or [None] * len(lights)
     depths = [
         partial(light_optical_depth, scene, light)
         if (method or scene.march.method) == "dual"
         else partial(map_optical_depth, scene, light, build_map(scene, light, like), like=like)
-        for light, like in zip(_spots(scene), likes, strict=True)
+        for light, like in zip(lights, likes, strict=True)
     ]
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), CHUNK)
-    chunks = [_trace(scene, depths, rays.part(slice(first, first + CHUNK))) for first in starts]
+    chunks = [
+        _trace(scene, lights, depths, obstacles, rays.part(slice(first, first + CHUNK))) for first in starts
+    ]
     width, height = scene.camera.res if crop is None else (crop[2] - crop[0], crop[3] - crop[1])
     layers = {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
     layers = {name: layer.reshape(height, width, *layer.shape[1:]) for name, layer in layers.items()}
     return layers.pop("image"), layers
 
 
-def _spots(scene: Scene) -> list[SpotLight]:
-    spots = []
-    for light in scene.lights:
-        if not isinstance(light, SpotLight):
-            raise SceneError(f"the reference renders spot lights only; got a light of type '{light.type}'")
-        spots.append(light)
-    return spots
+def _lights(scene: Scene) -> list[Light]:
+    """Lights with one map each: the parts of those that have several, fitted to the scene."""
+    return [_fitted(scene, part) for light in scene.lights for part in light.parts()]
 
 
-def _trace(scene: Scene, depths: list[partial[Floats]], rays: Rays) -> dict[str, Floats]:
+def _trace(
+    scene: Scene,
+    lights: list[Light],
+    depths: list[partial[Floats]],
+    obstacles: _Obstacles,
+    rays: Rays,
+) -> dict[str, Floats]:
     """All layers of some camera rays; ``depths`` give each light's optical depth at points."""
-    volume, medium, march = scene.volume, scene.medium, scene.march
+    volume, medium, march = _grids(scene), scene.medium, scene.march
     albedo = np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
-    near, far = march_bounds(volume, *rays)
+    surfaces = obstacles.surfaces(rays)
+    near, far = march_bounds(volume, *rays, limit=surfaces.distance)
     radiance, reached, seen = (np.zeros((len(near), channels)) for channels in (3, 3, 1))
 
     def transmittance(tau: Floats) -> Floats:
         return np.exp(-np.multiply.outer(tau, medium.sigma_t))
 
-    for light, light_depth in zip(_spots(scene), depths, strict=True):
-        cone = cone_interval(light, *rays)
-        begin, end = np.maximum(cone[0], near), np.minimum(cone[1], far)
-        lit = np.flatnonzero(end > begin)
-        part, begin, end = rays.part(lit), begin[lit], end[lit]
-        # What lies between the camera and the cone is dark, but hides what is behind.
-        share = (begin - near[lit]) / (far[lit] - near[lit])
-        hidden = _optical_depth(
-            volume, part, (near[lit], begin), np.ceil(march.steps * share).astype(np.intp)
-        )
-        w_begin, w_end = (_light_rays(light, part.at(t))[2][:, 2] for t in (begin, end))
-        w = (w_begin, w_end) if march.sampling == "projective" else None
-        for t, depth, before in _march(volume, part, edges(begin, end, march.steps, w, march.max_stretch)):
-            points = part.at(t)
-            mu = -(_light_rays(light, points)[0].directions * part.directions).sum(axis=-1)
-            visible = transmittance(hidden + before) * (1 - transmittance(depth))
-            light_transmittance = transmittance(light_depth(points))
-            scattered = albedo * medium.phase.evaluate(mu)[:, None] * unshadowed(volume, light, points)
-            radiance[lit] += visible * scattered * light_transmittance
-            reached[lit] += visible.mean(axis=-1, keepdims=True) * light_transmittance
-            seen[lit] += visible.mean(axis=-1, keepdims=True)
-
     total, distance = np.zeros(len(near)), np.zeros(len(near))
     for t, depth, before in _march(volume, rays, edges(near, far, march.steps)):
         distance += t * (transmittance(before) - transmittance(before + depth)).mean(axis=-1)
         total = before + depth
-    alpha = 1 - transmittance(total).mean(axis=-1)
+    opacity = 1 - transmittance(total).mean(axis=-1)
+
+    shown = np.flatnonzero(np.isfinite(surfaces.distance))
+    met = _Surfaces(*(values[shown] for values in surfaces))
+    met_at = rays.part(shown).at(met.distance)
+
+    for light, light_depth in zip(lights, depths, strict=True):
+        reached_from, reached_to = light.interval(*rays)
+        begin, end = np.maximum(reached_from, near), np.minimum(reached_to, far)
+        through = transmittance(total)
+        if march.attenuation == "paper":  # TFM's algorithm 1 dims only between the ends of the light's cone
+            share = np.divide(end - begin, far - near, out=np.zeros_like(near), where=end > begin)
+            ends = np.where(end > begin, [begin, end], 0)
+            steps = np.ceil(march.steps * share).astype(np.intp)
+            through = transmittance(_optical_depth(volume, rays, (ends[0], ends[1]), steps))
+
+        cosine = obstacles.lights(light, met_at, met)
+        arriving = cosine[:, None] * unshadowed(volume, light, met_at) * transmittance(light_depth(met_at))
+        radiance[shown] += met.albedo / np.pi * arriving * through[shown]
+
+        lit = np.flatnonzero(end > begin)
+        part, begin, end = rays.part(lit), begin[lit], end[lit]
+        hidden = np.zeros(len(lit))
+        if march.attenuation != "paper":
+            # What lies between the camera and the cone is dark, but hides what is behind.
+            share = (begin - near[lit]) / (far[lit] - near[lit])
+            steps = np.ceil(march.steps * share).astype(np.intp)
+            hidden = _optical_depth(volume, part, (near[lit], begin), steps)
+        w_begin, w_end = (light.projective_depth(part.at(t)) for t in (begin, end))
+        w = (w_begin, w_end) if march.sampling == "projective" else None
+        for t, depth, before in _march(volume, part, edges(begin, end, march.steps, w, march.max_stretch)):
+            points = part.at(t)
+            mu = -(light.arrival(points).direction * part.directions).sum(axis=-1)
+            visible = transmittance(hidden + before) * (1 - transmittance(depth))
+            light_transmittance = transmittance(light_depth(points))
+            light_transmittance *= obstacles.visibility(light, points)[:, None]
+            phase = np.asarray(medium.phase.evaluate(mu))[:, None]
+            scattered = albedo * phase * unshadowed(volume, light, points)
+            radiance[lit] += visible * scattered * light_transmittance
+            reached[lit] += visible.mean(axis=-1, keepdims=True) * light_transmittance
+            seen[lit] += visible.mean(axis=-1, keepdims=True)
+
+    everywhere = np.asarray(scene.ambient.radiance)
+    radiance += everywhere * (albedo * (1 - transmittance(total)) + surfaces.albedo * transmittance(total))
     return {
-        "image": np.column_stack([radiance, alpha]),
-        "depth": np.divide(distance, alpha, out=np.zeros_like(alpha), where=alpha > 0),
+        "image": np.column_stack([radiance, np.where(np.isfinite(surfaces.distance), 1, opacity)]),
+        "depth": np.divide(distance, opacity, out=np.zeros_like(opacity), where=opacity > 0),
         "transmittance": transmittance(total),
         "light_transmittance": np.divide(reached, seen, out=np.zeros_like(reached), where=seen > 0),
     }

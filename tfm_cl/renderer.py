@@ -18,14 +18,15 @@ from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
 from tfm_cl.errors import SceneError
-from tfm_cl.lights.area import spread
+from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.passes.launch import Launcher, Progress
 from tfm_cl.passes.light_pass import LightPass
 from tfm_cl.passes.planner import Planned, Planner
-from tfm_cl.passes.view_pass import Frame, FrameBuffers, ViewPass
+from tfm_cl.passes.view_pass import Frame, FrameBuffers, LightInputs, ViewPass
 from tfm_cl.result import RenderResult, RenderStats
 from tfm_cl.settings import MapSettings
 from tfm_cl.transmittance_map import TransmittanceMap
+from tfm_cl.visibility import OF_SOLIDS, GBuffer, Visibility, clip_of, nothing_seen
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from tfm_cl.lights import Light
     from tfm_cl.scene import Scene
     from tfm_cl.volume import Volume
+    from tfm_cl.volumes import Volumes
 
 Crop = tuple[int, int, int, int]
 
@@ -47,6 +49,9 @@ SINGLE_NUMBER = {
 """What a map of residuals is looked up with."""
 NO_MAP = MapSettings(basis="dct", coeffs=1).resolved()
 """What the dual march's kernel is compiled with: it reads no map."""
+
+SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
+"""Name in scene files -> ``TFM_SHADOW``."""
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
@@ -95,7 +100,8 @@ class Renderer:
         self._light_pass = LightPass(self._launcher)
         self._planner = Planner(self._launcher)
         self._view_pass = ViewPass(self._launcher)
-        self._grids: weakref.WeakKeyDictionary[Volume, dict[VoxelType, BrickGrid]] = (
+        self._visibility = Visibility()
+        self._grids: weakref.WeakKeyDictionary[Volume | Volumes, dict[VoxelType, BrickGrid]] = (
             weakref.WeakKeyDictionary()
         )
 
@@ -112,6 +118,7 @@ class Renderer:
     def close(self) -> None:
         """Release the device's memory."""
         self._grids.clear()
+        self._visibility.clear()
         self._launcher.release()
 
     def __enter__(self) -> Self:
@@ -140,12 +147,28 @@ class Renderer:
         if scene.volume.colour is not None:
             return coloured.build_maps(self, scene, progress)
         progress = progress or _silent
-        scene = _spread(scene.resolved())
+        scene = self._parts(scene.resolved())
         bricks = self._upload(scene)
         return [
             self._build(scene, light, plan, bricks, progress)
-            for light, plan in zip(scene.lights, self._planner.plans(scene, bricks), strict=True)
+            for light, plan in zip(scene.lights, self._plans(scene, bricks), strict=True)
         ]
+
+    def _parts(self, scene: Scene) -> Scene:
+        """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
+        tracer = self._visibility.tracer(scene)
+        casters = None if tracer is None else tracer.bounds
+        lights = chain.from_iterable(light.parts() for light in scene.lights)
+        return scene.replace(lights=tuple(light.fitted(scene.volume.bounds, casters) for light in lights))
+
+    def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
+        """Plan the maps of a scene of single lights."""
+
+        def clip(light: Light, size: int) -> NDArray[np.float32] | None:
+            distances = self._visibility.distances(scene, light)
+            return None if distances is None else clip_of(distances, size)
+
+        return self._planner.plans(scene, bricks, clip)
 
     def _build(
         self, scene: Scene, light: Light, plan: Planned, bricks: BrickGrid, progress: Progress
@@ -156,7 +179,8 @@ class Renderer:
             light=light,
             settings=plan.settings,
             requested=scene.map,
-            volume=scene.volume,
+            volume=_grids(scene),
+            solids=scene.solids,
             density_weighting=plan.density_weighting,
             largest_optical_depth=plan.deepest,
             extinction=plan.extinction,
@@ -216,57 +240,79 @@ class Renderer:
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
+        traced = self._visibility.seconds
 
-        points = _spread(scene)
-        bricks = self._upload(points)
-        plans: Sequence[Planned | TransmittanceMap | None] = [None] * len(points.lights)
-        if method == "tfm" and maps is None:
-            plans = self._planner.plans(points, bricks)
-        elif method == "tfm" and maps is not None:
-            _check_maps(points, maps)
-            plans = maps
-        frame = self._view_pass.allocate(crop)
-        errors = self._view_pass.allocate(crop) if "map_error" in aovs else None
-        seconds = {"light_pass": 0.0, "view_pass": 0.0}
-        stats.samples = {"light_pass": 0}
-        warnings: tuple[str, ...] = ()
-        # A map at a time: those of an area light's points need not be there together.
-        for index, (light, plan) in enumerate(zip(points.lights, plans, strict=True)):
-            light_map = (
-                plan if not isinstance(plan, Planned) else self._build(points, light, plan, bricks, progress)
-            )
-            if light_map is not None:
-                if maps is None:
-                    seconds["light_pass"] += light_map.buffers.seconds
-                stats.samples["light_pass"] += light_map.buffers.samples
-                stats.map_bytes += light_map.nbytes
-                stats.map = light_map.settings
-                warnings = warnings or _warnings(points, light_map)
-            seconds["view_pass"] += self._add_light(points, index, crop, bricks, light_map, frame, progress)
-            if errors is not None and light_map is not None:
-                self._add_residual(points, index, crop, bricks, light_map, errors, progress)
-        image, layers = _resolve(self._view_pass.read(frame))
+        points = self._parts(scene)
+        gbuffer = self._visibility.gbuffer(points, crop)
+        frame = self._view_pass.allocate(crop, gbuffer)
+        errors = self._view_pass.allocate(crop, gbuffer) if "map_error" in aovs else None
+        warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
+        image, layers = _resolve(self._view_pass.read(frame), gbuffer)
         if errors is not None:
-            layers["map_error"] = _resolve(self._view_pass.read(errors))[1]["light_transmittance"].mean(
-                axis=-1
-            )
+            error = _resolve(self._view_pass.read(errors), gbuffer)[1]["light_transmittance"]
+            layers["map_error"] = error.mean(axis=-1)
+        if gbuffer is not None:
+            layers |= gbuffer.layers()
+            stats.seconds["trace"] = self._visibility.seconds - traced
+        elif of_solids := OF_SOLIDS.intersection(aovs):
+            layers |= nothing_seen(crop, of_solids)
 
-        stats.seconds = {
+        stats.seconds |= {
             "compile": self._launcher.kernels.seconds - compiled,
-            **seconds,
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
         return RenderResult(image, layers, stats, scene, crop, warnings)
 
+    def _add_lights(
+        self,
+        scene: Scene,
+        method: str,
+        maps: list[TransmittanceMap] | None,
+        crop: Crop,
+        gbuffer: GBuffer | None,
+        frame: FrameBuffers,
+        errors: FrameBuffers | None,
+        stats: RenderStats,
+        progress: Progress,
+    ) -> tuple[str, ...]:
+        """Sum all that a scene of single lights sends to the camera; returns warnings."""
+        bricks = self._upload(scene)
+        plans: Sequence[Planned | TransmittanceMap | None] = [None] * len(scene.lights)
+        if method == "tfm" and maps is None:
+            plans = self._plans(scene, bricks)
+        elif method == "tfm" and maps is not None:
+            _check_maps(scene, maps)
+            plans = maps
+        warnings: tuple[str, ...] = ()
+        # A map at a time: those of an area light's points need not be there together.
+        for index, (light, plan) in enumerate(zip(scene.lights, plans, strict=True)):
+            light_map = (
+                plan if not isinstance(plan, Planned) else self._build(scene, light, plan, bricks, progress)
+            )
+            if light_map is not None:
+                stats.add_map(light_map, built=maps is None)
+                warnings = warnings or _warnings(scene, light_map)
+            stats.seconds["view_pass"] += self._add_light(
+                scene, index, crop, bricks, light_map, gbuffer, frame, progress
+            )
+            if errors is not None and light_map is not None:
+                self._add_residual(scene, index, crop, bricks, light_map, errors, progress)
+        if any(scene.ambient.radiance):
+            params = self._params(scene, scene.lights[0], crop, bricks, None)
+            stats.seconds["view_pass"] += self._view_pass.add_ambient(scene, params, frame)
+        return warnings
+
     def _upload(self, scene: Scene) -> BrickGrid:
         """Put the volume on the device, once for each volume and voxel type."""
-        volume, voxels = scene.volume, scene.march.voxels
+        volume, voxels = _grids(scene), scene.march.voxels
         grids = self._grids.setdefault(volume, {})
         if voxels not in grids:
-            z, y, x = volume.shape
-            what = f"the volume ({x}×{y}×{z} voxels)"
-            grids[voxels] = build_bricks(self._launcher, volume.leaves, what, voxels)
+            what = "the volume ({})".format(
+                ", ".join("{2}×{1}×{0} voxels".format(*part.shape) for part in volume.parts)
+            )
+            leaves = [part.leaves for part in volume.parts]
+            grids[voxels] = build_bricks(self._launcher, leaves, what, voxels)
         return grids[voxels]
 
     def _params(
@@ -285,8 +331,26 @@ class Renderer:
             bricks=bricks,
             field=None if plan is None else plan.field,
             number_unit=1.0 if plan is None else plan.number_unit,
+            texture_size=(1, 1) if (image := light.texture_image()) is None else image.shape[1::-1],
         )
         return self._launcher.upload("the parameters", struct)
+
+    def _inputs(self, scene: Scene, light: Light, light_map: TransmittanceMap | None) -> LightInputs:
+        """Put on the device what the kernels that shade by a light read."""
+        distances = self._visibility.distances(scene, light)
+        image = light.texture_image()
+        one = np.zeros(1, np.float32)
+        texture = np.zeros((1, 1, 4), np.float32)
+        if image is not None:
+            texture = np.dstack([image, np.zeros(image.shape[:2], np.float32)])
+        return LightInputs(
+            settings=NO_MAP if light_map is None else light_map.settings,
+            map=None if light_map is None else light_map.buffers,
+            shadow=self._launcher.upload("the shadow map", one if distances is None else distances),
+            texture=self._launcher.upload("the light's texture", texture),
+            shadow_filter=0 if distances is None else SHADOW_FILTERS[scene.shadow.filter],
+            is_textured=image is not None,
+        )
 
     def _add_light(
         self,
@@ -295,21 +359,21 @@ class Renderer:
         crop: Crop,
         bricks: BrickGrid,
         light_map: TransmittanceMap | None,
+        gbuffer: GBuffer | None,
         frame: FrameBuffers,
         progress: Progress,
     ) -> float:
         """Add one light to the frame, from its map or by the dual march; returns device seconds."""
-        return self._view_pass.add_light(
-            scene,
-            index,
-            crop,
-            self._params(scene, scene.lights[index], crop, bricks, light_map),
-            bricks,
-            NO_MAP if light_map is None else light_map.settings,
-            None if light_map is None else light_map.buffers,
-            frame,
-            progress,
-        )
+        light = scene.lights[index]
+        params = self._params(scene, light, crop, bricks, light_map)
+        inputs = self._inputs(scene, light, light_map)
+        seconds = self._view_pass.add_light(scene, index, crop, params, bricks, inputs, frame, progress)
+        if gbuffer is not None:
+            visible = self._visibility.lit(scene, light, gbuffer)
+            seconds += self._view_pass.add_solids(
+                scene, index, crop, params, bricks, inputs, visible, frame, progress
+            )
+        return seconds
 
     def _add_residual(
         self,
@@ -325,15 +389,18 @@ class Renderer:
         residual = np.append(light_map.residual, np.float32(0))  # two neighbours may be read at once
         buffers = replace(light_map.buffers, coefficients=self._launcher.upload("the residuals", residual))
         settings = light_map.settings.model_copy(update=SINGLE_NUMBER)
-        params = self._params(scene, scene.lights[index], crop, bricks, light_map)
+        light = scene.lights[index]
+        params = self._params(scene, light, crop, bricks, light_map)
+        inputs = replace(self._inputs(scene, light, light_map), settings=settings, map=buffers)
         self._view_pass.add_light(
-            scene, index, crop, params, bricks, settings, buffers, frame, progress, shows_residual=True
+            scene, index, crop, params, bricks, inputs, frame, progress, shows_residual=True
         )
 
 
-def _spread(scene: Scene) -> Scene:
-    """Return the scene with the points of its area lights for lights."""
-    return scene.replace(lights=tuple(chain.from_iterable(map(spread, scene.lights))))
+def _grids(scene: Scene) -> Volume | Volumes:
+    if isinstance(scene.volume, Homogeneous):
+        raise SceneError("a homogeneous volume has no map: its transmittance is known in closed form")
+    return scene.volume
 
 
 def _check_maps(scene: Scene, maps: list[TransmittanceMap]) -> None:
@@ -375,10 +442,14 @@ def _checked_crop(crop: Crop | None, res: tuple[int, int]) -> Crop:
     return x0, y0, x1, y1
 
 
-def _resolve(frame: Frame) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
+def _resolve(
+    frame: Frame, gbuffer: GBuffer | None
+) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
     """Turn what the passes summed into the picture and its layers."""
     image = frame.radiance.copy()
     image[..., 3] = 1.0 - frame.transmittance[..., :3].mean(axis=-1)
+    if gbuffer is not None:
+        image[gbuffer.shown, 3] = 1.0
     seen, opacity = frame.light_seen[..., :3], frame.light_seen[..., 3:]
     return image, {
         "depth": frame.transmittance[..., 3].copy(),

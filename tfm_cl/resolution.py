@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.model import is_auto
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from tfm_cl.scene import Scene
     from tfm_cl.settings import MapSettings
     from tfm_cl.volume import Volume
+    from tfm_cl.volumes import Volumes
 
 VOXELS_PER_TEXEL = 0.5
 """Width of a texel where the light's rays cross the medium: two samples a voxel follow what is trilinear."""
@@ -37,11 +39,13 @@ VOXELS_PER_STEP = 1.5
 TEXELS = (64, 2048)
 """Range of the resolution, which is a multiple of `TEXELS_MULTIPLE`."""
 TEXELS_MULTIPLE = 32
+HOMOGENEOUS_STEPS = 100
+"""Along a camera ray through a medium of constant density."""
 STEPS = (16, 1024)
 """Range of the number of steps."""
 
 
-def map_res_for(volume: Volume, light: Light, camera: Camera) -> int:
+def map_res_for(volume: Volume | Volumes, light: Light, camera: Camera) -> int:
     """Choose the texels along a side of a light's map.
 
     A texel is `VOXELS_PER_TEXEL` of the smallest edge of a voxel wide, halfway between the nearest and the
@@ -57,17 +61,22 @@ def map_res_for(volume: Volume, light: Light, camera: Camera) -> int:
     return _whole(width / texel, TEXELS, TEXELS_MULTIPLE)
 
 
-def steps_for(volume: Volume) -> int:
+def steps_for(volume: Volume | Volumes) -> int:
     """Choose the steps along a ray, of the light or of the camera.
 
     The longest ray through the grid, its diagonal, takes steps of `VOXELS_PER_STEP` of the voxel's smallest
     edge. Steps spread over the part of a ray inside the grid, so that all other rays take shorter ones.
+    Several volumes' longest ray is the diagonal of the box around them.
     """
-    z, y, x = volume.shape
-    edges = volume.world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
-    diagonal = max(
-        float(np.linalg.norm(edges @ np.array([1, *signs]))) for signs in itertools.product((1, -1), repeat=2)
-    )
+    if len(volume.parts) > 1:
+        diagonal = float(np.linalg.norm(volume.bounds[1] - volume.bounds[0]))
+    else:
+        z, y, x = volume.parts[0].shape
+        edges = volume.parts[0].world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
+        diagonal = max(
+            float(np.linalg.norm(edges @ np.array([1, *signs])))
+            for signs in itertools.product((1, -1), repeat=2)
+        )
     return _whole(diagonal / (VOXELS_PER_STEP * float(volume.voxel_size.min())), STEPS, 1)
 
 
@@ -83,9 +92,17 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
         Settings of maps that are there already: ``"auto"`` of the map then means their numbers.
     """
     of_map, of_march = {}, {}
+    if isinstance(scene.volume, Homogeneous):
+        # Nothing varies along a ray but the light.
+        auto = {"steps": HOMOGENEOUS_STEPS} if is_auto(scene.march.steps) else {}
+        return scene.replace(march=scene.march.replace(**auto)) if auto else scene
     if is_auto(scene.map.res):
         of_map["res"] = (
-            max(map_res_for(scene.volume, light, scene.camera) for light in scene.lights)
+            max(
+                map_res_for(scene.volume, part.fitted(scene.volume.bounds), scene.camera)
+                for light in scene.lights
+                for part in light.parts()
+            )
             if maps is None
             else maps.res
         )
@@ -98,7 +115,7 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     return scene.replace(map=scene.map.replace(**of_map), march=scene.march.replace(**of_march))
 
 
-def _distances(volume: Volume, point: np.ndarray) -> tuple[float, float]:
+def _distances(volume: Volume | Volumes, point: np.ndarray) -> tuple[float, float]:
     """Distances from a point to the nearest and the farthest point of the occupied bounds."""
     low, high = volume.occupied_bounds
     nearest = np.clip(point, low, high)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,32 @@ from tfm_cl.image_io.image import Image, Metadata
 from tfm_cl.scene import Scene
 from tfm_cl.settings import MapSettings
 
+if TYPE_CHECKING:
+    from tfm_cl.transmittance_map import TransmittanceMap
+
 
 @dataclass
 class RenderStats:
     """What a render cost."""
 
     device: str
-    seconds: dict[str, float] = field(default_factory=dict)
-    """``compile`` on the host; ``light_pass`` and ``view_pass`` on the device, over lights and tiles."""
-    samples: dict[str, int] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=lambda: {"light_pass": 0.0, "view_pass": 0.0})
+    """``compile`` and, where there are solids, ``trace`` on the host; ``light_pass`` and ``view_pass`` on the
+    device, over lights and tiles; ``total`` of everything."""
+    samples: dict[str, int] = field(default_factory=lambda: {"light_pass": 0, "view_pass": 0})
     """Density samples of ``light_pass`` and ``view_pass``."""
     map_bytes: int = 0
     """Of the numbers of all maps together."""
     map: MapSettings | None = None
     """Of the maps in use, without ``"auto"``; None for the dual march."""
+
+    def add_map(self, light_map: TransmittanceMap, *, built: bool) -> None:
+        """Count a map in use, and its light pass where it was built for this render."""
+        if built:
+            self.seconds["light_pass"] += light_map.buffers.seconds
+        self.samples["light_pass"] += light_map.buffers.samples
+        self.map_bytes += light_map.nbytes
+        self.map = light_map.settings
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -45,9 +57,10 @@ class RenderResult:
     """A picture, its extra layers and what they cost."""
 
     image: NDArray[np.float32]
-    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance."""
+    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids."""
     aovs: dict[str, NDArray[np.float32]]
-    """``depth`` and ``samples`` [H, W], ``transmittance`` and ``light_transmittance`` [H, W, 3]."""
+    """``depth`` and ``samples`` [H, W], ``transmittance`` and ``light_transmittance`` [H, W, 3]; with solids,
+    or asked for, ``solid_distance`` [H, W], ``normal`` and ``albedo`` [H, W, 3]."""
     stats: RenderStats
     scene: Scene
     crop: tuple[int, int, int, int]

@@ -1,19 +1,23 @@
-"""A scene: one volume of a medium, a camera, lights, and the settings of the two passes."""
+"""A scene: volumes of a medium, solids, a camera, lights, and the settings of the passes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from tfm_cl import placement, resolution
+from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
+from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
-from tfm_cl.settings import MapSettings, MarchSettings
+from tfm_cl.settings import MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.solids import Solid
 from tfm_cl.volume import Volume
+from tfm_cl.volumes import Volumes, joined
 
 
 @dataclass(frozen=True, init=False)
@@ -23,38 +27,59 @@ class Scene:
     Parameters
     ----------
     volume
-        Where the density is.
+        Where the density is: a volume, several whose densities add up, or a homogeneous one.
     medium
         What it is made of.
     camera, lights
         Placed from the volume's occupied bounds when left out; ``lights`` may be a list.
     map, march
         Settings of the light pass and of the view pass.
+    solids
+        What stands in the way of light and sight; may be a list.
+    ambient
+        Light from everywhere.
+    shadow
+        Settings of the solids' shadows in the medium.
 
     Raises
     ------
     SceneError
-        When there is no light in ``lights``.
+        When there is no light in ``lights``; a homogeneous volume without a camera or without lights.
+    VolumeError
+        When there is no volume, or several cannot be added.
     """
 
-    volume: Volume
+    volume: Volume | Volumes | Homogeneous
     medium: Medium
     camera: Camera
     lights: tuple[Light, ...]
     map: MapSettings
     march: MarchSettings
+    solids: tuple[Solid, ...]
+    ambient: Ambient
+    shadow: ShadowSettings
 
     def __init__(
         self,
-        volume: Volume,
+        volume: Volume | Volumes | Homogeneous | Sequence[Volume],
         medium: Medium | None = None,
         camera: Camera | None = None,
         lights: Iterable[Light] | None = None,
         map: MapSettings | None = None,  # noqa: A002 - the scene file's name
         march: MarchSettings | None = None,
+        solids: Iterable[Solid] = (),
+        ambient: Ambient | None = None,
+        shadow: ShadowSettings | None = None,
     ) -> None:
-        camera = camera or placement.camera_for(volume)
-        lights = (placement.light_for(volume, camera),) if lights is None else tuple(lights)
+        if isinstance(volume, Sequence):
+            volume = joined(volume)
+        if isinstance(volume, Homogeneous):
+            if camera is None or lights is None:
+                raise SceneError("a homogeneous volume needs a camera and lights: nothing is placed for it")
+        else:
+            camera = camera or placement.camera_for(volume)
+            lights = (placement.light_for(volume, camera),) if lights is None else lights
+        lights = tuple(lights)
         if not lights:
             raise SceneError("a scene needs at least one light; leave lights out to have one placed")
         for name, value in (
@@ -64,8 +89,24 @@ class Scene:
             ("lights", lights),
             ("map", map or MapSettings()),
             ("march", march or MarchSettings()),
+            ("solids", tuple(solids)),
+            ("ambient", ambient or Ambient()),
+            ("shadow", shadow or ShadowSettings()),
         ):
             object.__setattr__(self, name, value)
+
+    @property
+    def grid(self) -> Volume:
+        """The volume, where it is one grid.
+
+        Raises
+        ------
+        SceneError
+            The scene has several volumes, or a homogeneous one.
+        """
+        if not isinstance(self.volume, Volume):
+            raise SceneError("this works with a single volume only, not several or a homogeneous one")
+        return self.volume
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:

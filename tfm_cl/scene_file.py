@@ -12,16 +12,20 @@ import tomli_w
 from pydantic import BeforeValidator, Field
 
 from tfm_cl import placement, volume_io
+from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
+from tfm_cl.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
 from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, unknown_key
 from tfm_cl.scene import Scene
-from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings
+from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.solids import Solid, parse_solid
 from tfm_cl.volume import Volume
 from tfm_cl.volume_io import colour as colour_io
 from tfm_cl.volume_io.numpy_array import COLOUR
+from tfm_cl.volumes import MOST_VOLUMES, Volumes, joined
 
 MAX_BYTES = 1 << 20
 """A scene file larger than this is not one."""
@@ -121,22 +125,37 @@ class VolumeSettings(Model):
 
 
 SECTIONS: dict[str, type[Model]] = {
-    cls.SECTION: cls for cls in (VolumeSettings, Medium, Camera, MapSettings, MarchSettings, ImageSettings)
+    cls.SECTION: cls
+    for cls in (
+        VolumeSettings,
+        Medium,
+        Camera,
+        Ambient,
+        ShadowSettings,
+        MapSettings,
+        MarchSettings,
+        ImageSettings,
+    )
 }
-"""Tables of a scene file; besides them there is the array of tables ``[[light]]``."""
+"""Tables of a scene file; besides them there are arrays of tables."""
+ARRAYS = ("light", "solid")
+"""Arrays of tables, ``[[light]]``; ``[[volume]]`` may be one too."""
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file with the command line's overrides, checked as far as it can be without the volume.
+    """A scene file with the command line's overrides, checked as far as it can be without volume and meshes.
 
     ``light`` is None when the scene leaves its light to us; then ``placed_light`` holds what was said of
     it. Keys missing in ``camera`` are placed too.
     """
 
     path: Path
-    volume: VolumeSettings
+    volumes: tuple[VolumeSettings | Homogeneous, ...]
     medium: Medium
+    solids: tuple[Solid, ...]
+    ambient: Ambient
+    shadow: ShadowSettings
     map: MapSettings
     march: MarchSettings
     image: ImageSettings
@@ -152,7 +171,7 @@ class SceneFile:
         ----------
         overrides
             Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
-            ``light.KEY`` means the first light, ``light.1.KEY`` the second.
+            ``light.KEY`` means the first light, ``light.1.KEY`` the second; likewise solids and volumes.
 
         Raises
         ------
@@ -182,15 +201,22 @@ class SceneFile:
                 raise SceneError(unknown_key(key, known, "camera"))
         lights = values.get("light")
         _check_light(placed_light)
+        volumes = values.get("volume", {})
+        tables = volumes if isinstance(volumes, list) else [volumes]
         return cls(
             path=path,
-            volume=VolumeSettings(**values.get("volume", {})),
+            volumes=_volumes(tables),
             medium=Medium(**values.get("medium", {})),
+            solids=tuple(_solid(i, table, path.parent) for i, table in enumerate(values.get("solid", []))),
+            ambient=Ambient(**values.get("ambient", {})),
+            shadow=ShadowSettings(**values.get("shadow", {})),
             map=MapSettings(**values.get("map", {})),
             march=MarchSettings(**values.get("march", {})),
             image=ImageSettings(**values.get("image", {})),
             camera=camera,
-            light=None if lights is None else tuple(_light(i, table) for i, table in enumerate(lights)),
+            light=None
+            if lights is None
+            else tuple(_light(i, table, path.parent) for i, table in enumerate(lights)),
             placed_light=placed_light,
         )
 
@@ -202,16 +228,48 @@ class SceneFile:
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        volume = self.volume.load(self.path.parent)
+        volume = self._volume()
         try:
-            camera = placement.camera_for(volume, **self.camera)
             lights = self.light
-            if lights is None:
-                lights = (placement.light_for(volume, camera, **self.placed_light),)
+            if isinstance(volume, Homogeneous):
+                camera = Camera(**self.camera)
+            else:
+                camera = placement.camera_for(volume, **self.camera)
+                if lights is None:
+                    placed = _beside(self.placed_light, "texture", self.path.parent)
+                    lights = (placement.light_for(volume, camera, **placed),)
             self._check_crop(camera)
-            return Scene(volume, self.medium, camera, lights, self.map, self.march)
+            return Scene(
+                volume,
+                self.medium,
+                camera,
+                lights,
+                self.map,
+                self.march,
+                solids=self.solids,
+                ambient=self.ambient,
+                shadow=self.shadow,
+            )
         except SceneError as error:
             raise SceneError(f"{self.path}: {error}") from None
+
+    def _volume(self) -> Volume | Volumes | Homogeneous:
+        grids = []
+        for settings in self.volumes:
+            if isinstance(settings, Homogeneous):
+                return settings  # it stands alone
+            grids.append(settings.load(self.path.parent))
+        return joined(grids)
+
+    def files(self) -> list[str]:
+        """Name all files that the scene reads, relative to its own or absolute."""
+        named: list[str | None] = []
+        for volume in self.volumes:
+            if isinstance(volume, VolumeSettings):
+                named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
+        named += [getattr(light, "texture", None) for light in self.light or ()]
+        named += [getattr(solid, "mesh", None) for solid in self.solids]
+        return [name for name in named if name]
 
     def _check_crop(self, camera: Camera) -> None:
         width, height = camera.res
@@ -222,14 +280,16 @@ class SceneFile:
     def chosen(self, scene: Scene) -> Values:
         """Return what was placed, scaled or counted by itself, by dotted key, to be fixed by hand."""
         values: Values = {}
-        if self.volume.density_scale == "auto":
-            values["volume.density_scale"] = scene.volume.density_scale
+        for i, (settings, volume) in enumerate(zip(self.volumes, scene.volume.parts, strict=False)):
+            if isinstance(settings, VolumeSettings) and settings.density_scale == "auto":
+                number = f"{i}." if len(self.volumes) > 1 else ""
+                values[f"volume.{number}density_scale"] = volume.density_scale
         camera = scene.camera.to_dict()
         values |= {f"camera.{key}": camera[key] for key in ("from", "to") if key not in self.camera}
         if self.light is None:
             light = scene.lights[0].to_dict()
             placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
-            values |= {f"light.{key}": light[key] for key in placed}
+            values |= {f"light.{key}": light[key] for key in placed if key in light}
         resolved = scene.resolved()
         for section, key in (("map", "res"), ("map", "steps"), ("march", "steps")):
             if is_auto(getattr(getattr(self, section), key)):
@@ -239,11 +299,19 @@ class SceneFile:
     def resolved(self, scene: Scene) -> Values:
         """Return every option as resolved, in the shape of a scene file that reproduces this run."""
         scene = scene.resolved()
+        volumes = [
+            settings.resolved(self.path.parent, volume)
+            for settings, volume in zip(self.volumes, scene.volume.parts, strict=False)
+            if isinstance(settings, VolumeSettings)
+        ] or [settings.to_dict() for settings in self.volumes]
         return {
-            "volume": self.volume.resolved(self.path.parent, scene.volume),
+            "volume": volumes[0] if len(volumes) == 1 else volumes,
             "medium": scene.medium.to_dict(),
             "camera": scene.camera.to_dict(),
             "light": [light.to_dict() for light in scene.lights],
+            "solid": [solid.to_dict() for solid in scene.solids],
+            "ambient": scene.ambient.to_dict(),
+            "shadow": scene.shadow.to_dict(),
             "map": scene.map.to_dict(),
             "march": scene.march.to_dict(),
             "image": self.image.to_dict(),
@@ -268,6 +336,8 @@ def to_toml(values: Values) -> str:
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [_without_none(item) for item in value]
     return value
 
 
@@ -293,33 +363,38 @@ def _values_of(path: Path) -> Values:
 
 
 def _check_tables(values: Values) -> None:
+    known = list(dict.fromkeys([*SECTIONS, *ARRAYS]))
     for name, table in values.items():
-        if name not in (*SECTIONS, "light"):
-            raise SceneError(unknown_key(name, [*SECTIONS, "light"]))
-        if not isinstance(table, list if name == "light" else dict):
+        if name not in known:
+            raise SceneError(unknown_key(name, known))
+        if name == "volume":
+            if not isinstance(table, dict | list):
+                raise SceneError("volume should be a table [volume] or [[volume]] tables")
+        elif not isinstance(table, list if name in ARRAYS else dict):
             raise SceneError(
-                f"{name} should be {'[[light]] tables' if name == 'light' else f'a table [{name}]'}"
+                f"{name} should be {f'[[{name}]] tables' if name in ARRAYS else f'a table [{name}]'}"
             )
 
 
 def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:
     """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``."""
     section, _, rest = key.partition(".")
-    if section != "light":
+    if section not in ARRAYS and not isinstance(values.get(section), list):
         table = values.setdefault(section, {})
     else:
         number, dot, after = rest.partition(".")
         index, rest = (int(number), after) if dot and number.isdecimal() else (0, rest)
-        lights = values.get("light")
-        if lights is None and index == 0:
+        tables = values.get(section)
+        if section == "light" and tables is None and index == 0:
             table = placed_light
-        elif isinstance(lights, list) and index < len(lights):
-            table = lights[index]
+        elif isinstance(tables, list) and index < len(tables):
+            table = tables[index]
         else:
-            number_of = len(lights) if isinstance(lights, list) else "no"
-            raise SceneError(f"{key}: the scene has {number_of} [[light]] tables; they count from 0")
+            number_of = len(tables) if isinstance(tables, list) else "no"
+            raise SceneError(f"{key}: the scene has {number_of} [[{section}]] tables; they count from 0")
     if not rest or not isinstance(table, dict):
-        raise SceneError(f"{key}: should be SECTION.KEY with a section of {', '.join([*SECTIONS, 'light'])}")
+        known = dict.fromkeys([*SECTIONS, *ARRAYS])
+        raise SceneError(f"{key}: should be SECTION.KEY with a section of {', '.join(known)}")
     *tables, last = rest.split(".")
     for name in tables:
         table = table.setdefault(name, {})
@@ -328,12 +403,45 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
     table[last] = value
 
 
-def _light(index: int, table: Any) -> Light:
+def _volumes(tables: list[Any]) -> tuple[VolumeSettings | Homogeneous, ...]:
+    if not 1 <= len(tables) <= MOST_VOLUMES:
+        raise SceneError(f"a scene has 1 to {MOST_VOLUMES} [[volume]] tables; got {len(tables)}")
+    volumes: list[VolumeSettings | Homogeneous] = []
+    for table in tables:
+        if not isinstance(table, dict):
+            raise SceneError("volume should be a table [volume] or [[volume]] tables")
+        if "shape" not in table:
+            volumes.append(VolumeSettings(**table))
+        elif len(tables) > 1:
+            raise SceneError("volume.shape: a homogeneous volume stands alone; give it as the only [volume]")
+        else:
+            volumes.append(parse_homogeneous(table))
+    return tuple(volumes)
+
+
+def _light(index: int, table: Any, folder: Path) -> Light:
     try:
         _check_light(table)
-        return parse_light(table)
+        return parse_light(_beside(table, "texture", folder))
     except SceneError as error:
         raise SceneError(f"light {index}: {error}") from None
+
+
+def _solid(index: int, table: Any, folder: Path) -> Solid:
+    if not isinstance(table, dict):
+        raise SceneError(f"solid {index}: solid should be a table")
+    try:
+        return parse_solid(_beside(table, "mesh", folder))
+    except SceneError as error:
+        raise SceneError(f"solid {index}: {error}") from None
+
+
+def _beside(table: Values, key: str, folder: Path) -> Values:
+    """Make a file's name, relative to the scene file, absolute."""
+    name = table.get(key)
+    if not isinstance(name, str) or not name:
+        return table
+    return table | {key: str((folder / name).resolve())}
 
 
 def _check_light(table: Any) -> None:

@@ -22,6 +22,9 @@ AOVS = {
     "light_transmittance": "RGB mean over lights and ray of the light's transmittance, weighted by what the "
     "camera sees; 0 where nothing is lit",
     "samples": "density samples taken for the pixel by the view pass",
+    "solid_distance": "distance from the camera to the solid that the pixel shows, world units; 0 without",
+    "normal": "unit normal of that solid, world, towards the camera; 0 without",
+    "albedo": "RGB albedo of that solid; 0 without",
     "map_error": "relative error of the light's transmittance in the map, mean over lights and ray, weighted "
     "by what the camera sees; 0 for the dual march",
 }
@@ -38,7 +41,7 @@ DEFAULT_COEFFS = 8
 """Numbers a texel where nothing else is asked for."""
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
 FIELD_BYTES = 16
-"""Of an entry of the field of ranges: begin, end, slope beyond, unused."""
+"""Of an entry of the field of ranges: begin, end, slope beyond, last density."""
 MAX_STEPS = 100_000
 
 
@@ -207,6 +210,11 @@ class MarchSettings(Model):
     sampling: Literal["projective", "world"] = Field(
         "projective", description="uniform in the light's projective space (section 4.2) or in the world"
     )
+    attenuation: Literal["consistent", "paper"] = Field(
+        "consistent",
+        description="consistent: the medium dims all that lies behind it; paper: only between the ends of "
+        "the light's cone, as TFM's algorithm 1 is printed",
+    )
     max_stretch: float = Field(
         4.0,
         ge=1,
@@ -227,6 +235,21 @@ class MarchSettings(Model):
         "f32",
         description="type of the voxels on the device: f16 errs by 2^-11 of a density, u8 by 1/510 of the "
         "largest in or beside its block of 8x8x8",
+    )
+
+
+class ShadowSettings(Model):
+    """How the shadows of solids are kept for the medium; on solids they are traced."""
+
+    SECTION: ClassVar[str] = "shadow"
+
+    res: int = Field(
+        1024, ge=1, le=MAX_RES, description="texels along a side of a light's map of distances to solids"
+    )
+    filter: Literal["nearest", "pcf"] = Field(
+        "pcf",
+        description="nearest: the nearest texel's; pcf: the share of the four texels around that are lit "
+        "(percentage-closer filtering)",
     )
 
 

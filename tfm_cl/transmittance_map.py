@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import Light, SpotLight
+from tfm_cl.lights import Light
 from tfm_cl.settings import STORAGE_BITS, MapSettings
 
 if TYPE_CHECKING:
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from tfm_cl.bricks import BrickGrid
     from tfm_cl.passes.light_pass import LightPass, MapBuffers
     from tfm_cl.scene import Scene
+    from tfm_cl.solids import Solid
     from tfm_cl.volume import Volume
+    from tfm_cl.volumes import Volumes
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,9 @@ class TransmittanceMap:
     """Resolved: no ``"auto"``."""
     requested: MapSettings
     """The scene's own."""
-    volume: Volume
+    volume: Volume | Volumes
+    solids: tuple[Solid, ...]
+    """That stood in the light's way."""
     density_weighting: float
     """The α in use."""
     largest_optical_depth: float
@@ -49,8 +53,8 @@ class TransmittanceMap:
     functions: Functions | None
     """Of the basis."""
     field: NDArray[np.float32]
-    """Ranges of the light rays, [size, size, 4]: begin and end (distances from the light), slope beyond, 0.
-    Without meaning for the range ``box``."""
+    """Ranges of the light rays, [size, size, 4]: begin and end (distances from the light), slope beyond,
+    last density. Without meaning for the range ``box``."""
     buffers: MapBuffers
     params: cl.Buffer
     bricks: BrickGrid
@@ -82,7 +86,9 @@ class TransmittanceMap:
 
     @cached_property
     def _residuals(self) -> NDArray[np.float32]:
-        return self.light_pass.residual(self.settings, self.light, self.params, self.bricks, self.buffers)
+        return self.light_pass.residual(
+            self.settings, self.light, self.params, self.bricks, self.buffers, clipped=bool(self.solids)
+        )
 
     @cached_property
     def residual(self) -> NDArray[np.float32]:
@@ -125,8 +131,6 @@ class TransmittanceMap:
         """
         from tfm_cl import reference  # noqa: PLC0415 - few need it
 
-        if not isinstance(self.light, SpotLight):
-            raise SceneError(f"curves are followed of spot lights only; this one is a '{self.light.type}'")
         rays = reference.map_rays(self.light, np.array([[u, v]]))
         begin, end = (float(bound[0]) for bound in reference.march_bounds(self.volume, *rays))
         if not begin < end:
@@ -177,18 +181,11 @@ class TransmittanceMap:
         """Raise `SceneError` unless this map is right for light ``index`` of a scene."""
         light = scene.lights[index]
         for what, same in (
-            ("volume", _same_density(self.volume, scene.volume)),
+            ("volume", self.volume.same_density(scene.volume)),
+            ("set of solids", self.solids == scene.solids),
             ("light", self.light.map_key() == light.map_key()),
             ("map settings", self.requested == scene.map),
             ("voxel type", self.bricks.voxels == scene.march.voxels),
         ):
             if not same:
                 raise SceneError(f"map {index + 1} was built for another {what}; build the maps again")
-
-
-def _same_density(one: Volume, other: Volume) -> bool:
-    return (
-        one.same_voxels(other)
-        and one.density_scale == other.density_scale
-        and one.world_from_index is other.world_from_index
-    )

@@ -81,27 +81,27 @@ class Volume:
     ) -> None:
         self.name = name
         self.source = source
-        self.density_scale = _non_negative(density_scale, "density_scale", self._label)
+        self.density_scale = _non_negative(density_scale, "density_scale", self.label)
         if isinstance(data, Leaves):
-            self._voxels = _Voxels(_as_density_leaves(data, self._label, sanitize=sanitize))
+            self._voxels = _Voxels(_as_density_leaves(data, self.label, sanitize=sanitize))
         else:
-            self._voxels = _Voxels(_as_density(data, self._label, sanitize=sanitize))
+            self._voxels = _Voxels(_as_density(data, self.label, sanitize=sanitize))
         self._colour = None
         if colour is not None:
-            self._colour = _Colour(self._voxels, colour, self._label, sanitize=sanitize)
+            self._colour = _Colour(self._voxels, colour, self.label, sanitize=sanitize)
         if world_from_index is None:
             self.world_from_index = world_from_index_of(
-                _voxel_size(1.0 if voxel_size is None else voxel_size, self._label),
-                _vector((0.0, 0.0, 0.0) if origin is None else origin, "origin", self._label),
+                _voxel_size(1.0 if voxel_size is None else voxel_size, self.label),
+                _vector((0.0, 0.0, 0.0) if origin is None else origin, "origin", self.label),
             )
         elif voxel_size is not None or origin is not None:
             raise VolumeError(
-                f"{self._label}: it brings its own transform; leave out voxel_size and origin "
+                f"{self.label}: it brings its own transform; leave out voxel_size and origin "
                 "(they are for arrays and files without one)"
             )
         else:
             self.world_from_index = np.array(world_from_index, dtype=np.float64)
-        _check_transform(self.world_from_index, self._label)
+        _check_transform(self.world_from_index, self.label)
         self.world_from_index.flags.writeable = False
 
     @classmethod
@@ -172,7 +172,7 @@ class Volume:
         """
         reason = volume_io.too_large(self.shape, sparse=False)
         if reason and self._voxels.leaves is not None:
-            raise VolumeError(f"{self._label}: {reason} for a dense array; .leaves are its voxels without")
+            raise VolumeError(f"{self.label}: {reason} for a dense array; .leaves are its voxels without")
         return self._voxels.dense
 
     @property
@@ -191,7 +191,7 @@ class Volume:
         try:
             return Leaves.from_dense(self._voxels.dense)
         except VolumeError as error:
-            raise VolumeError(f"{self._label}: {error}") from error
+            raise VolumeError(f"{self.label}: {error}") from error
 
     @property
     def colour(self) -> NDArray[np.float32] | None:
@@ -256,9 +256,23 @@ class Volume:
         """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
         return self._voxels.stored is other._voxels.stored and self.colour is other.colour
 
+    @property
+    def parts(self) -> tuple[Volume, ...]:
+        """Itself: what `tfm_cl.volumes.Volumes` has several of."""
+        return (self,)
+
+    def same_density(self, other: object) -> bool:
+        """Tell whether the density is the same everywhere, looking at what it was made from only."""
+        return (
+            isinstance(other, Volume)
+            and self.same_voxels(other)
+            and self.density_scale == other.density_scale
+            and self.world_from_index is other.world_from_index
+        )
+
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels and colours (not copied) under another density scale."""
-        return self._with(density_scale=_non_negative(density_scale, "density_scale", self._label))
+        return self._with(density_scale=_non_negative(density_scale, "density_scale", self.label))
 
     def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)
@@ -269,10 +283,11 @@ class Volume:
     def __repr__(self) -> str:
         z, y, x = self.shape
         coloured = "" if self.colour is None else "coloured, "
-        return f"Volume({self._label}, {x}×{y}×{z} voxels, {coloured}density_scale={self.density_scale:g})"
+        return f"Volume({self.label}, {x}×{y}×{z} voxels, {coloured}density_scale={self.density_scale:g})"
 
     @property
-    def _label(self) -> str:
+    def label(self) -> str:
+        """What messages call it."""
         if self.source is None:
             return self.name or "array"
         return f"{self.source}: grid '{self.name}'" if self.name else str(self.source)

@@ -7,7 +7,7 @@
 #define TFM_BASIS_HAS_ONE
 #include "../projection.h"
 
-TFM_INLINE Floats basis_optical_depth(__constant const Params *params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;

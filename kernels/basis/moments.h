@@ -45,7 +45,7 @@ TFM_INLINE void basis_begin(BasisState *state)
     state->sum[j] = floats(0.0f);
 }
 
-TFM_INLINE void basis_steps(__constant const Params *params, __global const float *table, BasisState *state,
+TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
   (void)params;
@@ -65,7 +65,7 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
   }
 }
 
-TFM_INLINE void basis_finish(__constant const Params *params, __global const float *table, Ints active,
+TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
   (void)params;
@@ -189,7 +189,7 @@ TFM_INLINE void cubic_roots(Floats a, Floats b, Floats c, Floats d, Floats *root
 }
 #endif
 
-TFM_INLINE Floats basis_optical_depth(__constant const Params *params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;

@@ -33,7 +33,7 @@ TFM_INLINE Floats absolute(Floats x)
 }
 
 /* Puts a node behind the last one, in some lanes, and takes one away. */
-TFM_INLINE void add_node(__constant const Params *params, BasisState *state, Ints some, float v, Floats depth)
+TFM_INLINE void add_node(PARAMS params, BasisState *state, Ints some, float v, Floats depth)
 {
   state->v[NODES] = floats(v);
   state->depth[NODES] = depth;
@@ -72,7 +72,7 @@ TFM_INLINE void add_node(__constant const Params *params, BasisState *state, Int
   }
 }
 
-TFM_INLINE void basis_steps(__constant const Params *params, __global const float *table, BasisState *state,
+TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
   (void)table;
@@ -89,7 +89,7 @@ TFM_INLINE void basis_steps(__constant const Params *params, __global const floa
   }
 }
 
-TFM_INLINE void basis_finish(__constant const Params *params, __global const float *table, Ints active,
+TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
   (void)params;
@@ -101,7 +101,7 @@ TFM_INLINE void basis_finish(__constant const Params *params, __global const flo
   }
 }
 
-TFM_INLINE Floats basis_optical_depth(__constant const Params *params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;

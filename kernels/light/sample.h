@@ -12,7 +12,7 @@ typedef struct {
   Floats strength; /* falloff and edge: what the light's intensity is multiplied by, without the medium */
 } LightSample;
 
-TFM_INLINE Floats light_falloff(__constant const Params *params, Floats inverse_distance)
+TFM_INLINE Floats light_falloff(PARAMS params, Floats inverse_distance)
 {
 #if TFM_INVERSE_SQUARE
   const Floats nearest = least(inverse_distance, floats(params->light_nearest_inverse));
@@ -22,6 +22,37 @@ TFM_INLINE Floats light_falloff(__constant const Params *params, Floats inverse_
   (void)inverse_distance;
   return floats(1.0f);
 #endif
+}
+
+/* Lights with a place may have an end: light_shape[3] is 1 / reach, 0 without one. They fade to it smoothly,
+   (1 - (d / reach)^4)^2 (Karis, "Real Shading in Unreal Engine 4", 2013). square: of the distance. */
+TFM_INLINE Floats light_window(PARAMS params, Floats square)
+{
+  const float inverse = params->light_shape[3];
+  if (inverse <= 0.0f)
+    return floats(1.0f);
+  const Floats part = square * (inverse * inverse);
+  const Floats window = greatest(1.0f - part * part, floats(0.0f));
+  return window * window;
+}
+
+TFM_INLINE Ints in_reach(PARAMS params, Floats square)
+{
+  const float inverse = params->light_shape[3];
+  return square * (inverse * inverse) < 1.0f;
+}
+
+/* Clip to the ball that a light with an end reaches. The ray's point `nearest` to the light, at parameter `shift`. */
+TFM_INLINE void reach_clip(PARAMS params, Vec3 nearest, Floats shift, Interval *interval)
+{
+  const float inverse = params->light_shape[3];
+  if (inverse <= 0.0f)
+    return;
+  const float reach = 1.0f / inverse;
+  const Floats square = reach * reach - dot3(nearest, nearest);
+  const Floats half_chord = sqrt(greatest(square, floats(0.0f)));
+  interval->begin = greatest(interval->begin, shift - half_chord);
+  interval->end = square > 0.0f ? least(interval->end, shift + half_chord) : floats(-INFINITY);
 }
 
 #endif

@@ -1,17 +1,17 @@
 /* Spot light: a cone from a point, mapped on the square around it.
-   light_shape = tan(half angle), half angle (radians), blend. Light space: apex at 0, axis along +z. */
+   light_shape = tan(half angle), half angle (radians), blend, 1 / reach. Light space: apex at 0, axis along +z. */
 #ifndef TFM_LIGHT_SPOT_H
 #define TFM_LIGHT_SPOT_H
 
 #include "sample.h"
 
-TFM_INLINE Vec3 spot_position(__constant const Params *params)
+TFM_INLINE Vec3 spot_position(PARAMS params)
 {
   return vec3(floats(params->world_from_light[3]), floats(params->world_from_light[7]),
               floats(params->world_from_light[11]));
 }
 
-TFM_INLINE Ray light_texel_ray(__constant const Params *params, Floats u, Floats v)
+TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
 {
   const float tangent = params->light_shape[0];
   Ray ray;
@@ -21,29 +21,30 @@ TFM_INLINE Ray light_texel_ray(__constant const Params *params, Floats u, Floats
   return ray;
 }
 
-/* The light's ray through a point, both in index space: its parameter is 0 at the light and 1 at the point. */
-TFM_INLINE Ray light_ray_to(__constant const Params *params, Vec3 point)
+/* The light's ray through a point: its parameter is 0 at the light and 1 at the point. */
+TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
 {
   Ray ray;
-  ray.origin = uniform_vec3(params->light_in_grid);
+  ray.origin = spot_position(params);
   ray.direction = vec3(point.x - ray.origin.x, point.y - ray.origin.y, point.z - ray.origin.z);
   return ray;
 }
 
-TFM_INLINE Floats light_projective_depth(__constant const Params *params, Vec3 point)
+TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
 {
   return greatest(transform_point(params->light_from_world, point).z, floats(0.0f));
 }
 
-TFM_INLINE Ints light_reaches(__constant const Params *params, Vec3 point)
+TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
 {
   const Vec3 p = transform_point(params->light_from_world, point);
-  return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= params->light_shape[0] * p.z);
+  return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= params->light_shape[0] * p.z) &
+         in_reach(params, dot3(p, p));
 }
 
 /* Intersection of a ray with the solid cone x^2 + y^2 <= k^2 z^2, z >= 0: one interval, as it is convex.
    A t^2 + 2 B t + C <= 0 holds on both nappes; the sign of A and of the axis component pick ours. */
-TFM_INLINE Ints light_clip(__constant const Params *params, Ray world_ray, Interval *interval)
+TFM_INLINE Ints light_clip(PARAMS params, Ray world_ray, Interval *interval)
 {
   const float k2 = params->light_shape[0] * params->light_shape[0];
   const Ray ray = transform_ray(params->light_from_world, world_ray);
@@ -72,11 +73,12 @@ TFM_INLINE Ints light_clip(__constant const Params *params, Ray world_ray, Inter
   const Ints other_nappe = shallow & ((discriminant < 0.0f) | (o.z + 0.5f * (first + last) * d.z < 0.0f));
   interval->begin = greatest(interval->begin, begin + shift);
   interval->end = other_nappe ? floats(-INFINITY) : least(interval->end, end + shift);
+  reach_clip(params, o, shift, interval);
   return interval->begin < interval->end;
 }
 
 /* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. unit: in light space. */
-TFM_INLINE Floats spot_edge(__constant const Params *params, Vec3 unit)
+TFM_INLINE Floats spot_edge(PARAMS params, Vec3 unit)
 {
   const float cone = params->light_shape[1];
   const float blend = params->light_shape[2];
@@ -87,7 +89,7 @@ TFM_INLINE Floats spot_edge(__constant const Params *params, Vec3 unit)
   return t * t * (3.0f - 2.0f * t);
 }
 
-TFM_INLINE LightSample light_at(__constant const Params *params, Vec3 point)
+TFM_INLINE LightSample light_at(PARAMS params, Vec3 point)
 {
   const Vec3 p = transform_point(params->light_from_world, point);
   const Floats square = dot3(p, p);
@@ -102,7 +104,7 @@ TFM_INLINE LightSample light_at(__constant const Params *params, Vec3 point)
   const Floats scale = 0.5f / (params->light_shape[0] * (apart ? p.z : floats(1.0f)));
   sample.u = 0.5f + p.x * scale;
   sample.v = 0.5f + p.y * scale;
-  sample.strength = light_falloff(params, inverse) * spot_edge(params, unit);
+  sample.strength = light_falloff(params, inverse) * spot_edge(params, unit) * light_window(params, square);
   return sample;
 }
 

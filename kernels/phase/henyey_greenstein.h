@@ -6,7 +6,7 @@
 #include "../fast_math.h"
 
 /* mu: cosine between the light's travel and the direction to the camera; 1 is forward. */
-TFM_INLINE Floats phase_eval(__constant const Params *params, Floats mu)
+TFM_INLINE Floats phase_eval(PARAMS params, Floats mu)
 {
   const float g = params->phase[0];
   const float size = g < 0.0f ? -g : g;

@@ -5,7 +5,7 @@
 #include "../fast_math.h"
 
 /* mu: cosine between the light's travel and the direction to the camera. */
-TFM_INLINE Floats phase_eval(__constant const Params *params, Floats mu)
+TFM_INLINE Floats phase_eval(PARAMS params, Floats mu)
 {
   (void)params;
   (void)mu;

@@ -87,6 +87,10 @@ KEYS = [
     ("camera.up", "1,0,0", [1, 0, 0]),
     ("march.max_stretch", "8", 8),
     ("march.skip_empty", "false", False),
+    ("march.attenuation", "paper", "paper"),
+    ("shadow.res", "77", 77),
+    ("shadow.filter", "nearest", "nearest"),
+    ("ambient.radiance", "0.5", [0.5, 0.5, 0.5]),
     ("image.crop", "1,2,3,4", [1, 2, 3, 4]),
     ("image.aov", "['depth']", ["depth"]),
     ("image.pixel_type", "half", "half"),
@@ -99,6 +103,8 @@ KEYS = [
     ("light.blend", "0.5", 0.5),
     ("light.radius", "0.5", 0.5),
     ("light.samples", "9", 9),
+    ("light.reach", "7", 7),
+    ("light.texture", "/nowhere/slide.png", "/nowhere/slide.png"),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
     ("camera.res", "[5, 6]", [5, 6]),
 ]
@@ -345,10 +351,12 @@ def test_a_configuration_needs_no_opencl(scene):
 def test_print_config_writes_what_json_writes(cli, scene, tiny):
     done = cli("render", scene, "-o", "a.npy", "--print-config", "--json", "b.json", *tiny)
     options = json.loads((scene.parent / "b.json").read_text())["options"]
+
+    def kept(table):
+        return {key: value for key, value in table.items() if value is not None}
+
     without_null = {
-        name: [dict(light) for light in table]
-        if name == "light"
-        else {key: value for key, value in table.items() if value is not None}
+        name: [kept(each) for each in table] if isinstance(table, list) else kept(table)
         for name, table in options.items()
     }
     printed = tomllib.loads(done.out)

@@ -34,16 +34,15 @@ TFM_INLINE float lane0(Floats v)
   if (i >= (size_t)count)              \
     return
 
-__kernel void call_density_at(__constant const Params *params, GRID_ARGUMENTS, __global const float *points,
+__kernel void call_density_at(PARAMS params, GRID_ARGUMENTS, __global const float *points,
                               __global float *densities, int count)
 {
   GUARD;
   PADDED_GRID(grid);
-  Ray ray;
-  ray.origin = transform_point(params->index_from_world, load3(points, count));
-  ray.direction = vec3(floats(0.0f), floats(0.0f), floats(0.0f));
+  const Ray still = {load3(points, count), vec3(floats(0.0f), floats(0.0f), floats(0.0f))};
+  const GridRay ray = index_ray(params, still);
   const Ints every = floats(0.0f) == 0.0f;
-  const Walk walk = walk_from(ray, floats(0.0f), floats(1.0f), no_warp(), 0, ints(1), every);
+  const Walk walk = walk_from(&grid, &ray, floats(0.0f), floats(1.0f), no_warp(), 0, ints(1), every);
   Ints samples = ints(0);
   Steps list = no_steps();
   list.forced = 1;
@@ -52,15 +51,16 @@ __kernel void call_density_at(__constant const Params *params, GRID_ARGUMENTS, _
     densities[i] = lane0(density_at(&grid, &walk, &list, 0, floats(0.5f), &samples));
 }
 
-__kernel void call_march_optical_depth(__constant const Params *params, GRID_ARGUMENTS, __global const float *origins,
+__kernel void call_march_optical_depth(PARAMS params, GRID_ARGUMENTS, __global const float *origins,
                                        __global const float *directions, __global float *optical_depths, float begin,
                                        float end, int steps, int count)
 {
   GUARD;
   PADDED_GRID(grid);
   const Ray ray = {load3(origins, count), load3(directions, count)};
+  const GridRay ray_in_grid = index_ray(params, ray);
   Ints samples = ints(0);
-  optical_depths[i] = lane0(march_optical_depth(&grid, index_ray(params, ray), floats(begin), floats(end), steps,
+  optical_depths[i] = lane0(march_optical_depth(&grid, &ray_in_grid, floats(begin), floats(end), steps,
                                                 floats(0.0f) == 0.0f, &samples));
 }
 
@@ -70,17 +70,18 @@ TFM_INLINE float2 interval_or_0(Ints hit, Interval interval)
 }
 
 /* Misses are written as begin = end = 0. */
-__kernel void call_medium_clip(__constant const Params *params, __global const float *origins,
+__kernel void call_medium_clip(PARAMS params, __global const float *origins,
                                __global const float *directions, __global float2 *intervals, int count)
 {
   GUARD;
   const Ray ray = {load3(origins, count), load3(directions, count)};
   Interval interval = {floats(0.0f), floats(INFINITY)};
-  const Ints hit = medium_clip(params, index_ray(params, ray), &interval);
+  const GridRay ray_in_grid = index_ray(params, ray);
+  const Ints hit = medium_clip(params, &ray_in_grid, &interval);
   intervals[i] = interval_or_0(hit, interval);
 }
 
-__kernel void call_light_clip(__constant const Params *params, __global const float *origins,
+__kernel void call_light_clip(PARAMS params, __global const float *origins,
                               __global const float *directions, __global float2 *intervals, int count)
 {
   GUARD;
@@ -90,7 +91,7 @@ __kernel void call_light_clip(__constant const Params *params, __global const fl
   intervals[i] = interval_or_0(hit, interval);
 }
 
-__kernel void call_light_at(__constant const Params *params, __global const float *points,
+__kernel void call_light_at(PARAMS params, __global const float *points,
                             __global float *uv_distance, __global float *radiance, int count)
 {
   GUARD;
@@ -99,7 +100,7 @@ __kernel void call_light_at(__constant const Params *params, __global const floa
   vstore3(vload3(0, params->light_intensity) * lane0(sample.strength), i, radiance);
 }
 
-__kernel void call_light_texel_ray(__constant const Params *params, __global const float *uvs,
+__kernel void call_light_texel_ray(PARAMS params, __global const float *uvs,
                                    __global float *directions, int count)
 {
   GUARD;
@@ -107,7 +108,7 @@ __kernel void call_light_texel_ray(__constant const Params *params, __global con
   vstore3((float3)(lane0(direction.x), lane0(direction.y), lane0(direction.z)), i, directions);
 }
 
-__kernel void call_phase_eval(__constant const Params *params, __global const float *mus, __global float *values,
+__kernel void call_phase_eval(PARAMS params, __global const float *mus, __global float *values,
                               int count)
 {
   GUARD;
@@ -143,7 +144,7 @@ __kernel void call_unwarp_fraction(__global const float *depths, __global const 
 }
 
 /* Optical depths of one ray at the middles of its steps, [steps], to coefficients; table as the basis makes it. */
-__kernel void call_basis_project(__constant const Params *params, __global const float *optical_depths,
+__kernel void call_basis_project(PARAMS params, __global const float *optical_depths,
                                  __global float *coefficients, int steps, __global const float *table, int count)
 {
   GUARD;
@@ -163,7 +164,7 @@ __kernel void call_basis_project(__constant const Params *params, __global const
     coefficients[i * (size_t)TFM_N_COEFF + (size_t)j] = lane0(c[j]);
 }
 
-__kernel void call_basis_optical_depth(__constant const Params *params, __global const float *coefficients,
+__kernel void call_basis_optical_depth(PARAMS params, __global const float *coefficients,
                                        __global const float *us, __global float *optical_depths, int count)
 {
   GUARD;

@@ -27,7 +27,7 @@ class Device:
         self.launcher = launcher
         self.scene = scene or make_scene()
         light = self.scene.lights[0]
-        self.bricks = build_bricks(launcher, self.scene.volume.leaves, "the volume", "f32")
+        self.bricks = build_bricks(launcher, [self.scene.volume.leaves], "the volume", "f32")
         self.headers = (BASES["dct"].header, light.HEADER, self.scene.medium.phase.HEADER)
         self.defines = {"TFM_N_COEFF": coeffs, "TFM_STORAGE_BITS": storage_bits, **self.bricks.defines}
         self.defines |= map_variant(NO_MAP, light, self.bricks)[1] | self.defines
@@ -70,11 +70,11 @@ def unit(vectors):
 def test_struct_offsets_agree_with_the_compiler(launcher):
     fields = [field.name for field in parameters.FIELDS]
     stores = "".join(
-        f"offsets[{i}] = (int)((__constant const char *)&p->{name} - (__constant const char *)p);"
+        f"offsets[{i}] = (int)((__global const char *)&p->{name} - (__global const char *)p);"
         for i, name in enumerate(fields)
     )
     text = f"""{parameters.c_declaration()}
-    __kernel void offsets_of(__constant const Params *p, __global int *offsets)
+    __kernel void offsets_of(PARAMS p, __global int *offsets)
     {{ {stores} offsets[{len(fields)}] = (int)sizeof(Params); }}"""
     program = cl.Program(launcher.context, text).build(["-cl-std=CL1.2"])
     offsets = launcher.empty("offsets", 4 * (len(fields) + 1))

@@ -7,7 +7,13 @@ from tolerances import EXPONENT, FAST_MATH, FLOAT32, STEP
 from tfm_cl import reference
 
 HEADERS = ("basis/cosine.h", "light/spot.h", "phase/isotropic.h")
-DEFINES = {"TFM_N_COEFF": 4, "TFM_STORAGE_BITS": 32, "TFM_VOXEL_BITS": 32, "TFM_POOLS": 1}
+DEFINES = {
+    "TFM_N_COEFF": 4,
+    "TFM_STORAGE_BITS": 32,
+    "TFM_VOXEL_BITS": 32,
+    "TFM_POOLS": 1,
+    "TFM_VOLUMES": 1,
+}
 
 SMALLEST = float(np.finfo(np.float32).tiny)
 """The least normal float32."""

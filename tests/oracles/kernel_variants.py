@@ -37,8 +37,11 @@ def _basis(settings: MapSettings) -> tuple[str, dict[str, int]]:
 
 
 RECORDS: Choices = {"TFM_VOXEL_BITS": (32, 16, 8)}
-VOLUME: Choices = {**RECORDS, "TFM_POOLS": (1, 8)}
-LIGHT: Choices = {"light": [light.HEADER for light in LIGHTS.values()], "TFM_INVERSE_SQUARE": (0, 1)}
+VOLUME: Choices = {**RECORDS, "TFM_POOLS": (1, 8), "TFM_VOLUMES": (1, 3)}
+LIGHT: Choices = {
+    "light": list(dict.fromkeys(light.HEADER for light in LIGHTS.values())),
+    "TFM_INVERSE_SQUARE": (0, 1),
+}
 MAP: Choices = {
     "basis": [_basis(settings) for settings in SETTINGS],
     **LIGHT,
@@ -53,13 +56,17 @@ VIEW: Choices = {
     "phase": [phase.HEADER for phase in PHASES.values()],
     "TFM_METHOD_DUAL": (0, 1),
     "TFM_CHANNELS": (1, 3),
+    "TFM_SHADOW": (0, 1, 2),
+    "TFM_TEXTURE": (0, 1),
 }
 
 PROGRAMS: dict[str, Choices] = {
-    "bricks.cl": {**RECORDS, "TFM_POOLS": (1,)},
-    "light_pass.cl": {**VOLUME, **MAP},
-    "light_probe.cl": {**VOLUME, **LIGHT},
+    "ambient_pass.cl": {"TFM_SHADOW": (0, 1)},
+    "bricks.cl": {**RECORDS, "TFM_POOLS": (1,), "TFM_VOLUMES": (1,)},
+    "light_pass.cl": {**VOLUME, **MAP, "TFM_SHADOW": (0, 1)},
+    "light_probe.cl": {**VOLUME, **LIGHT, "TFM_SHADOW": (0, 1)},
     "prefilter.cl": {"TFM_GROUP": (1, 8, 64)},
+    "solid_pass.cl": {**VOLUME, **MAP, **VIEW},
     "view_pass.cl": {**VOLUME, **MAP, **VIEW},
 }
 """Entry -> what it is compiled with."""

@@ -70,8 +70,7 @@ def command(
         raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
     _check_writable(outputs, json_path)
     scene_file = SceneFile.read(source, overrides(given, settings))
-    colour = scene_file.volume.colour
-    read = [scene_file.volume.file, *([colour] if isinstance(colour, str) else [])]
+    read = scene_file.files()
     _check_apart(outputs, (source, *(source.parent / name for name in read)))
     scene = scene_file.scene()
     resolved = scene_file.resolved(scene)

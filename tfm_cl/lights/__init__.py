@@ -7,14 +7,29 @@ To add one, write a module with a `Light` subclass and its kernel header, and li
 from typing import Any
 
 from tfm_cl.errors import SceneError
-from tfm_cl.lights.base import Light, LightFrame
+from tfm_cl.lights.base import Arrival, Light, LightFrame
+from tfm_cl.lights.environment import EnvironmentLight
+from tfm_cl.lights.point import PointLight
 from tfm_cl.lights.spot import SpotLight
+from tfm_cl.lights.sun import SunLight
 from tfm_cl.model import unknown_key
 
-LIGHTS: dict[str, type[Light]] = {cls.model_fields["type"].default: cls for cls in (SpotLight,)}
+LIGHTS: dict[str, type[Light]] = {
+    cls.model_fields["type"].default: cls for cls in (SpotLight, SunLight, PointLight, EnvironmentLight)
+}
 """Name in scene files -> class."""
 
-__all__ = ["LIGHTS", "Light", "LightFrame", "SpotLight", "parse_light"]
+__all__ = [
+    "LIGHTS",
+    "Arrival",
+    "EnvironmentLight",
+    "Light",
+    "LightFrame",
+    "PointLight",
+    "SpotLight",
+    "SunLight",
+    "parse_light",
+]
 
 
 def parse_light(values: dict[str, Any]) -> Light:
@@ -26,6 +41,6 @@ def parse_light(values: dict[str, Any]) -> Light:
         Unknown type, unknown key or impossible value.
     """
     name = values.get("type", "spot")
-    if name not in LIGHTS:
+    if not isinstance(name, str) or name not in LIGHTS:
         raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
     return LIGHTS[name](**values)

@@ -1,17 +1,21 @@
-"""Area lights: a disk of light as many spot lights, the mean of whose transmittance is its soft shadow.
+"""Lights that are not a point, as the sum of many that are: each with a map of its own.
 
-Each point of the disk has a map of its own, and what a medium point receives is the mean of T over them: the
-shadow of the area light itself, up to the number of points. Blurring one map instead
-(`tfm_cl.passes.prefilter`) blurs the density: it takes the geometric mean of T, which is darker.
+What a medium point receives is the mean of T over them: the shadow of the whole light, up to the number of
+points. Blurring one map instead (`tfm_cl.passes.prefilter`) blurs the density: it takes the geometric mean
+of T, which is darker.
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.lights.base import Light
-from tfm_cl.lights.spot import SpotLight
+if TYPE_CHECKING:
+    from tfm_cl.lights.base import Light
+
+MOST_SAMPLES = 256
+"""Parts of a light: each has a map."""
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 """Radians between a point and the next: no two come to lie on one ray (Vogel, 1979)."""
@@ -32,19 +36,20 @@ def disk_points(count: int) -> NDArray[np.float64]:
     return centred
 
 
-def spread(light: Light) -> tuple[Light, ...]:
-    """Return the point-like lights whose sum a light is.
+def sphere_directions(count: int) -> NDArray[np.float64]:
+    """Spread unit vectors over the sphere: the same spiral, from +y to -y, its bands of equal area.
 
-    Parameters
-    ----------
-    light
-        Of any type. A spot light with a ``radius`` gives ``samples`` spot lights on its disk, which faces
-        the axis, each with its part of the intensity and the same cone, turned to look at the same ``to``;
-        any other light gives itself.
+    Returns
+    -------
+    directions
+        [count, 3], each for the same solid angle 4π / count; always the same.
     """
-    if not isinstance(light, SpotLight) or light.radius == 0:
-        return (light,)
-    right, up = light.frame().world_from_light[:3, :2].T
-    offsets = light.radius * disk_points(light.samples) @ np.stack([right, up])
-    part = {"intensity": np.divide(light.intensity, light.samples), "radius": 0.0}
-    return tuple(light.replace(from_=light.from_ + offset, **part) for offset in offsets)
+    number = np.arange(count)
+    y, angle = 1 - (2 * number + 1) / count, number * GOLDEN_ANGLE
+    radius = np.sqrt(1 - y * y)
+    return np.column_stack([radius * np.cos(angle), y, radius * np.sin(angle)])
+
+
+def spread(light: "Light") -> tuple["Light", ...]:
+    """Return the lights whose sum a light is, each with one map: `Light.parts`."""
+    return light.parts()

@@ -39,6 +39,11 @@ def int4(x: int, y: int, z: int, w: int) -> Any:
     return cltypes.make_int4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
 
 
+def float4(x: float, y: float, z: float, w: float) -> Any:
+    """Make a kernel argument of OpenCL's type float4."""
+    return cltypes.make_float4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
+
+
 def lanes_of(device: cl.Device) -> int:
     """Rays a work-item carries: a CPU's vector width, or 1 where the hardware groups work-items itself."""
     if not device.type & cl.device_type.CPU:

@@ -35,9 +35,12 @@ def steps_of_levels(settings: MapSettings) -> list[int]:
 
 
 def map_variant(
-    settings: MapSettings, light: Light, bricks: BrickGrid
+    settings: MapSettings, light: Light, bricks: BrickGrid, *, clipped: bool = False
 ) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Headers and macros of every kernel that reads or writes a map of such resolved settings."""
+    """Headers and macros of every kernel that reads or writes a map of such resolved settings.
+
+    ``clipped``: solids end its rays.
+    """
     headers = (BASES[settings.basis].header, light.HEADER)
     defines = {
         "TFM_N_COEFF": settings.coeffs,
@@ -47,6 +50,7 @@ def map_variant(
         "TFM_RANGE": int(settings.range != "box"),
         "TFM_LOOKUP": LOOKUPS[settings.lookup],  # type: ignore[index]
         "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
+        "TFM_SHADOW": int(clipped),
     }
     return headers, defines | bricks.defines
 
@@ -62,6 +66,8 @@ class MapPlan:
     functions: Functions | None
     """Of the basis; None where its kernel header accumulates in its own way."""
     number_unit: float
+    clip: NDArray[np.float32] | None
+    """[res, res] distances beyond which, for solids, a texel's ray lights nothing; None without solids."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,8 @@ class MapBuffers:
     """Texels whose ray has a range."""
     occupied: cl.Buffer
     """float2 [res, res]: where density begins and ends, distances from the light; 0 without."""
+    clip: cl.Buffer
+    """float [res, res]: the plan's, if any."""
 
     @property
     def arguments(self) -> tuple[cl.Buffer, cl.Buffer, cl.Buffer, cl.Buffer]:
@@ -112,7 +120,10 @@ class LightPass:
         """
         launcher, settings = self._launcher, plan.settings
         res = settings.res
-        kernel = self._kernel("light_pass", settings, light, bricks)
+        clipped = plan.clip is not None
+        kernel = self._kernel("light_pass", settings, light, bricks, clipped=clipped)
+        none = np.zeros(1, np.float32)
+        clip = launcher.upload("the solids' distances", none if plan.clip is None else plan.clip)
         tables = [np.zeros(0, np.float32)] * MARCH_LEVELS
         modes = tables[0]
         if plan.functions is not None:
@@ -141,6 +152,7 @@ class LightPass:
                     field,
                     table,
                     table_starts,
+                    clip,
                     coefficients,
                     occupied,
                     counts,
@@ -163,6 +175,7 @@ class LightPass:
             samples=samples,
             hits=hits,
             occupied=occupied,
+            clip=clip,
         )
 
     def _allocate(self, settings: MapSettings, bits: int) -> cl.Buffer:
@@ -219,11 +232,18 @@ class LightPass:
         return launcher.download(depths, (count,), np.float32)
 
     def residual(
-        self, settings: MapSettings, light: Light, params: cl.Buffer, bricks: BrickGrid, buffers: MapBuffers
+        self,
+        settings: MapSettings,
+        light: Light,
+        params: cl.Buffer,
+        bricks: BrickGrid,
+        buffers: MapBuffers,
+        *,
+        clipped: bool,
     ) -> NDArray[np.float32]:
         """Integrals of D (T_map - T)² and of D T² along every texel's ray, [res, res, 2]."""
         launcher, res, steps = self._launcher, settings.res, RESIDUAL_STEPS * settings.steps
-        kernel = self._kernel("map_residual", settings, light, bricks)
+        kernel = self._kernel("map_residual", settings, light, bricks, clipped=clipped)
         residuals = launcher.empty("the map's residuals", 8 * res * res, reuse=True)
         windows = Windows(0, 0, res, res, steps)
         for window in windows:
@@ -234,6 +254,7 @@ class LightPass:
                     params,
                     *bricks.arguments,
                     *buffers.arguments,
+                    buffers.clip,
                     residuals,
                     np.int32(steps),
                     int4(*window),
@@ -256,6 +277,8 @@ class LightPass:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
         return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
 
-    def _kernel(self, name: str, settings: MapSettings, light: Light, bricks: BrickGrid) -> cl.Kernel:
-        headers, defines = map_variant(settings, light, bricks)
+    def _kernel(
+        self, name: str, settings: MapSettings, light: Light, bricks: BrickGrid, *, clipped: bool = False
+    ) -> cl.Kernel:
+        headers, defines = map_variant(settings, light, bricks, clipped=clipped)
         return self._launcher.kernels.kernel(name, "light_pass.cl", headers, defines)

@@ -37,11 +37,13 @@ class Probe:
     """Mean density from there to the last density."""
     optical_depth: NDArray[np.float32]
     """Of the density along the whole ray."""
+    last: NDArray[np.float32]
+    """Where the last density is."""
     seconds: float
     """Device time."""
 
     def field(self) -> NDArray[np.float32]:
-        """Ranges for all texels between these rays: begin, end, slope, 0; float32 [size, size, 4].
+        """Ranges for all texels between these rays: begin, end, slope, last; float32 [size, size, 4].
 
         Every entry holds the ranges of its neighbours too, so that what is interpolated between entries
         holds those of all rays in between that look like them. Entries without density get the next ones'.
@@ -59,7 +61,7 @@ class Probe:
         nothing = begin[~missing].min() if not missing.all() else 0.0
         begin, end = np.where(missing, nothing, begin), np.where(missing, nothing, end)
         slope = np.where(dense, self.slope, 0)
-        return np.stack([begin, end, slope, np.zeros_like(slope)], axis=-1).astype(np.float32)
+        return np.stack([begin, end, slope, np.where(dense, self.last, 0)], axis=-1).astype(np.float32)
 
     def global_field(self) -> NDArray[np.float32]:
         """One range for all rays, that of the nearest and the farthest density; float32 [2, 2, 4]."""
@@ -82,7 +84,14 @@ class LightProbe:
         self._launcher = launcher
 
     def ranges(
-        self, light: Light, params: cl.Buffer, bricks: BrickGrid, size: int, cut: float, steps: int
+        self,
+        light: Light,
+        params: cl.Buffer,
+        bricks: BrickGrid,
+        size: int,
+        cut: float,
+        steps: int,
+        clip: NDArray[np.float32] | None = None,
     ) -> Probe:
         """March coarse light rays, ``size`` × ``size`` of them.
 
@@ -92,10 +101,14 @@ class LightProbe:
             Optical depth of the density at which a range ends; infinite for none.
         steps
             Along a ray between the medium's bounds.
+        clip
+            Distances [size, size] beyond which nothing is lit; None for none.
         """
         launcher = self._launcher
-        kernel = self._kernel("light_ranges", light, bricks)
+        kernel = self._kernel("light_ranges", light, bricks, clipped=clip is not None)
         ranges = launcher.empty("the light's ranges", 16 * size * size, reuse=True)
+        lasts = launcher.empty("the light's ranges", 4 * size * size, reuse=True)
+        clips = launcher.upload("the solids' distances", np.zeros(1, np.float32) if clip is None else clip)
         seconds = 0.0
         windows = Windows(0, 0, size, size, steps)
         for window in windows:
@@ -105,7 +118,9 @@ class LightProbe:
                     window,
                     params,
                     *bricks.arguments,
+                    clips,
                     ranges,
+                    lasts,
                     np.int32(size),
                     np.int32(steps),
                     np.float32(min(cut, 1e30)),
@@ -113,7 +128,8 @@ class LightProbe:
                 )
             )
         found = launcher.download(ranges, (size, size, 4), np.float32)
-        return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], seconds)
+        last = launcher.download(lasts, (size, size), np.float32)
+        return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], last, seconds)
 
     def curves(
         self,
@@ -156,8 +172,11 @@ class LightProbe:
         depth = launcher.download(out, (len(rays), CELLS + 1), np.float32).astype(np.float64)
         return Curves(depth, extinction), seconds
 
-    def _kernel(self, name: str, light: Light, bricks: BrickGrid) -> cl.Kernel:
-        defines = {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")} | bricks.defines
+    def _kernel(self, name: str, light: Light, bricks: BrickGrid, *, clipped: bool = False) -> cl.Kernel:
+        defines = {
+            "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
+            "TFM_SHADOW": int(clipped),
+        } | bricks.defines
         return self._launcher.kernels.kernel(name, "light_probe.cl", (light.HEADER,), defines)
 
 

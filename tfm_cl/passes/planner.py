@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,9 @@ RANGE_STEPS = 128
 map."""
 
 
+Clip = Callable[["Light", int], np.ndarray | None]
+
+
 @dataclass(frozen=True)
 class Planned(MapPlan):
     """A map's plan, and what it was made from."""
@@ -58,13 +62,21 @@ class Planner:
         self._launcher = launcher
         self._probe = LightProbe(launcher)
 
-    def plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
-        """Plan one map for each light of a resolved scene; they differ only in what depends on the light."""
+    def plans(self, scene: Scene, bricks: BrickGrid, clip: Clip) -> list[Planned]:
+        """Plan one map for each light of a resolved scene; they differ only in what depends on the light.
+
+        Parameters
+        ----------
+        clip
+            Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
+        """
         settings = scene.map.resolved()
         extinction = parameters.reference_extinction(scene.medium)
         params = [self._params(scene, light, bricks) for light in scene.lights]
         coarse = [
-            self._probe.ranges(light, of_light, bricks, PROBE_RES, np.inf, settings.steps)
+            self._probe.ranges(
+                light, of_light, bricks, PROBE_RES, np.inf, settings.steps, clip(light, PROBE_RES)
+            )
             for light, of_light in zip(scene.lights, params, strict=True)
         ]
         deepest = max(float(probe.optical_depth.max()) for probe in coarse)
@@ -76,7 +88,9 @@ class Planner:
         probes = [
             probe
             if settings.range == "box"
-            else self._probe.ranges(light, of_light, bricks, field_res(settings.res), cut, probe_steps)
+            else self._probe.ranges(
+                light, of_light, bricks, size := field_res(settings.res), cut, probe_steps, clip(light, size)
+            )
             for light, of_light, probe in zip(scene.lights, params, coarse, strict=True)
         ]
         fields = [_field(settings, probe) for probe in probes]
@@ -108,8 +122,9 @@ class Planner:
                 deepest=deepest,
                 extinction=extinction,
                 seconds=took,
+                clip=clip(light, settings.res),
             )
-            for field, of_light, took in zip(fields, curves, seconds, strict=True)
+            for light, field, of_light, took in zip(scene.lights, fields, curves, seconds, strict=True)
         ]
 
     def _params(self, scene: Scene, light: Light, bricks: BrickGrid) -> cl.Buffer:

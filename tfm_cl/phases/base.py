@@ -19,7 +19,7 @@ class Phase(Model):
 
     SECTION: ClassVar[str] = "medium.phase"
     HEADER: ClassVar[str]
-    """Kernel header, below ``kernels/``, with ``float phase_eval(__constant const Params *, float)``."""
+    """Kernel header, below ``kernels/``, with ``float phase_eval(PARAMS, float)``."""
 
     type: str = Field(description="name of the phase function")
 

@@ -1,0 +1,68 @@
+/* Sun: parallel light along +z, mapped on the rectangle around the medium as the light sees it.
+   light_shape = half width, half height. Light space: the rectangle's middle at 0, on the plane where distances begin,
+   which lies before all that the light meets. */
+#ifndef TFM_LIGHT_SUN_H
+#define TFM_LIGHT_SUN_H
+
+#include "sample.h"
+
+TFM_INLINE Vec3 sun_direction(PARAMS params)
+{
+  return vec3(floats(params->world_from_light[2]), floats(params->world_from_light[6]),
+              floats(params->world_from_light[10]));
+}
+
+TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
+{
+  Ray ray;
+  ray.origin = transform_point(params->world_from_light,
+                               vec3((2.0f * u - 1.0f) * params->light_shape[0],
+                                    (2.0f * v - 1.0f) * params->light_shape[1], floats(0.0f)));
+  ray.direction = sun_direction(params);
+  return ray;
+}
+
+/* The light's ray through a point: its parameter is 0 where it begins and 1 at the point. */
+TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
+{
+  const Floats distance = transform_point(params->light_from_world, point).z;
+  Ray ray;
+  ray.direction = scale3(distance, sun_direction(params));
+  ray.origin = vec3(point.x - ray.direction.x, point.y - ray.direction.y, point.z - ray.direction.z);
+  return ray;
+}
+
+TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
+{
+  (void)params;
+  (void)point;
+  return floats(1.0f);
+}
+
+TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
+{
+  (void)params;
+  (void)point;
+  return ints(-1);
+}
+
+TFM_INLINE Ints light_clip(PARAMS params, Ray ray, Interval *interval)
+{
+  (void)params;
+  (void)ray;
+  return interval->begin < interval->end;
+}
+
+TFM_INLINE LightSample light_at(PARAMS params, Vec3 point)
+{
+  const Vec3 p = transform_point(params->light_from_world, point);
+  LightSample sample;
+  sample.direction = sun_direction(params);
+  sample.distance = p.z;
+  sample.u = 0.5f + p.x * (0.5f / params->light_shape[0]);
+  sample.v = 0.5f + p.y * (0.5f / params->light_shape[1]);
+  sample.strength = floats(1.0f);
+  return sample;
+}
+
+#endif

@@ -1,0 +1,35 @@
+/* Shadow maps: for every texel of a light's square the distance from the light to the nearest solid, INFINITY without
+   one (Williams 1978; distances instead of depths, TFM section 4.1).
+   Requires: TFM_SHADOW 0: no solids, 1: nearest texel, 2: percentage-closer filtering (Reeves et al. 1987) of the four
+   texels around; Params. */
+#ifndef TFM_SHADOW_H
+#define TFM_SHADOW_H
+
+#include "light/sample.h"
+#include "texels.h"
+
+/* The part of the light that no solid keeps from a sample, [0, 1]. */
+TFM_INLINE Floats light_visibility(PARAMS params, __global const float *shadow, LightSample sample)
+{
+#if TFM_SHADOW == 0
+  (void)params;
+  (void)shadow;
+  (void)sample;
+  return floats(1.0f);
+#else
+  const int res = params->shadow_res;
+  const MapPosition at = map_position(res, sample.u, sample.v);
+  __global const float *low = shadow + params->first_shadow;
+  const int dx = res > 1 ? 1 : 0, dy = res > 1 ? res : 0;
+#define LIT(offset) (gather_floats(low + (offset), at.texel) >= sample.distance ? floats(1.0f) : floats(0.0f))
+#if TFM_SHADOW == 1
+  const Ints nearest = at.texel + (at.fx > 0.5f ? ints(dx) : ints(0)) + (at.fy > 0.5f ? ints(dy) : ints(0));
+  return gather_floats(low, nearest) >= sample.distance ? floats(1.0f) : floats(0.0f);
+#else
+  return lerp(lerp(LIT(0), LIT(dx), at.fx), lerp(LIT(dy), LIT(dy + dx), at.fx), at.fy);
+#endif
+#undef LIT
+#endif
+}
+
+#endif

@@ -1,0 +1,111 @@
+"""Media of constant density: a box, a sphere or all of space.
+
+Their transmittance is known in closed form (TFM eq. 5).
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Model, Vec3, unknown_key
+
+
+class Homogeneous(Model):
+    """What a scene has in the place of a volume whose density is the same everywhere inside it."""
+
+    SECTION: ClassVar[str] = "volume"
+    KIND: ClassVar[int]
+    """As kernels know it."""
+
+    shape: str = Field(description="form of the medium")
+    density: float = Field(
+        1.0, ge=0, le=LARGEST_COLOUR, description="density inside; extinction is density * sigma_t"
+    )
+    colour: ClassVar[None] = None
+    parts: ClassVar[tuple[()]] = ()
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """World box around the medium, [2, 3]: low and high corner; infinite where it is everywhere."""
+        raise NotImplementedError
+
+    @property
+    def occupied_bounds(self) -> NDArray[np.float64]:
+        """The same: it is occupied everywhere."""
+        return self.bounds
+
+    def same_density(self, other: object) -> bool:
+        """Tell whether the density is the same everywhere."""
+        return self == other
+
+
+class BoxVolume(Homogeneous):
+    """A box along the world's axes."""
+
+    KIND: ClassVar[int] = 1
+    shape: Literal["box"] = "box"
+    from_: Vec3 = Field((-1, -1, -1), alias="from", description="low corner, world units")
+    to: Vec3 = Field((1, 1, 1), description="high corner, world units")
+
+    @model_validator(mode="after")
+    def _has_an_inside(self) -> Self:
+        if not all(low < high for low, high in zip(self.from_, self.to, strict=True)):
+            raise ValueError(f"from = {list(self.from_)} should be below to = {list(self.to)} on every axis")
+        return self
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """The box."""
+        return np.array([self.from_, self.to])
+
+
+class SphereVolume(Homogeneous):
+    """A ball."""
+
+    KIND: ClassVar[int] = 2
+    shape: Literal["sphere"] = "sphere"
+    centre: Vec3 = Field((0, 0, 0), description="world position")
+    radius: float = Field(1.0, gt=0, le=LARGEST_COORDINATE, description="world units")
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """The box around the ball."""
+        centre = np.array(self.centre)
+        return np.stack([centre - self.radius, centre + self.radius])
+
+
+class EverywhereVolume(Homogeneous):
+    """All of space."""
+
+    KIND: ClassVar[int] = 3
+    shape: Literal["everywhere"] = "everywhere"
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Infinite."""
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
+
+
+SHAPES: dict[str, type[Homogeneous]] = {
+    cls.model_fields["shape"].default: cls for cls in (BoxVolume, SphereVolume, EverywhereVolume)
+}
+"""Name in scene files -> class."""
+
+
+def parse_homogeneous(values: dict[str, Any]) -> Homogeneous:
+    """Make a homogeneous volume from a scene file's table with a ``shape``.
+
+    Raises
+    ------
+    SceneError
+        Unknown shape, unknown key or impossible value.
+    """
+    name = values.get("shape")
+    if not isinstance(name, str) or name not in SHAPES:
+        raise SceneError(f"volume.shape: {unknown_key(str(name), list(SHAPES)).replace('key', 'shape')}")
+    return SHAPES[name](**values)
