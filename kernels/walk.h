@@ -276,7 +276,8 @@ TFM_INLINE void find_steps_apart(const Grid *grid, const Walk *walk, Ints alive,
       const Vec3 point = point_in_grid(&grid->of[i], ray_at(walk->ray.of[i], t));
       Ints records = records_at(&grid->of[i], point);
 #if TFM_VOLUMES > 1
-      records = (t >= walk->within[i].begin) & (t <= walk->within[i].end) ? records : ints(0);
+      const Ints within = (t >= walk->within[i].begin) & (t <= walk->within[i].end);
+      records = within ? records : ints(0);
 #endif
       read |= any_lane(here & (records > 0));
       steps->point[count][i] = point;

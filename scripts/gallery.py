@@ -6,7 +6,17 @@ from pathlib import Path
 from tfm_cl.cli import main
 
 VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
-SIZES = {"cumulus": "960x540", "plume": "480x600", "figure": "480x480"}
+SIZES = {
+    "cumulus": "960x540",
+    "plume": "480x600",
+    "figure": "480x480",
+    "smoke_and_solids": "640x480",
+    "shafts": "640x360",
+    "two_clouds": "640x360",
+    "lamps": "640x360",
+    "projector": "480x480",
+    "ambient": "640x360",
+}
 
 
 def render_all() -> int:

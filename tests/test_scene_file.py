@@ -22,6 +22,7 @@ grid = "smoke"
 density_scale = 2.5
 voxel_size = [0.1, 0.2, 0.3]
 origin = [1, 2, 3]
+transform = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 2, 7, 0, 0, 0, 1]
 sanitize = true
 colour = false
 
@@ -47,6 +48,17 @@ radius = 0.25
 samples = 9
 intensity = [1, 2, 3]
 falloff = "inverse-square"
+reach = 7.5
+texture = "slide.png"
+
+[[solid]]
+shape = "sphere"
+centre = [1, 2, 3]
+radius = 0.5
+albedo = [0.1, 0.2, 0.3]
+
+[[solid]]
+mesh = "knot.ply"
 
 [[light]]
 from = [-3, 4, 2]
@@ -119,9 +131,15 @@ def test_every_key_arrives(folder):
     file = SceneFile.read(folder / "full.toml")
     scene = file.scene()
     np.testing.assert_array_equal(scene.volume.data, blobs())
-    np.testing.assert_allclose(scene.volume.voxel_size, (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(scene.volume.world_from_index @ [0, 0, 0, 1], (1.05, 2.1, 3.15, 1))
+    # Twice as high, and moved.
+    np.testing.assert_allclose(scene.volume.voxel_size, (0.1, 0.2, 0.6))
+    np.testing.assert_allclose(scene.volume.world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
     assert scene.volume.density_scale == 2.5
+    assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
+    assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
+    sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))
+    mesh = tfm.MeshSolid(mesh=str(folder / "knot.ply"))
+    assert scene.solids == (sphere, mesh)
     assert scene.medium == tfm.Medium(
         sigma_s=(1, 0.8, 0.5), sigma_a=(0.25,) * 3, phase=tfm.HenyeyGreenstein(0.3)
     )
@@ -135,6 +153,8 @@ def test_every_key_arrives(folder):
         samples=9,
         intensity=(1, 2, 3),
         falloff="inverse-square",
+        reach=7.5,
+        texture=str(folder / "slide.png"),
     )
     assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
     assert scene.map == tfm.MapSettings(

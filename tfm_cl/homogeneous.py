@@ -39,6 +39,17 @@ class Homogeneous(Model):
         """The same: it is occupied everywhere."""
         return self.bounds
 
+    @property
+    def half_sizes(self) -> NDArray[np.float64]:
+        """Half of the bounds' edges, [3]."""
+        low, high = self.bounds
+        half: NDArray[np.float64] = (high - low) / 2
+        return half
+
+    def contains(self, offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell whether points, [n, 3] relative to the middle of the bounds, lie in the medium."""
+        return np.all(np.abs(offsets) <= self.half_sizes, axis=-1)
+
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""
         return self == other
@@ -77,6 +88,11 @@ class SphereVolume(Homogeneous):
         """The box around the ball."""
         centre = np.array(self.centre)
         return np.stack([centre - self.radius, centre + self.radius])
+
+    def contains(self, offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell whether points, [n, 3] relative to the centre, lie in the ball."""
+        inside: NDArray[np.bool_] = np.linalg.norm(offsets, axis=-1) <= self.radius
+        return inside
 
 
 class EverywhereVolume(Homogeneous):

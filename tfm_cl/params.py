@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.bases.base import UNIFORM_SHARE
 from tfm_cl.camera import Camera
+from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
 from tfm_cl.model import LARGEST_COORDINATE
@@ -161,22 +162,27 @@ def fill(
     return params
 
 
-def fill_homogeneous(scene: Scene, *, crop: tuple[int, int, int, int]) -> NDArray[Any]:
-    """Return the structs, [lights] of `DTYPE`, for the lights of a scene with a `Homogeneous` volume.
+def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, int, int]) -> NDArray[Any]:
+    """Return the structs, [lights] of `DTYPE`, for the lights of a scene with a homogeneous volume.
 
-    What is kept in buffers (shadow maps, textures, lit pixels) is left at 0.
+    What says where a light's shadow map, texture and lit pixels are is left at 0.
 
     Parameters
     ----------
     scene
         Of single lights, fitted to the volume.
+    volume
+        Its volume.
+    crop
+        Pixels x0, y0, x1, y1 that are rendered.
     """
-    volume = scene.volume
     world_from_device = _world_from_device(scene)
     device_from_world = np.linalg.inv(world_from_device)
     common = np.zeros((), dtype=DTYPE)
     _fill_view(common, scene, crop, device_from_world)
-    common["medium_half"] = half_sizes = volume.half_sizes
+    half_sizes = volume.half_sizes
+    if np.isfinite(half_sizes).all():
+        common["medium_half"] = half_sizes
     common["medium_density"] = volume.density
     extinction = scene.medium.sigma_t * volume.density
     seen = extinction[extinction > 0]
@@ -221,7 +227,7 @@ def padded_from_index() -> NDArray[np.float64]:
 
 
 def _world_from_device(scene: Scene) -> NDArray[np.float64]:
-    """4×4: the middle of the volume's bounds, or the camera where they are infinite, is the device's origin."""
+    """4×4: the device's origin is the middle of the volume's bounds, or the camera where they are infinite."""
     matrix = np.eye(4)
     bounds = scene.volume.bounds
     matrix[:3, 3] = bounds.mean(axis=0) if np.isfinite(bounds).all() else scene.camera.from_

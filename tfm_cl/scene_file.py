@@ -22,6 +22,7 @@ from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, u
 from tfm_cl.scene import Scene
 from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.solids import Solid, parse_solid
+from tfm_cl.transform import Transform
 from tfm_cl.volume import Volume
 from tfm_cl.volume_io import colour as colour_io
 from tfm_cl.volume_io.numpy_array import COLOUR
@@ -87,6 +88,11 @@ class VolumeSettings(Model):
     origin: Vec3 | None = Field(
         None, description="world position of the low corner of voxel 0,0,0 (files without a transform)"
     )
+    transform: Transform | None = Field(
+        None,
+        description="4x4, 16 numbers row by row: moves the volume from where its file, or voxel_size and "
+        "origin, put it",
+    )
     sanitize: bool = Field(
         default=False, description="set NaN, infinite and negative densities and colours to 0"
     )
@@ -101,6 +107,8 @@ class VolumeSettings(Model):
             origin=self.origin,
             sanitize=self.sanitize,
         )
+        if self.transform is not None:
+            volume = volume.transformed(self.transform)
         if self.density_scale == "auto":
             return volume.with_density_scale(placement.density_scale_for(volume))
         return volume.with_density_scale(self.density_scale)

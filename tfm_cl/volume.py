@@ -270,6 +270,13 @@ class Volume:
             and self.world_from_index is other.world_from_index
         )
 
+    def transformed(self, world_from_volume: ArrayLike) -> Volume:
+        """Return the same voxels (not copied) elsewhere: a 4×4 matrix after their own transform."""
+        matrix = np.asarray(world_from_volume, dtype=np.float64) @ self.world_from_index
+        _check_transform(matrix, self.label)
+        matrix.flags.writeable = False
+        return self._with(world_from_index=matrix)
+
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels and colours (not copied) under another density scale."""
         return self._with(density_scale=_non_negative(density_scale, "density_scale", self.label))

@@ -69,6 +69,7 @@ FLAGS = [
     ("--falloff", "inverse-square", "light.falloff", "inverse-square"),
 ]
 
+MOVED = [1, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 4, 0, 0, 0, 1]
 KEYS = [
     *(
         (key, text, expected)
@@ -78,6 +79,7 @@ KEYS = [
     ("volume.file", "smoke.npz", None),
     ("volume.voxel_size", "0.5", [0.5, 0.5, 0.5]),
     ("volume.origin", "-1,2,3", [-1, 2, 3]),
+    ("volume.transform", str(MOVED), [MOVED[row : row + 4] for row in (0, 4, 8, 12)]),
     ("volume.sanitize", "true", True),
     ("volume.colour", "false", False),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),

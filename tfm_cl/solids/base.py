@@ -6,17 +6,13 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, Field
 
-from tfm_cl.model import LARGEST_COORDINATE, RGB, Model
+from tfm_cl.model import RGB, Model
+from tfm_cl.transform import IDENTITY, Transform
 
 DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
 """Of a solid that nothing says more about."""
-
-FLATTEST = 1e-6
-"""Least volume of a transform's axes, each brought to length 1: below, it is flat within float32."""
-
-IDENTITY = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -25,35 +21,8 @@ def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, 
     return rgb
 
 
-def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
-    numbers = value.tolist() if isinstance(value, np.ndarray) else value
-    if isinstance(numbers, list | tuple) and len(numbers) == 4:  # noqa: PLR2004 - rows
-        if not all(isinstance(row, list | tuple) and len(row) == 4 for row in numbers):  # noqa: PLR2004
-            raise ValueError("should be 16 numbers, row by row, or 4 rows of 4")
-        numbers = [item for row in numbers for item in row]
-    if (
-        not isinstance(numbers, list | tuple)
-        or len(numbers) != 16  # noqa: PLR2004 - 4 x 4
-        or not all(isinstance(item, int | float) and not isinstance(item, bool) for item in numbers)
-    ):
-        raise ValueError("should be 16 numbers, row by row, or 4 rows of 4")
-    if not all(abs(item) <= LARGEST_COORDINATE for item in numbers):  # NaN is not
-        raise ValueError(f"should be finite numbers, at most {LARGEST_COORDINATE:g}")
-    matrix = np.array(numbers, dtype=np.float64).reshape(4, 4)
-    if not np.array_equal(matrix[3], (0, 0, 0, 1)):
-        raise ValueError(f"should be affine: its last row is 0 0 0 1, not {matrix[3].tolist()}")
-    axes = matrix[:3, :3]
-    lengths = np.linalg.norm(axes, axis=0)
-    if lengths.min() < 1 / LARGEST_COORDINATE or abs(np.linalg.det(axes / lengths)) < FLATTEST:
-        raise ValueError("cannot be inverted: it makes the solid flat")
-    return tuple(map(tuple, matrix.tolist()))
-
-
 Albedo = Annotated[RGB, AfterValidator(_reflects_no_more_than_all)]
 """Diffuse reflectance, linear Rec. 709, each channel in 0..1; one number means grey."""
-
-Transform = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_affine)]
-"""4×4, affine and invertible; 16 numbers row by row, 4 rows or an array are accepted."""
 
 
 class Solid(Model):

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, InstanceOf
 
 from tfm_cl.errors import SceneError
-from tfm_cl.solids.base import IDENTITY, Albedo, Solid
+from tfm_cl.solids.base import Albedo, Solid
 from tfm_cl.solids.triangles import Triangles, checked
+from tfm_cl.transform import IDENTITY
 
 EXTENSIONS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """What is read: formats of plain numbers, without archives, programs or pickles."""
