@@ -6,6 +6,7 @@
    extinction; TFM_TEXTURE 0 or 1. */
 #include "camera.h"
 #include "fog.h"
+#include "sampling.h"
 #include "shadow.h"
 #if TFM_TEXTURE
 #include "texture.h"

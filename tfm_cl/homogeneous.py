@@ -46,9 +46,10 @@ class Homogeneous(Model):
         half: NDArray[np.float64] = (high - low) / 2
         return half
 
-    def contains(self, offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, offsets: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Tell whether points, [n, 3] relative to the middle of the bounds, lie in the medium."""
-        return np.all(np.abs(offsets) <= self.half_sizes, axis=-1)
+        inside: NDArray[np.bool_] = np.all(np.abs(offsets) <= self.half_sizes, axis=-1)
+        return inside
 
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""
@@ -89,7 +90,7 @@ class SphereVolume(Homogeneous):
         centre = np.array(self.centre)
         return np.stack([centre - self.radius, centre + self.radius])
 
-    def contains(self, offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, offsets: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Tell whether points, [n, 3] relative to the centre, lie in the ball."""
         inside: NDArray[np.bool_] = np.linalg.norm(offsets, axis=-1) <= self.radius
         return inside

@@ -227,7 +227,7 @@ def padded_from_index() -> NDArray[np.float64]:
 
 
 def _world_from_device(scene: Scene) -> NDArray[np.float64]:
-    """4×4: the device's origin is the middle of the volume's bounds, or the camera where they are infinite."""
+    """4×4: the device's origin is the middle of the volume, or the camera where it has none."""
     matrix = np.eye(4)
     bounds = scene.volume.bounds
     matrix[:3, 3] = bounds.mean(axis=0) if np.isfinite(bounds).all() else scene.camera.from_
@@ -238,7 +238,7 @@ def _fill_view(
     params: NDArray[Any],
     scene: Scene,
     crop: tuple[int, int, int, int],
-    device_from_world: NDArray[np.float64],
+    device_from_world: NDArray[np.floating],
 ) -> None:
     """Fill in medium, camera and march: what is the same for all lights and volumes."""
     params["cutoff"] = scene.march.cutoff

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tfm_cl.camera import Camera
+from tfm_cl.errors import SceneError
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
 
 if TYPE_CHECKING:
+    from tfm_cl.scene import Media
     from tfm_cl.volume import Volume
-    from tfm_cl.volumes import Volumes
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
 """From the volume to the camera: in front, a little to the right and above (y is up)."""
@@ -28,8 +29,10 @@ OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
 
 
-def camera_for(volume: "Volume | Volumes", /, **given: Any) -> Camera:
+def camera_for(volume: "Media", /, **given: Any) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame."""
+    if "from" in given and "to" in given:
+        return Camera(**given)
     centre, radius = _sphere(volume)
     given.setdefault("to", _point(centre, radius))
     if "from" not in given:
@@ -47,7 +50,7 @@ def camera_for(volume: "Volume | Volumes", /, **given: Any) -> Camera:
     return Camera(**given)
 
 
-def light_for(volume: "Volume | Volumes", camera: Camera, /, **given: Any) -> Light:
+def light_for(volume: "Media", camera: Camera, /, **given: Any) -> Light:
     """Make a light from the keys given: of any type, above and to the left; a spot's cone holds the medium.
 
     With the intensity chosen here, what reaches the volume's centre through no medium is `INTENSITY`
@@ -95,12 +98,14 @@ def density_scale_for(volume: "Volume") -> float:
     return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
 
 
-def _corners(volume: "Volume | Volumes") -> np.ndarray:
+def _corners(volume: "Media") -> np.ndarray:
     return np.array(list(itertools.product(*volume.occupied_bounds.T)))
 
 
-def _sphere(volume: "Volume | Volumes") -> tuple[np.ndarray, float]:
+def _sphere(volume: "Media") -> tuple[np.ndarray, float]:
     low, high = volume.occupied_bounds
+    if not np.isfinite([low, high]).all():
+        raise SceneError("a medium everywhere has no middle: give the scene a camera and lights")
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 

@@ -19,6 +19,9 @@ from tfm_cl.solids import Solid
 from tfm_cl.volume import Volume
 from tfm_cl.volumes import Volumes, joined
 
+Media = Volume | Volumes | Homogeneous
+"""What a medium may fill."""
+
 
 @dataclass(frozen=True, init=False)
 class Scene:
@@ -44,12 +47,12 @@ class Scene:
     Raises
     ------
     SceneError
-        When there is no light in ``lights``; a homogeneous volume without a camera or without lights.
+        When there is no light in ``lights``; a medium everywhere without a camera or without lights.
     VolumeError
         When there is no volume, or several cannot be added.
     """
 
-    volume: Volume | Volumes | Homogeneous
+    volume: Media
     medium: Medium
     camera: Camera
     lights: tuple[Light, ...]
@@ -61,7 +64,7 @@ class Scene:
 
     def __init__(
         self,
-        volume: Volume | Volumes | Homogeneous | Sequence[Volume],
+        volume: Media | Sequence[Volume],
         medium: Medium | None = None,
         camera: Camera | None = None,
         lights: Iterable[Light] | None = None,
@@ -73,12 +76,8 @@ class Scene:
     ) -> None:
         if isinstance(volume, Sequence):
             volume = joined(volume)
-        if isinstance(volume, Homogeneous):
-            if camera is None or lights is None:
-                raise SceneError("a homogeneous volume needs a camera and lights: nothing is placed for it")
-        else:
-            camera = camera or placement.camera_for(volume)
-            lights = (placement.light_for(volume, camera),) if lights is None else lights
+        camera = camera or placement.camera_for(volume)
+        lights = (placement.light_for(volume, camera),) if lights is None else lights
         lights = tuple(lights)
         if not lights:
             raise SceneError("a scene needs at least one light; leave lights out to have one placed")

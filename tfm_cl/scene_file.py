@@ -19,14 +19,14 @@ from tfm_cl.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
 from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, unknown_key
-from tfm_cl.scene import Scene
+from tfm_cl.scene import Media, Scene
 from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.solids import Solid, parse_solid
 from tfm_cl.transform import Transform
 from tfm_cl.volume import Volume
 from tfm_cl.volume_io import colour as colour_io
 from tfm_cl.volume_io.numpy_array import COLOUR
-from tfm_cl.volumes import MOST_VOLUMES, Volumes, joined
+from tfm_cl.volumes import MOST_VOLUMES, joined
 
 MAX_BYTES = 1 << 20
 """A scene file larger than this is not one."""
@@ -239,13 +239,10 @@ class SceneFile:
         volume = self._volume()
         try:
             lights = self.light
-            if isinstance(volume, Homogeneous):
-                camera = Camera(**self.camera)
-            else:
-                camera = placement.camera_for(volume, **self.camera)
-                if lights is None:
-                    placed = _beside(self.placed_light, "texture", self.path.parent)
-                    lights = (placement.light_for(volume, camera, **placed),)
+            camera = placement.camera_for(volume, **self.camera)
+            if lights is None:
+                placed = _beside(self.placed_light, "texture", self.path.parent)
+                lights = (placement.light_for(volume, camera, **placed),)
             self._check_crop(camera)
             return Scene(
                 volume,
@@ -261,7 +258,7 @@ class SceneFile:
         except SceneError as error:
             raise SceneError(f"{self.path}: {error}") from None
 
-    def _volume(self) -> Volume | Volumes | Homogeneous:
+    def _volume(self) -> Media:
         grids = []
         for settings in self.volumes:
             if isinstance(settings, Homogeneous):
