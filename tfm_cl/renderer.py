@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import coloured
+from tfm_cl import coloured, fog
 from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
@@ -158,8 +158,11 @@ class Renderer:
         """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
         tracer = self._visibility.tracer(scene)
         casters = None if tracer is None else tracer.bounds
-        lights = chain.from_iterable(light.parts() for light in scene.lights)
-        return scene.replace(lights=tuple(light.fitted(scene.volume.bounds, casters) for light in lights))
+        scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
+        if isinstance(scene.volume, Homogeneous):
+            fog.check(scene)
+        bounds = scene.volume.bounds
+        return scene.replace(lights=tuple(light.fitted(bounds, casters) for light in scene.lights))
 
     def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
         """Plan the maps of a scene of single lights."""
@@ -246,7 +249,10 @@ class Renderer:
         gbuffer = self._visibility.gbuffer(points, crop)
         frame = self._view_pass.allocate(crop, gbuffer)
         errors = self._view_pass.allocate(crop, gbuffer) if "map_error" in aovs else None
-        warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
+        if isinstance(points.volume, Homogeneous):
+            warnings = self._add_lights_in_fog(points, points.volume, crop, gbuffer, frame, stats, progress)
+        else:
+            warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
         image, layers = _resolve(self._view_pass.read(frame), gbuffer)
         if errors is not None:
             error = _resolve(self._view_pass.read(errors), gbuffer)[1]["light_transmittance"]
@@ -302,6 +308,32 @@ class Renderer:
             params = self._params(scene, scene.lights[0], crop, bricks, None)
             stats.seconds["view_pass"] += self._view_pass.add_ambient(scene, params, frame)
         return warnings
+
+    def _add_lights_in_fog(
+        self,
+        scene: Scene,
+        volume: Homogeneous,
+        crop: Crop,
+        gbuffer: GBuffer | None,
+        frame: FrameBuffers,
+        stats: RenderStats,
+        progress: Progress,
+    ) -> tuple[str, ...]:
+        """`_add_lights` where the density is the same everywhere."""
+        fog.add_lights(
+            self._launcher,
+            self._view_pass,
+            self._visibility,
+            scene,
+            volume,
+            crop,
+            gbuffer,
+            SHADOW_FILTERS[scene.shadow.filter],
+            frame,
+            stats,
+            progress,
+        )
+        return ()
 
     def _upload(self, scene: Scene) -> BrickGrid:
         """Put the volume on the device, once for each volume and voxel type."""

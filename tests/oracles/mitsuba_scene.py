@@ -2,8 +2,10 @@
 
 Conventions that differ: Mitsuba's volumes span [0, 1]³ with voxel centres at (i + ½)/N and are clamped
 beyond them, so the array goes in with one layer of zeros around it, and the box [-1.5, N + 0.5] of index
-space becomes the unit cube. ``max_depth = 2`` is single scattering. A spot's angles are half angles and its
-light always falls off with the square of the distance.
+space becomes the unit cube. ``max_depth = 2`` is single scattering, and direct light on solids, both dimmed by
+the medium. A spot's angles are half angles; its light and a point's always fall off with the square of the
+distance. Solids within the medium need no medium of their own: only a surface between two media changes that
+of a ray.
 """
 
 import os
@@ -47,7 +49,7 @@ def mitsuba_variant():
 
 
 class MitsubaScene:
-    """The same scene for Mitsuba; its lights are spots with a hard edge and inverse-square falloff.
+    """The same scene for Mitsuba; its lights are those that `emitter` knows, its solids spheres.
 
     Parameters
     ----------
@@ -102,7 +104,8 @@ class MitsubaScene:
         if backlit:
             description["sky"] = {"type": "constant", "radiance": rgb((1, 1, 1))}
         else:
-            description |= {f"light {n}": spot(light) for n, light in enumerate(scene.lights)}
+            description |= {f"light {n}": emitter(light) for n, light in enumerate(scene.lights)}
+        description |= {f"solid {n}": shape(solid) for n, solid in enumerate(scene.solids)}
         self.res = camera.res
         self.scene = mi.load_dict(description)
         eye = np.linalg.solve(box, [*camera.from_, 1])[:3]
@@ -152,9 +155,16 @@ def rgb(values):
     return {"type": "rgb", "value": [float(value) for value in values]}
 
 
-def spot(light):
-    """Mitsuba's description of a `tfm_cl.SpotLight`."""
-    assert (light.falloff, light.blend) == ("inverse-square", 0.0), "Mitsuba knows no such light"
+def emitter(light):
+    """Mitsuba's description of a `tfm_cl` spot, point or sun."""
+    if light.type == "sun":
+        direction = np.subtract(light.to, light.from_).tolist()
+        return {"type": "directional", "direction": direction, "irradiance": rgb(light.intensity)}
+    assert light.falloff == "inverse-square", "Mitsuba knows no such light"
+    assert light.reach is None, "Mitsuba knows no such light"
+    if light.type == "point":
+        return {"type": "point", "position": list(light.from_), "intensity": rgb(light.intensity)}
+    assert light.blend == 0.0, "Mitsuba knows no such light"
     up = light.frame().world_from_light[:3, 1].tolist()  # any will do: the light is round
     return {
         "type": "spot",
@@ -163,6 +173,13 @@ def spot(light):
         "cutoff_angle": light.cone,
         "beam_width": light.cone * (1 - HARD_EDGE),
     }
+
+
+def shape(solid):
+    """Mitsuba's description of a `tfm_cl.solids.SphereSolid` without a transform."""
+    assert (solid.shape, solid.world_from_object.tolist()) == ("sphere", np.eye(4).tolist())
+    surface = {"type": "diffuse", "reflectance": rgb(solid.albedo)}
+    return {"type": "sphere", "center": list(solid.centre), "radius": solid.radius, "bsdf": surface}
 
 
 def write_exr(path, image):
