@@ -14,7 +14,7 @@ test: lint  ## the tests a change must pass
 	$(BIN)/python -m pytest -n auto -m "not slow"
 
 test-slow: $(INSTALLED)  ## the rest: minutes
-	$(BIN)/python -m pytest -n auto -m slow
+	$(BIN)/python -m pytest -n auto -m slow $(PYTEST_ARGS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check

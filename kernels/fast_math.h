@@ -75,6 +75,18 @@ TFM_INLINE Floats sin_pi(Floats u)
          x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
 }
 
+/* The angle whose tangent is x >= 0, to 3e-8 (Abramowitz and Stegun 4.4.49). */
+TFM_INLINE Floats arctangent_of(Floats x)
+{
+  const Ints steep = x > 1.0f;
+  const Floats q = steep ? 1.0f / x : x;
+  const Floats q2 = q * q;
+  const Floats angle = q * (1.0f + q2 * (-0.3333314528f + q2 * (0.1999355085f + q2 * (-0.1420889944f +
+                       q2 * (0.1065626393f + q2 * (-0.0752896400f + q2 * (0.0429096138f +
+                       q2 * (-0.0161657367f + q2 * 0.0028662257f))))))));
+  return steep ? 1.57079633f - angle : angle;
+}
+
 /* 1 / sqrt(x) for x > 0; a large finite number for 0. */
 TFM_INLINE Floats reciprocal_sqrt(Floats x)
 {

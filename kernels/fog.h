@@ -53,17 +53,42 @@ TFM_INLINE Ints fog_clip(PARAMS params, Ray ray, Interval *interval)
   return interval->begin < interval->end;
 }
 
-/* How far the light has travelled through the medium when it arrives at a point, which may lie outside. */
-TFM_INLINE Floats fog_light_way(PARAMS params, LightSample light, Vec3 point)
+/* How far the light has travelled through the medium when it arrives at a point at a distance; inside: the point is
+   in the medium. */
+TFM_INLINE Floats fog_light_way(PARAMS params, Floats distance, Vec3 point, int inside)
 {
 #if TFM_MEDIUM == 3
   (void)params;
   (void)point;
-  return light.distance;
+  (void)inside;
+  return distance;
 #else
-  const Ray back = {point, scale3(floats(-1.0f), light.direction)};
-  Interval part = {floats(0.0f), light.distance};
-  const Ints passes = fog_clip(params, back, &part);
+  if (inside & params->light_in_medium)
+    return distance;
+  const Ray ray = light_ray_to(params, point);
+#if TFM_MEDIUM == 1
+  if (inside) {
+    /* It enters by the last of the faces that it crosses from outside. */
+    const Floats origins[3] = {ray.origin.x, ray.origin.y, ray.origin.z};
+    const Floats directions[3] = {ray.direction.x, ray.direction.y, ray.direction.z};
+    Floats entry = floats(0.0f);
+#pragma unroll
+    for (int axis = 0; axis < 3; ++axis) {
+      const float half_size = params->medium_half[axis];
+      const Floats size = AS_FLOATS(AS_INTS(origins[axis]) & 0x7fffffff);
+      const Ints outside = size > half_size;
+      if (any_lane(outside)) {
+        const Floats signed_size = origins[axis] < 0.0f ? -directions[axis] : directions[axis];
+        entry = greatest(entry, outside ? (half_size - size) / signed_size : floats(0.0f));
+      }
+    }
+    return distance * greatest(1.0f - entry, floats(0.0f));
+  }
+#endif
+  const Floats inverse = reciprocal_sqrt(dot3(ray.direction, ray.direction));
+  const Ray unit_ray = {ray.origin, scale3(inverse, ray.direction)};
+  Interval part = {floats(0.0f), distance};
+  const Ints passes = fog_clip(params, unit_ray, &part);
   return passes ? part.end - part.begin : floats(0.0f);
 #endif
 }

@@ -83,6 +83,22 @@ typedef struct {
   Ints samples;
 } FogSums;
 
+/* Optical depth of a step up to which twice_sinh serves. */
+#define THIN_STEP 1.0f
+
+/* 2 sinh(x) for x in [0, 1/2]: its series, to 2e-9 of it. */
+TFM_INLINE Floats twice_sinh(Floats x)
+{
+  const Floats x2 = x * x;
+  return 2.0f * x * (1.0f + x2 * (1.0f / 6 + x2 * (1.0f / 120 + x2 * (1.0f / 5040))));
+}
+
+/* Opacity of a step whose middle lies at an optical depth: e^-(middle - half) - e^-(middle + half). */
+TFM_INLINE Floats step_opacity(Floats middle, Floats half_depth)
+{
+  return transmittance_of(greatest(middle - half_depth, floats(0.0f))) * opacity_of(2.0f * half_depth);
+}
+
 /* Single scattering (eq. 4) of one light along the part of a ray that it reaches. */
 TFM_INLINE void fog_scatter(PARAMS params, __global const float *shadow, __global const float4 *texture, Ray ray,
                             Interval medium, Interval lit, Ints active, FogSums *sums)
@@ -101,42 +117,60 @@ TFM_INLINE void fog_scatter(PARAMS params, __global const float *shadow, __globa
   if (params->projective)
     warp = projective_warp(light_projective_depth(params, ray_at(ray, begin)),
                            light_projective_depth(params, ray_at(ray, begin + length)), params->max_stretch);
-  Floats through[TFM_CHANNELS], sum[TFM_CHANNELS];
-  float extinction[TFM_CHANNELS];
+  /* Densest colour: where its steps are thin, all are. */
+  float extinction[TFM_CHANNELS], most = 0.0f;
+  Floats sum[TFM_CHANNELS], seen[TFM_CHANNELS];
   for (int c = 0; c < TFM_CHANNELS; ++c) {
     extinction[c] = fog_extinction(params, c);
-    /* A colour that nothing extinguishes is scattered by nothing either. */
-    through[c] = extinction[c] > 0.0f ? (active ? transmittance_of(extinction[c] * dimmed) : floats(0.0f)) : floats(0.0f);
-    sum[c] = floats(0.0f);
+    most = extinction[c] > most ? extinction[c] : most;
+    sum[c] = seen[c] = floats(0.0f);
   }
+  /* A step is at most so many mean ones long. */
+  const Floats stretch = greatest(warp.begin / warp.end, warp.end / warp.begin);
+  const int thin = greatest_float(active ? stretch * length : floats(0.0f)) * most <= THIN_STEP * (float)steps;
+  const Ray light_space_ray = ray_in_light(params, ray);
   for (int n = 0; n < steps; ++n) {
     const WarpedStep step = warped_step(warp, n, steps);
-    const Vec3 point = ray_at(ray, begin + length * step.middle);
-    const LightSample light = light_at(params, point);
-    const Floats source = phase_eval(params, -dot3(light.direction, ray.direction)) * light.strength;
+    const Floats along = length * step.middle, step_length = length * step.length;
+    const LightSample light = light_at(params, ray_at(light_space_ray, begin + along));
+    const Floats source = phase_eval(params, -dot3(light.direction, light_space_ray.direction)) * light.strength;
     const Floats visible = light_visibility(params, shadow, light);
-    const Floats way = params->light_in_medium ? light.distance : fog_light_way(params, light, point);
-    Floats weight = floats(0.0f);
+    const Floats way = fog_light_way(params, light.distance, ray_at(ray, begin + along), 1);
 #if TFM_TEXTURE
     Floats tint[3];
     fog_tint(params, texture, light, tint);
 #else
     (void)texture;
 #endif
+    Floats opacity[TFM_CHANNELS], arrives[TFM_CHANNELS], weight = floats(0.0f);
     for (int c = 0; c < TFM_CHANNELS; ++c) {
-      const Exp2 e = exp_of_minus(extinction[c] * (length * step.length));
-      const Floats opacity = through[c] * ((1.0f - e.scale) - e.scale * e.part);
-      const Floats arrives = transmittance_of(extinction[c] * way) * visible;
-      through[c] *= e.scale + e.scale * e.part;
-      weight += opacity * (1.0f / TFM_CHANNELS);
-#if TFM_TEXTURE
-      sum[c] += opacity * arrives * source * tint[c];
+      /* The part of the camera ray that the step takes: e^(-x) 2 sinh(extinction step / 2) with x at its middle. */
+      const Floats half_depth = (0.5f * extinction[c]) * step_length;
+#if TFM_CHANNELS == 1
+      /* One exponential for the way there and back. */
+      arrives[c] = visible;
+      opacity[c] = thin ? transmittance_of(extinction[c] * (dimmed + along + way)) * twice_sinh(half_depth)
+                        : transmittance_of(extinction[c] * way) * step_opacity(extinction[c] * (dimmed + along), half_depth);
 #else
-      sum[c] += opacity * arrives * source;
+      arrives[c] = transmittance_of(extinction[c] * way) * visible;
+      opacity[c] = step_opacity(extinction[c] * (dimmed + along), half_depth);
 #endif
-      sums->seen[c] += opacity * arrives;
+      weight += opacity[c] * (1.0f / TFM_CHANNELS);
+#if TFM_TEXTURE
+      sum[c] += opacity[c] * arrives[c] * source * tint[c];
+#else
+      sum[c] += opacity[c] * arrives[c] * source;
+#endif
     }
-    sums->seen_opacity += weight;
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      seen[c] += weight * arrives[c];
+  }
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    sum[c] = active ? sum[c] : floats(0.0f);
+    sums->seen[c] += active ? seen[c] : floats(0.0f);
+    sums->seen_opacity += (1.0f / TFM_CHANNELS) * (active ? transmittance_of(extinction[c] * dimmed) *
+                                                                opacity_of(extinction[c] * length)
+                                                          : floats(0.0f));
   }
   for (int c = 0; c < 3; ++c)
     sums->colour[c] += params->albedo[c] * params->light_intensity[c] * sum[TFM_CHANNELS == 3 ? c : 0];
@@ -192,8 +226,8 @@ TFM_INLINE void fog_shade(PARAMS params, __global const float4 *texture, __globa
                 (pixels.y < params->lit_pixels[3]);
   if (!any_lane(shaded))
     return;
-  const LightSample light = light_at(params, surface->point);
-  const Floats cosine = -dot3(light.direction, surface->normal);
+  const LightSample light = light_at(params, point_in_light(params, surface->point));
+  const Floats cosine = -dot3(light.direction, transform_vector(params->light_from_world, surface->normal));
   shaded &= (cosine > 0.0f) & (light.strength > 0.0f) & light_reaches(params, surface->point);
   IntArray texel, wanted;
   texel.lanes = (pixels.y - y0) * width + pixels.x - x0;
@@ -205,7 +239,7 @@ TFM_INLINE void fog_shade(PARAMS params, __global const float4 *texture, __globa
     return;
   Floats tint[3];
   fog_tint(params, texture, light, tint);
-  const Floats way = fog_light_way(params, light, surface->point);
+  const Floats way = fog_light_way(params, light.distance, surface->point, 0);
   const Floats reflected = shaded ? M_1_PI_F * light.strength * cosine : floats(0.0f);
   for (int c = 0; c < 3; ++c) {
     const float extinction = fog_extinction(params, c);

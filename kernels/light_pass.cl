@@ -113,13 +113,16 @@ __kernel void light_pass(PARAMS params, GRID_ARGUMENTS, __global const float4 *f
     PADDED_GRID(grid);
     const Floats length = part.end - part.begin;
 #if TFM_SHADOW
-    /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end. */
+    /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end, and walks one more, which
+       finds nothing: a full step changes the one after it too. */
     const Floats open = clamp_to((texel_clip(texels, res, clip) - part.begin) / length, 1.0f) * (float)most;
     const Ints taken_steps = TO_INTS(open) + 1 < most ? TO_INTS(open) + 1 : ints(most);
-    const Walk walk = walk_from(&grid, &ray, part.begin, length * TO_FLOATS(taken_steps) * (1.0f / (float)most),
-                                no_warp(), 0, taken_steps, active);
+    const Ints walked = taken_steps < most ? taken_steps + 1 : taken_steps;
+    const Walk walk = walk_from(&grid, &ray, part.begin, length * TO_FLOATS(walked) * (1.0f / (float)most), no_warp(), 0,
+                                walked, active);
 #else
-    const Walk walk = walk_from(&grid, &ray, part.begin, length, no_warp(), 0, ints(most), active);
+    const Ints taken_steps = ints(most);
+    const Walk walk = walk_from(&grid, &ray, part.begin, length, no_warp(), 0, taken_steps, active);
 #endif
     step = walk.step;
     Floats optical_depth = floats(0.0f);
@@ -131,7 +134,7 @@ __kernel void light_pass(PARAMS params, GRID_ARGUMENTS, __global const float4 *f
       for (int k = 0; k < list.count; ++k) {
         steps.n[k] = list.n[k];
         const Floats density = density_at(&grid, &walk, &list, k, place_of(&walk, list.n[k]).t, &samples);
-        steps.depth[k] = (active & (list.n[k] < walk.steps)) ? walk.step * density : floats(0.0f);
+        steps.depth[k] = (active & (list.n[k] < taken_steps)) ? walk.step * density : floats(0.0f);
       }
       for (int k = 0; k < list.count; ++k) {
         const int n = list.n[k];
@@ -200,7 +203,7 @@ __kernel void evaluate_map(PARAMS params, __global const MapStorage *map,
     return;
   const Vec3 point = vec3(floats(points[3 * i]), floats(points[3 * i + 1]), floats(points[3 * i + 2]));
   FloatArray depth;
-  const MapPlace place = map_place(params, field, point, light_at(params, point));
+  const MapPlace place = map_place(params, field, point, light_at(params, point_in_light(params, point)));
   depth.lanes = map_optical_depth(params, map, ranges, modes, place);
   depth.lanes = light_reaches(params, point) ? depth.lanes : floats(-1.0f);
   optical_depths[i] = depth.lane[0];

@@ -60,9 +60,12 @@ TFM_INLINE WarpedStep warped_step(Warp warp, int n, int steps)
   const Floats at_middle = s * warp.begin + rest * warp.end;
   const Floats at_begin = begin * warp.begin + begin_rest * warp.end;
   const Floats at_end = end * warp.begin + end_rest * warp.end;
+  /* One division for both. */
+  const Floats ends = at_begin * at_end;
+  const Floats inverse = 1.0f / (at_middle * ends);
   WarpedStep step;
-  step.middle = s * warp.begin / at_middle;
-  step.length = width * warp.begin * warp.end / (at_begin * at_end);
+  step.middle = s * warp.begin * (inverse * ends);
+  step.length = width * warp.begin * warp.end * (inverse * at_middle);
   return step;
 }
 

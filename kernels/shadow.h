@@ -8,6 +8,9 @@
 #include "light/sample.h"
 #include "texels.h"
 
+/* Vectors in memory need only their elements' alignment. */
+typedef float2 TexelPair __attribute__((aligned(4)));
+
 /* The part of the light that no solid keeps from a sample, [0, 1]. */
 TFM_INLINE Floats light_visibility(PARAMS params, __global const float *shadow, LightSample sample)
 {
@@ -20,15 +23,21 @@ TFM_INLINE Floats light_visibility(PARAMS params, __global const float *shadow, 
   const int res = params->shadow_res;
   const MapPosition at = map_position(res, sample.u, sample.v);
   __global const float *low = shadow + params->first_shadow;
+  /* A map of one texel has no neighbours; what follows it is read and weighs nothing. */
   const int dx = res > 1 ? 1 : 0, dy = res > 1 ? res : 0;
-#define LIT(offset) (gather_floats(low + (offset), at.texel) >= sample.distance ? floats(1.0f) : floats(0.0f))
+  (void)dx;
 #if TFM_SHADOW == 1
   const Ints nearest = at.texel + (at.fx > 0.5f ? ints(dx) : ints(0)) + (at.fy > 0.5f ? ints(dy) : ints(0));
   return gather_floats(low, nearest) >= sample.distance ? floats(1.0f) : floats(0.0f);
 #else
-  return lerp(lerp(LIT(0), LIT(dx), at.fx), lerp(LIT(dy), LIT(dy + dx), at.fx), at.fy);
+  Floats low_low, low_high, high_low, high_high;
+#define LOWER_PAIR(s) (*(__global const TexelPair *)(low + LANE(at.texel, s)))
+#define UPPER_PAIR(s) (*(__global const TexelPair *)(low + dy + LANE(at.texel, s)))
+  SPLIT_PAIRS(LOWER_PAIR, low_low, low_high);
+  SPLIT_PAIRS(UPPER_PAIR, high_low, high_high);
+#define LIT(solid) ((solid) >= sample.distance ? floats(1.0f) : floats(0.0f))
+  return lerp(lerp(LIT(low_low), LIT(low_high), at.fx), lerp(LIT(high_low), LIT(high_high), at.fx), at.fy);
 #endif
-#undef LIT
 #endif
 }
 

@@ -43,9 +43,9 @@ __kernel void solid_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS, __globa
   const Ray ray = camera_rays(params, pixels);
   const Ints shows = (distance.lanes < MAXFLOAT) & (lit.lanes > 0.0f);
   const Vec3 point = ray_at(ray, shows ? distance.lanes : floats(0.0f));
-  const LightSample light = light_at(params, point);
-  const Floats cosine =
-      -dot3(light.direction, vec3(normal[0].lanes, normal[1].lanes, normal[2].lanes));
+  const LightSample light = light_at(params, point_in_light(params, point));
+  const Vec3 facing = vec3(normal[0].lanes, normal[1].lanes, normal[2].lanes);
+  const Floats cosine = -dot3(light.direction, transform_vector(params->light_from_world, facing));
   const Ints shaded = shows & (cosine > 0.0f) & (light.strength > 0.0f) & light_reaches(params, point);
   if (!any_lane(shaded))
     return;

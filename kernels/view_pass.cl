@@ -23,18 +23,18 @@ typedef struct {
 } ViewSample;
 
 /* What a sample needs before its light is looked up. */
-TFM_INLINE ViewSample view_sample(PARAMS params, const LightBuffers *buffers, Ray ray, Floats t, Floats step_depth)
+TFM_INLINE ViewSample view_sample(PARAMS params, const LightBuffers *buffers, Ray ray, Ray light_space_ray, Floats t,
+                                  Floats step_depth)
 {
-  const Vec3 point = ray_at(ray, t);
-  const LightSample light = light_at(params, point);
+  const LightSample light = light_at(params, ray_at(light_space_ray, t));
   ViewSample sample;
   sample.step_depth = step_depth;
-  sample.source = phase_eval(params, -dot3(light.direction, ray.direction)) * light.strength;
+  sample.source = phase_eval(params, -dot3(light.direction, light_space_ray.direction)) * light.strength;
   sample.visible = light_visibility(params, buffers->shadow, light);
 #if TFM_TEXTURE
   light_tint(params, buffers, light, sample.tint);
 #endif
-  sample.path = light_path(params, buffers, point, light);
+  sample.path = light_path(params, buffers, ray_at(ray, t), light);
   return sample;
 }
 
@@ -53,6 +53,7 @@ __kernel void view_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS,
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(params, pixels);
+  const Ray light_space_ray = ray_in_light(params, ray);
   const GridRay ray_in_grid = index_ray(params, ray);
   LIGHT_BUFFERS(buffers);
   Interval medium = {floats(0.0f), floats(INFINITY)};
@@ -103,7 +104,7 @@ __kernel void view_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS,
         count += any_lane(scatters);
       }
       for (int k = 0; k < count; ++k)
-        sample[k] = view_sample(params, &buffers, ray, place_of(&walk, list.n[k]).t, depth[k]);
+        sample[k] = view_sample(params, &buffers, ray, light_space_ray, place_of(&walk, list.n[k]).t, depth[k]);
       for (int k = 0; k < count; ++k)
         depth[k] = any_lane(sample[k].visible > 0.0f)
                        ? light_optical_depth(params, &grid, &buffers, &sample[k].path, sample[k].step_depth > 0.0f,

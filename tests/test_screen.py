@@ -93,7 +93,7 @@ def test_what_lies_behind_the_camera_touches_nothing_and_around_it_everything():
         assert pixel_bounds(light, camera, EVERYWHERE) == expected
     assert pixel_bounds(PointLight(from_=(0, 0, 12)), camera, EVERYWHERE) == everything
     sun = SunLight(from_=(0, 1, 0), to=(0, 0, 0))
-    assert pixel_bounds(sun, camera, BOX + (0, 0, 20)) == nothing
+    assert pixel_bounds(sun, camera, np.add(BOX, (0, 0, 20))) == nothing
     x0, _, x1, _ = pixel_bounds(sun, camera.replace(from_=(0, 0, 30)), BOX)
     assert 0 < x0 < x1 < RES[0]
 

@@ -21,6 +21,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.passes import launch
 from tfm_cl.passes.fog_pass import BLOCK, FogLights, FogPass, FogVariant
 from tfm_cl.screen import block_lists, bounds_of_lights
+from tfm_cl.visibility import solid_distances
 
 if TYPE_CHECKING:
     from tfm_cl.homogeneous import Homogeneous
@@ -218,7 +219,11 @@ class _Batches:
                     maps[place] = distances.ravel()
                 continue
             with _timed(self._visibility):
-                waiting.add(place, *light.rays(reference.texel_positions(size)))
+                positions = reference.texel_positions(size)
+                if np.isinf(light.source_distance(light.rays(positions[:1])[0])).any():
+                    maps[place] = solid_distances(tracer, light, positions)
+                else:
+                    waiting.add(place, *light.rays(positions))
         with _timed(self._visibility):
             waiting.trace()
         return maps

@@ -200,9 +200,7 @@ def _fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) ->
         return light
     if like is not None and not like.light.needs_fitting:
         return like.light
-    boxes = [box for box in (solid.bounds() for solid in scene.solids) if box is not None]
-    casters = np.array([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
-    return light.fitted(_grids(scene).bounds, casters)
+    return light.fitted(_grids(scene).bounds)
 
 
 def light_optical_depth(scene: Scene, light: Light, points: Floats) -> Floats:
@@ -379,7 +377,8 @@ def build_map(scene: Scene, light: Light, like: TransmittanceMap | None = None) 
             boundaries, samples = edges(begin, end, int(steps))
             marched = _march(volume, rays, (boundaries, samples))
             depth = np.stack([depth for _, depth, _ in marched], axis=1)
-            depth[boundaries[:, :-1] > clip[part, None]] = 0
+            reach = np.maximum(clip[part], boundaries[:, 0])  # the first step is always taken
+            depth[boundaries[:, :-1] > reach[:, None]] = 0
             numbers[part] = _numbers(model, depth)
             numbers[part[end <= begin]] = 0  # a ray that misses the medium stays clear
     if model.settings.target == "transmittance" and _has_one(model):

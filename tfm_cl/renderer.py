@@ -156,13 +156,11 @@ class Renderer:
 
     def _parts(self, scene: Scene) -> Scene:
         """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
-        tracer = self._visibility.tracer(scene)
-        casters = None if tracer is None else tracer.bounds
         scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
         if isinstance(scene.volume, Homogeneous):
             fog.check(scene)
         bounds = scene.volume.bounds
-        return scene.replace(lights=tuple(light.fitted(bounds, casters) for light in scene.lights))
+        return scene.replace(lights=tuple(light.fitted(bounds) for light in scene.lights))
 
     def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
         """Plan the maps of a scene of single lights."""
@@ -184,6 +182,7 @@ class Renderer:
             requested=scene.map,
             volume=_grids(scene),
             solids=scene.solids,
+            shadow_res=scene.shadow.res,
             density_weighting=plan.density_weighting,
             largest_optical_depth=plan.deepest,
             extinction=plan.extinction,

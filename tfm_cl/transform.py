@@ -3,6 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from tfm_cl.model import LARGEST_COORDINATE
@@ -39,3 +40,12 @@ def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
 
 Transform = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_affine)]
 """4×4, affine and invertible; 16 numbers row by row, 4 rows or an array are accepted."""
+
+
+def turned(vectors: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vectors [N, 3] times a matrix [3, n], by rows: ``vectors @ axes``.
+
+    Without a BLAS, whose threads go on spinning when they are done and take the cores from the device.
+    """
+    product: NDArray[np.float64] = np.einsum("ij,jk->ik", vectors, axes)
+    return product

@@ -42,6 +42,8 @@ class TransmittanceMap:
     volume: Volume | Volumes
     solids: tuple[Solid, ...]
     """That stood in the light's way."""
+    shadow_res: int
+    """Of the shadow map that says how far their shadow leaves the rays open."""
     density_weighting: float
     """The α in use."""
     largest_optical_depth: float
@@ -183,6 +185,7 @@ class TransmittanceMap:
         for what, same in (
             ("volume", self.volume.same_density(scene.volume)),
             ("set of solids", self.solids == scene.solids),
+            ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
             ("light", self.light.map_key() == light.map_key()),
             ("map settings", self.requested == scene.map),
             ("voxel type", self.bricks.voxels == scene.march.voxels),

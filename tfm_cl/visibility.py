@@ -180,6 +180,18 @@ def _gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> G
     return GBuffer(solid, albedo, points, met.reshape(shape))
 
 
+def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Trace a light's rays through map positions u, v [N, 2]: distances to the nearest solid, [N].
+
+    A light from infinity is stopped before its rays begin too: the distance is 0 then.
+    """
+    origins, directions = light.rays(positions)
+    distances = tracer.distances(origins, directions)
+    upstream = light.source_distance(origins)
+    if np.isinf(upstream).any():
+        distances[tracer.occluded(origins, -directions, upstream)] = 0
+    return distances
+
+
 def _distances(tracer: Tracer, light: Light, res: int) -> NDArray[np.float32]:
-    origins, directions = light.rays(reference.texel_positions(res))
-    return tracer.distances(origins, directions).reshape(res, res)
+    return solid_distances(tracer, light, reference.texel_positions(res)).reshape(res, res)

@@ -81,10 +81,8 @@ TFM_INLINE Ints light_clip(PARAMS params, Ray ray, Interval *interval)
   return interval->begin < interval->end;
 }
 
-TFM_INLINE LightSample light_at(PARAMS params, Vec3 point)
+TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
 {
-  const Vec3 position = point_position(params);
-  const Vec3 p = vec3(point.x - position.x, point.y - position.y, point.z - position.z);
   const Floats square = dot3(p, p);
   const Floats inverse = reciprocal_sqrt(square);
   const Ints apart = square > 0.0f;

@@ -1,12 +1,24 @@
-/* How light arrives at a point, whatever kind of light it is.
+/* How light arrives at a point, whatever kind of light it is. Light space is the world moved and turned, so that angles
+   and distances are the world's.
    Requires: TFM_INVERSE_SQUARE 0 or 1. */
 #ifndef TFM_LIGHT_SAMPLE_H
 #define TFM_LIGHT_SAMPLE_H
 
 #include "../ray.h"
 
+/* A world point, and a world ray, in light space. */
+TFM_INLINE Vec3 point_in_light(PARAMS params, Vec3 point)
+{
+  return transform_point(params->light_from_world, point);
+}
+
+TFM_INLINE Ray ray_in_light(PARAMS params, Ray ray)
+{
+  return transform_ray(params->light_from_world, ray);
+}
+
 typedef struct {
-  Vec3 direction;  /* world, unit: of travel */
+  Vec3 direction;  /* light space, unit: of travel */
   Floats distance; /* travelled, world */
   Floats u, v;     /* the ray's position in the map, [0, 1]^2 */
   Floats strength; /* falloff and edge: what the light's intensity is multiplied by, without the medium */

@@ -77,34 +77,37 @@ TFM_INLINE Ints light_clip(PARAMS params, Ray world_ray, Interval *interval)
   return interval->begin < interval->end;
 }
 
-/* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. unit: in light space. */
-TFM_INLINE Floats spot_edge(PARAMS params, Vec3 unit)
+/* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. tangent: of the angle from the
+   axis. */
+TFM_INLINE Floats spot_edge(PARAMS params, Floats tangent)
 {
   const float cone = params->light_shape[1];
   const float blend = params->light_shape[2];
-  if (blend <= 0.0f)
-    return floats(1.0f);
-  const Floats angle = atan2(sqrt(unit.x * unit.x + unit.y * unit.y), unit.z);
-  const Floats t = least(greatest((cone - angle) / (cone * blend), floats(0.0f)), floats(1.0f));
+  const Floats angle = arctangent_of(tangent);
+  const Floats t = least(greatest((cone - angle) * (1.0f / (cone * blend)), floats(0.0f)), floats(1.0f));
   return t * t * (3.0f - 2.0f * t);
 }
 
-TFM_INLINE LightSample light_at(PARAMS params, Vec3 point)
+TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
 {
-  const Vec3 p = transform_point(params->light_from_world, point);
   const Floats square = dot3(p, p);
   const Floats inverse = reciprocal_sqrt(square);
   /* At the apex itself any direction serves. */
   const Ints apart = square > 0.0f;
-  const Vec3 unit = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   LightSample sample;
-  sample.direction = transform_vector(params->world_from_light, unit);
+  sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   sample.distance = square * inverse;
   /* Within the cone z is not much smaller than x and y. */
-  const Floats scale = 0.5f / (params->light_shape[0] * (apart ? p.z : floats(1.0f)));
-  sample.u = 0.5f + p.x * scale;
-  sample.v = 0.5f + p.y * scale;
-  sample.strength = light_falloff(params, inverse) * spot_edge(params, unit) * light_window(params, square);
+  const Floats away = 1.0f / (apart ? p.z : floats(1.0f));
+  const float scale = 0.5f / params->light_shape[0];
+  const Floats x = p.x * away, y = p.y * away;
+  sample.u = 0.5f + x * scale;
+  sample.v = 0.5f + y * scale;
+  sample.strength = light_falloff(params, inverse) * light_window(params, square);
+  if (params->light_shape[2] > 0.0f) {
+    const Floats off = x * x + y * y;
+    sample.strength *= spot_edge(params, off * reciprocal_sqrt(off));
+  }
   return sample;
 }
 

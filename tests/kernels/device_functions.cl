@@ -95,7 +95,7 @@ __kernel void call_light_at(PARAMS params, __global const float *points,
                             __global float *uv_distance, __global float *radiance, int count)
 {
   GUARD;
-  const LightSample sample = light_at(params, load3(points, count));
+  const LightSample sample = light_at(params, point_in_light(params, load3(points, count)));
   vstore3((float3)(lane0(sample.u), lane0(sample.v), lane0(sample.distance)), i, uv_distance);
   vstore3(vload3(0, params->light_intensity) * lane0(sample.strength), i, radiance);
 }
@@ -209,4 +209,10 @@ __kernel void call_fast_math(__global const float *xs, __global float4 *values, 
   GUARD;
   const Floats x = load(xs, 1, 0, count);
   values[i] = (float4)(lane0(transmittance_of(x)), lane0(log_of(x)), lane0(cos_pi(x)), lane0(reciprocal_sqrt(x)));
+}
+
+__kernel void call_arctangent_of(__global const float *xs, __global float *angles, int count)
+{
+  GUARD;
+  angles[i] = lane0(arctangent_of(load(xs, 1, 0, count)));
 }

@@ -96,6 +96,17 @@ def test_opacity_keeps_all_digits_however_thin_the_medium(call):
     assert found.max() == 1
 
 
+def test_arctangent(call):
+    tangents = float32s(np.logspace(-37, 8, 20_000), np.linspace(0, 4, 20_000))
+    tangents = tangents[tangents >= 0]
+
+    found = call("call_arctangent_of", tangents, shape=(len(tangents),))
+
+    expected = np.arctan(tangents.astype(np.float64))
+    # The polynomial's own error, and rounding.
+    assert (np.abs(found - expected) <= 2e-8 * np.minimum(tangents, 1) + FAST_MATH * expected).all()
+
+
 def test_transmittance_and_opacity_at_the_ends_of_the_domain(call):
     depths = np.array([0.0, 1e-45, SMALLEST / 3, 87.0, 87.5, 126.0, 128.0, 1e4, 1e30, LARGEST, np.inf])
 

@@ -51,9 +51,9 @@ __kernel void call_texel_ray(PARAMS params, __global const float *positions, __g
 __kernel void call_light(PARAMS params, __global const float *points, __global float *found, int count)
 {
   const Vec3 point = load3(points, count);
-  const LightSample sample = light_at(params, point);
+  const LightSample sample = light_at(params, point_in_light(params, point));
   const Ray ray = light_ray_to(params, point);
-  store3(found, 15, 0, count, sample.direction);
+  store3(found, 15, 0, count, transform_vector(params->world_from_light, sample.direction));
   store(found, 15, 3, count, sample.distance);
   store(found, 15, 4, count, sample.u);
   store(found, 15, 5, count, sample.v);

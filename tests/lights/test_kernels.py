@@ -35,10 +35,9 @@ def many_lights():
         at, to = CENTRE + rng.normal(size=3) * SIZE, CENTRE + rng.uniform(-0.2, 0.2, 3) * SIZE
         falloff = ("none", "inverse-square")[n % 2]
         spot = {"cone": rng.uniform(10, 60), "blend": (0, 0.3, 1)[n], "falloff": falloff}
-        casters = (None, CENTRE + SIZE * np.array([[-2, -1, -3], [1, 2, 0.5]]))[n % 2]
         lights[f"spot {n}"] = tfm.SpotLight(from_=at, to=to, **spot)
         lights[f"point {n}"] = PointLight(from_=at if n else to, falloff=falloff)
-        lights[f"sun {n}"] = SunLight(from_=at, to=to).fitted(SCENE.volume.bounds, casters)
+        lights[f"sun {n}"] = SunLight(from_=at, to=to).fitted(SCENE.volume.bounds)
     lights["sun straight down"] = SunLight(from_=(0, 1, 0), to=(0, 0, 0)).fitted(SCENE.volume.bounds)
     return lights
 

@@ -21,7 +21,7 @@ Choices = Mapping[str, Sequence[Value]]
 SETTINGS = [
     *(MapSettings(basis=name) for name in BASES),
     MapSettings(basis="dct", coeffs=1, target="optical-depth", fit="visibility"),
-    MapSettings(basis="hcos", coeffs=32, fit="visibility"),
+    MapSettings(basis="hcos", coeffs=16, fit="visibility"),
     MapSettings(basis="klt", coeffs=15, target="transmittance", fit="l2"),
 ]
 """Every basis by itself, and the kinds of target and fit."""

@@ -2,8 +2,8 @@
 
 Conventions that differ: Mitsuba's volumes span [0, 1]³ with voxel centres at (i + ½)/N and are clamped
 beyond them, so the array goes in with one layer of zeros around it, and the box [-1.5, N + 0.5] of index
-space becomes the unit cube. ``max_depth = 2`` is single scattering, and direct light on solids, both dimmed by
-the medium. A spot's angles are half angles; its light and a point's always fall off with the square of the
+space becomes the unit cube. ``max_depth = 2`` is single scattering, and direct light on solids, both dimmed
+by the medium. A spot's angles are half angles; its light and a point's always fall off with the square of the
 distance. Solids within the medium need no medium of their own: only a surface between two media changes that
 of a ray.
 """

@@ -31,7 +31,7 @@ OF_THE_MEDIUM = 1e-2
 OF_THE_SPHERE = 2e-2
 NOISE = 3.0
 """Standard errors beyond which a mean is wrong."""
-STANDARD_ERROR = {QUICK: 1e-2, SLOW: 4e-3}
+STANDARD_ERROR = {QUICK: 1.2e-2, SLOW: 4e-3}
 """Most that a mean's standard error may be, for the test to say something."""
 SYSTEMATIC = 2e-3
 """Bias of a mean beyond noise, asked of the larger budget: the shadow map's texels, and Mitsuba's float32."""
@@ -139,16 +139,14 @@ def test_dual_march(renderer, mitsuba, tmp_path, sphere, light, samples):
     assert not wrong, f"{wrong}; see ours.exr, mitsuba.exr in {tmp_path}"
 
 
-@pytest.mark.parametrize("spoil", ["no shadow", "a brighter sphere"])
+@pytest.mark.parametrize("spoil", ["a denser medium", "a brighter sphere"])
 def test_the_check_sees_a_wrong_scene(renderer, mitsuba, spoil):
-    sphere = SPHERES["within"]
-    result = renderer.render(scene_of("within", "sun"))
-    if spoil == "no shadow":
-        without = renderer.render(scene_of("within", "sun", solids=()))
-        shown = result.aovs["normal"].any(axis=-1)
-        result.image[~shown] = without.image[~shown]
+    scene = scene_of("within", "sun")
+    if spoil == "a denser medium":
+        wrong = scene.replace(volume=scene.volume.with_density_scale(1.05 * scene.volume.density_scale))
     else:
-        brighter = sphere.replace(albedo=tuple(1.05 * np.array(ALBEDO)))
-        result = renderer.render(scene_of("within", "sun", solids=[brighter]))
+        wrong = scene.replace(solids=[SPHERES["within"].replace(albedo=tuple(1.05 * np.array(ALBEDO)))])
 
-    assert failures(result, mitsuba("within", "sun", QUICK), QUICK)
+    expected = mitsuba("within", "sun", QUICK)
+    found = failures(renderer.render(wrong), expected, QUICK, mitsuba.is_scalar)
+    assert any("bias" in line for line in found), found

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -131,16 +132,8 @@ class Light(Model):
         """Return a cone, or a ball, that all the light lies in; None where it may go anywhere."""
         return None
 
-    def fitted(self, bounds: Floats, casters: Floats | None = None) -> Self:  # noqa: ARG002 - a sun's
-        """Fit the map to what it has to cover; only lights without a place of their own need it.
-
-        Parameters
-        ----------
-        bounds
-            Of the medium, [2, 3]: the map covers them.
-        casters
-            Of the finite solids that may stand in the light's way, [2, 3].
-        """
+    def fitted(self, bounds: Floats) -> Self:  # noqa: ARG002 - a sun's
+        """Fit the map to the medium's bounds, [2, 3]; only lights without a place of their own need it."""
         return self
 
     @property
@@ -215,6 +208,12 @@ def ball_interval(offsets: Floats, directions: Floats, radius: float) -> tuple[F
 
 def facing(origin: Vec3, target: Vec3) -> Floats:
     """4×4 world-from-light at ``origin`` with z towards ``target``; the map's rows are horizontal."""
+    return _facing(origin, target).copy()
+
+
+@lru_cache(maxsize=1 << 14)
+def _facing(origin: Vec3, target: Vec3) -> Floats:
+    """`facing`, kept: it is asked for often, and of many lights."""
     axis = np.subtract(target, origin)
     # Any up will do that is not along the axis.
     up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)

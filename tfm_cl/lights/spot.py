@@ -11,6 +11,7 @@ from tfm_cl.lights.area import MOST_SAMPLES, disk_points
 from tfm_cl.lights.base import TINY, Arrival, Floats, Light, LightFrame, LitCone, Reach, ball_interval, facing
 from tfm_cl.lights.texture import ImagePath, texture_for
 from tfm_cl.model import LARGEST_COORDINATE, Vec3, check_different
+from tfm_cl.transform import turned
 
 
 class SpotLight(Light):
@@ -132,7 +133,7 @@ class SpotLight(Light):
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """In the solid cone."""
         slope, axes = np.tan(np.radians(self.cone)), self.frame().world_from_light[:3, :3]
-        origin, direction = self._from_apex(origins)[1], directions @ axes
+        origin, direction = self._from_apex(origins)[1], turned(directions, axes)
         # From the ray's point nearest to the apex the roots keep their digits however far the camera is.
         nearest = -(origin * direction).sum(axis=-1)
         origin = origin + nearest[:, None] * direction
@@ -165,4 +166,4 @@ class SpotLight(Light):
         """Points relative to the apex, in the world's axes and in the light's."""
         matrix = self.frame().world_from_light
         offset = points - matrix[:3, 3]
-        return offset, offset @ matrix[:3, :3]
+        return offset, turned(offset, matrix[:3, :3])

@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from tfm_cl.errors import SceneError
 from tfm_cl.lights.base import Arrival, Floats, Light, LightFrame, facing
 from tfm_cl.model import RGB, Vec3, check_different
+from tfm_cl.transform import turned
 
 MARGIN = 1e-5
 """Of the bounds' diagonal, around what the map covers: some hundred roundings of float32."""
@@ -31,19 +32,21 @@ class SunLight(Light):
     to: Vec3 = Field(description="point that gives the direction, world units")
     intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB irradiance on a plane that faces the light")
     falloff: Literal["none"] = Field("none", description="none: a sun is equally bright everywhere")
-    _corners: tuple[Floats, Floats] | None = PrivateAttr(default=None)
+    _corners: Floats | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
         check_different(self.from_, self.to, "from and to")
         return self
 
-    def fitted(self, bounds: Floats, casters: Floats | None = None) -> Self:
-        """Fit the map to the bounds' corners, and begin before these and those of the casters."""
-        medium = _corners_of(bounds)
-        everything = medium if casters is None else np.concatenate([medium, _corners_of(casters)])
+    def fitted(self, bounds: Floats) -> Self:
+        """Fit the map to the bounds' corners, and begin before these.
+
+        What casts shadows further upstream has no part in it: it may lie so far away that distances would
+        lose their digits.
+        """
         sun = self.model_copy()
-        sun._corners = medium, everything  # noqa: SLF001 - of the same class
+        sun._corners = _corners_of(bounds)  # noqa: SLF001 - of the same class
         return sun
 
     @property
@@ -62,10 +65,10 @@ class SunLight(Light):
         if self._corners is None:
             raise SceneError("light: a sun's map is fitted to the medium first, SunLight.fitted(bounds)")
         axes = facing(self.from_, self.to)
-        medium, everything = (corners @ axes[:3, :3] for corners in self._corners)
-        low, high = medium.min(axis=0), medium.max(axis=0)
+        corners = self._corners @ axes[:3, :3]
+        low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-        middle[2] = everything[:, 2].min() - BEFORE * float(np.linalg.norm(np.ptp(everything, axis=0)))
+        middle[2] = low[2] - BEFORE * size
         axes[:3, 3] = axes[:3, :3] @ middle
         half_width, half_height = (high - low)[:2] / 2 + MARGIN * size
         return LightFrame(axes, (float(half_width), float(half_height)))
@@ -79,13 +82,13 @@ class SunLight(Light):
         """Parallel, from the plane where distances begin."""
         frame = self.frame()
         axes, origin = frame.world_from_light[:3, :3], frame.world_from_light[:3, 3]
-        origins = ((2 * positions - 1) * frame.shape) @ axes[:, :2].T + origin
+        origins = turned((2 * positions - 1) * frame.shape, axes[:, :2].T) + origin
         return origins, np.broadcast_to(axes[:, 2], origins.shape)
 
     def begins(self, points: Floats) -> Floats:
         """On the plane, against the direction."""
         matrix = self.frame().world_from_light
-        distance = (points - matrix[:3, 3]) @ matrix[:3, 2]
+        distance = turned(points - matrix[:3, 3], matrix[:3, 2:3])[:, 0]
         start: Floats = points - distance[:, None] * matrix[:3, 2]
         return start
 
@@ -93,7 +96,7 @@ class SunLight(Light):
         """Distances are < 0 upstream of the plane where they begin."""
         frame = self.frame()
         axes, origin = frame.world_from_light[:3, :3], frame.world_from_light[:3, 3]
-        local = (points - origin) @ axes
+        local = turned(points - origin, axes)
         return Arrival(
             np.broadcast_to(axes[:, 2], points.shape),
             local[:, 2],

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from tfm_cl.model import RGB, Model
-from tfm_cl.transform import IDENTITY, Transform
+from tfm_cl.transform import IDENTITY, Transform, turned
 
 DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
 """Of a solid that nothing says more about."""
@@ -29,6 +29,16 @@ class Solid(Model):
     """An opaque, diffuse (Lambertian) surface."""
 
     SECTION: ClassVar[str] = "solid"
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what it is, not what was made of it since."""
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
+    def __hash__(self) -> int:
+        """Hash what `__eq__` compares."""
+        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
 
     transform: Transform = Field(IDENTITY, description="world_from_object: 16 numbers row by row")
 
@@ -68,11 +78,11 @@ class AnalyticSolid(Solid):
         """Take world rays, [N, 3] each, to object space."""
         axes = self._object_axes.T
         # The offset goes first: far from the world's origin little is left to round.
-        return (origins - self.world_from_object[:3, 3]) @ axes, directions @ axes
+        return turned(origins - self.world_from_object[:3, 3], axes), turned(directions, axes)
 
     def world_normals(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take object normals [N, 3] of any length to unit ones of the world (inverse transpose)."""
-        world = normals @ self._object_axes
+        world = turned(normals, self._object_axes)
         unit: NDArray[np.float64] = world / np.linalg.norm(world, axis=1, keepdims=True)
         return unit
 

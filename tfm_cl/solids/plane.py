@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from tfm_cl.model import Vec3
 from tfm_cl.solids.base import AnalyticSolid
+from tfm_cl.transform import turned
 
 
 class PlaneSolid(AnalyticSolid):
@@ -26,7 +27,8 @@ class PlaneSolid(AnalyticSolid):
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """One division; rays within the plane do not meet it."""
         normal = np.divide(self.normal, np.linalg.norm(self.normal))
-        height, slope = (self.point - origins) @ normal, directions @ normal
+        height = turned(self.point - origins, normal[:, None])[:, 0]
+        slope = turned(directions, normal[:, None])[:, 0]
         found = height * slope > 0
         result: NDArray[np.float64] = np.divide(height, slope, out=np.full(len(origins), np.inf), where=found)
         return result
