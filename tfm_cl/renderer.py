@@ -156,9 +156,9 @@ class Renderer:
 
     def _parts(self, scene: Scene) -> Scene:
         """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
-        scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
         if isinstance(scene.volume, Homogeneous):
             fog.check(scene)
+        scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
         bounds = scene.volume.bounds
         return scene.replace(lights=tuple(light.fitted(bounds) for light in scene.lights))
 

@@ -61,7 +61,9 @@ class Probe:
         nothing = begin[~missing].min() if not missing.all() else 0.0
         begin, end = np.where(missing, nothing, begin), np.where(missing, nothing, end)
         slope = np.where(dense, self.slope, 0)
-        return np.stack([begin, end, slope, np.where(dense, self.last, 0)], axis=-1).astype(np.float32)
+        # Without density there is none beyond: the end serves, so that what is interpolated stays whole.
+        last = np.where(dense, self.last, end)
+        return np.stack([begin, end, slope, last], axis=-1).astype(np.float32)
 
     def global_field(self) -> NDArray[np.float32]:
         """One range for all rays, that of the nearest and the farthest density; float32 [2, 2, 4]."""
