@@ -23,6 +23,17 @@ def pytest_addoption(parser):
     parser.addoption("--cl-device", default=None, help="part of the OpenCL device's name; default PoCL")
 
 
+QUICK_WITH_ONE_LANE = {"kernels", "lights"}
+"""Folders whose tests with one ray a work-item are quick; the others' are run with the slow ones."""
+
+
+def pytest_collection_modifyitems(items):
+    """Leave one ray a work-item, which a CPU does not use by itself, to the slow step where it takes minutes."""
+    for item in items:
+        if "1 lane" in item.name and item.path.parent.name not in QUICK_WITH_ONE_LANE:
+            item.add_marker(pytest.mark.slow)
+
+
 def pytest_report_header(config):
     device = choose_device(config.getoption("--cl-device"))
     return f"OpenCL device: {device.platform.name.strip()}: {device.name.strip()}"

@@ -63,6 +63,14 @@ VIEW: Choices = {
 PROGRAMS: dict[str, Choices] = {
     "ambient_pass.cl": {"TFM_SHADOW": (0, 1)},
     "bricks.cl": {**RECORDS, "TFM_POOLS": (1,), "TFM_VOLUMES": (1,)},
+    "fog_pass.cl": {
+        **LIGHT,
+        "phase": VIEW["phase"],
+        "TFM_MEDIUM": (1, 2, 3),
+        "TFM_CHANNELS": (1, 3),
+        "TFM_SHADOW": (0, 1, 2),
+        "TFM_TEXTURE": (0, 1),
+    },
     "light_pass.cl": {**VOLUME, **MAP, "TFM_SHADOW": (0, 1)},
     "light_probe.cl": {**VOLUME, **LIGHT, "TFM_SHADOW": (0, 1)},
     "prefilter.cl": {"TFM_GROUP": (1, 8, 64)},

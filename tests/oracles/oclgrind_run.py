@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import tfm_cl as tfm
 from tfm_cl.device import choose_device
 from tfm_cl.passes.launch import Launcher
+from tfm_cl.volumes import Volumes
 
 Array = NDArray[np.float32]
 
@@ -90,6 +91,51 @@ def _one_voxel(renderer: tfm.Renderer) -> Array:
     return renderer.render(scene.replace(camera=camera, march=tfm.MarchSettings(steps=1))).image
 
 
+def _with_solids(scene: tfm.Scene, **shadow) -> tfm.Scene:
+    """A ball in the medium, a floor below, and ambient light."""
+    centre = scene.volume.bounds.mean(axis=0)
+    floor = tfm.PlaneSolid(point=tuple(np.subtract(centre, (0, 7, 0))))
+    return scene.replace(
+        solids=(tfm.SphereSolid(centre=tuple(centre), radius=1.5), floor),
+        shadow=tfm.ShadowSettings(**{"res": 9, **shadow}),
+        ambient=tfm.Ambient(radiance=(0.1, 0.2, 0.3)),
+    )
+
+
+def _other_lights(scene: tfm.Scene) -> tfm.Scene:
+    centre = scene.volume.bounds.mean(axis=0)
+    sun = tfm.SunLight(from_=np.add(centre, (1, 2, 0.5)), to=centre)
+    point = tfm.PointLight(from_=np.add(centre, (2, 5, 1)), falloff="inverse-square", reach=20)
+    sky = tfm.EnvironmentLight(samples=2)
+    return scene.replace(lights=(sun, point, sky))
+
+
+def _several(scene: tfm.Scene) -> tfm.Scene:
+    moved = np.eye(4)
+    moved[:3, 3] = (3, -1, 0.5)
+    volume = scene.grid
+    return scene.replace(volume=Volumes([volume, volume.transformed(moved), volume.with_density_scale(0.2)]))
+
+
+def _fog(shape: str) -> tfm.Scene:
+    volume = {
+        "box": tfm.BoxVolume(density=0.4),
+        "sphere": tfm.SphereVolume(density=0.4),
+        "everywhere": tfm.EverywhereVolume(density=0.1),
+    }[shape]
+    lights = [
+        tfm.SpotLight(from_=(x, 2, 0.3), to=(x, 0, 0), cone=30, blend=0.3, reach=4) for x in (-0.5, 0, 0.6)
+    ]
+    scene = tfm.Scene(
+        volume,
+        medium=tfm.Medium(sigma_s=(1, 0.5, 0.2)),
+        camera=tfm.Camera(from_=(0.3, 0.6, 4), to=(0, 0, 0), res=(20, 17)),
+        lights=[*lights, tfm.PointLight(from_=(0, 0.2, 0))],
+        march=tfm.MarchSettings(steps=5),
+    )
+    return _with_solids(scene) if shape == "box" else scene
+
+
 CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     **{
         f"{coeffs} coefficients": lambda r, n=coeffs: r.render(_map(coeffs=n, steps=max(n, 6))).image
@@ -122,6 +168,16 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     ),
     "many lights": lambda r: r.render(_lights(_scene())).image,
     "many lights, dual": lambda r: r.render(_lights(_scene()), method="dual").image,
+    "solids": lambda r: r.render(_with_solids(_scene())).image,
+    "solids, nearest, dual": lambda r: (
+        r.render(_with_solids(_scene(), filter="nearest", res=1), method="dual").image
+    ),
+    "solids, learnt basis": lambda r: r.render(_with_solids(_map(basis="klt"))).image,
+    "other lights": lambda r: r.render(_other_lights(_scene())).image,
+    "several volumes": lambda r: r.render(_several(_scene())).image,
+    "fog in a box, solids": lambda r: r.render(_fog("box")).image,
+    "fog in a sphere": lambda r: r.render(_fog("sphere")).image,
+    "fog everywhere": lambda r: r.render(_fog("everywhere")).image,
     "evaluate": _evaluate,
     "one voxel": _one_voxel,
 }
