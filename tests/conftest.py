@@ -28,7 +28,7 @@ QUICK_WITH_ONE_LANE = {"kernels", "lights"}
 
 
 def pytest_collection_modifyitems(items):
-    """Leave one ray a work-item, which a CPU does not use by itself, to the slow step where it takes minutes."""
+    """Leave one ray a work-item, which no CPU chooses by itself, to the slow step where it takes minutes."""
     for item in items:
         if "1 lane" in item.name and item.path.parent.name not in QUICK_WITH_ONE_LANE:
             item.add_marker(pytest.mark.slow)

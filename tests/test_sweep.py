@@ -1032,7 +1032,7 @@ def test_ctrl_c_ends_all_processes(volume, out, device_name):
                 break
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
-        _, err = process.communicate(timeout=30)  # ends once every process has closed its stderr
+        _, err = process.communicate(timeout=120)  # ends once every process has closed its stderr
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

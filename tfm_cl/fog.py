@@ -37,7 +37,7 @@ BATCH_BYTES = 256 << 20
 """Of shadow maps, textures and lists of the lights of a launch."""
 SMALLEST_SHADOW = 32
 """Texels along a side of a shadow map, unless the scene wants less."""
-TEXELS_PER_PIXEL = 1
+TEXELS_PER_PIXEL = 2
 """Of a shadow map along the larger side of the pixels that its light touches."""
 RAYS = 1 << 18
 """Traced at a time: fewer calls for many small lights, and bounded memory."""

@@ -173,6 +173,7 @@ def test_a_hostile_name_is_text(page):
     assert "</b> · n = 2" in page.locator("#plot-bytes .hovertext").text_content()
 
 
+@pytest.mark.slow
 def test_a_line_for_every_series(page):
     found = lines(page, "bytes")
 
@@ -198,6 +199,7 @@ def test_the_metric_changes_the_plots(page):
     assert "lower is better" in page.locator(".bar").text_content()
 
 
+@pytest.mark.slow
 def test_the_dual_march_is_a_marked_point(page):
     assert "dual march" not in lines(page, "seconds")  # its error of T is 0: the mark lies on the axis
     assert "◆" in page.locator("#plot-seconds .annotation").last.text_content()
@@ -209,6 +211,7 @@ def test_the_dual_march_is_a_marked_point(page):
     assert 0.005 < dual["y"][0] < 0.1
 
 
+@pytest.mark.slow
 def test_exact_maps_are_not_drawn_but_counted(page):
     page.locator("#volume").select_option(label="fog")
     page.locator("#metric").select_option(label="RMSE, lit pixels")
@@ -231,6 +234,7 @@ def test_the_volume_changes_everything(page):
     assert not page.locator("#curves-body").is_visible()
 
 
+@pytest.mark.slow
 def test_the_legend_switches_lines(page):
     page.locator("#series button", has_text="trimmed range").click()
     assert set(lines(page, "bytes")) == {"dct ", "klt box range", "selected"}
@@ -257,6 +261,7 @@ def test_the_table_sorts(page):
     assert column(page, "range") == ["box"] * 6 + ["trimmed"] * 2
 
 
+@pytest.mark.slow
 def test_the_table_marks_the_best_at_equal_bytes(page):
     marks = dict(
         zip(
@@ -272,6 +277,7 @@ def test_the_table_marks_the_best_at_equal_bytes(page):
     assert marks["dct", "1"] == ""
 
 
+@pytest.mark.slow
 def test_every_column_can_be_had(page):
     few = page.locator("#table th").count()
     page.locator("#every").check()
@@ -300,6 +306,7 @@ def test_the_viewer_flips(page):
     assert source != page.locator("#layer-reference").get_attribute("src")
 
 
+@pytest.mark.slow
 def test_the_viewer_listens_to_keys(page):
     page.locator("#stage").focus()
     for pressed, layer in (
@@ -322,6 +329,7 @@ def test_the_viewer_listens_to_keys(page):
     shown(page, "image")
 
 
+@pytest.mark.slow
 def test_errors_have_the_colour_of_their_sign(page):
     page.locator("#sign").select_option("signed")
     page.locator("[data-side=error]").click()
@@ -343,6 +351,7 @@ def test_errors_have_the_colour_of_their_sign(page):
     until(page, "document.getElementById('scale-low').textContent === '0'")
 
 
+@pytest.mark.slow
 def test_errors_can_be_against_the_converged_one(page):
     select(page, "dct", 8)
     page.locator("[data-side=error]").click()
@@ -365,6 +374,7 @@ def test_errors_can_be_against_the_converged_one(page):
     assert "converged" in page.locator("#layer-reference").get_attribute("alt")
 
 
+@pytest.mark.slow
 def test_zoom_keeps_pixels_square_and_sharp(page):
     natural = page.evaluate("document.getElementById('layer-image').naturalWidth")
     page.locator("#zoom").select_option("4")
@@ -376,6 +386,7 @@ def test_zoom_keeps_pixels_square_and_sharp(page):
     assert natural // 3 < len(natural_line) < natural
 
 
+@pytest.mark.slow
 def test_a_row_without_a_picture_says_so(page):
     page.locator("#volume").select_option(label="fog")
     select(page, "</b>", 2)
@@ -387,6 +398,7 @@ def test_a_row_without_a_picture_says_so(page):
     shown(page, "reference")
 
 
+@pytest.mark.slow
 def test_a_choice_shows_everywhere(page):
     page.locator("#budgets button", has_text="dct").last.click()
     assert page.locator("#row option:checked").text_content().startswith("dct · n = 8")
@@ -443,6 +455,7 @@ def test_curves_can_be_switched(page):
     assert names() == ["exact"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_follow_the_reader(show, scheme):
     page = show(color_scheme=scheme)
@@ -462,6 +475,7 @@ def test_colours_follow_the_reader(show, scheme):
     assert ink() != line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [360, 768, 1280])
 def test_nothing_sticks_out(show, width):
     page = show(viewport={"width": width, "height": 800}, has_touch=width < 500, is_mobile=width < 500)
@@ -470,6 +484,7 @@ def test_nothing_sticks_out(show, width):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.slow
 def test_everything_has_a_name(page):
     """What a screen reader says of each control and picture."""
     page.locator("#sheet").scroll_into_view_if_needed()
@@ -491,6 +506,7 @@ def test_everything_has_a_name(page):
     assert nameless == []
 
 
+@pytest.mark.slow
 def test_the_keyboard_reaches_everything(page):
     reached = set()
     for _ in range(400):

@@ -233,7 +233,9 @@ def test_json_report(render, cloud, folder, method, device_name):
     assert set(report) == {"options", "device", "seconds", "samples", "map_bytes"}
     assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "save", "total"}
     assert set(report["samples"]) == {"light_pass", "view_pass"}
-    assert set(report["options"]) == {"volume", "medium", "camera", "light", "map", "march", "image"}
+    assert set(report["options"]) == {
+        *("volume", "medium", "camera", "light", "solid", "ambient", "shadow", "map", "march", "image")
+    }
     assert report["options"]["march"]["method"] == method
     assert report["options"]["camera"]["res"] == [16, 9]
     assert report["options"]["volume"]["file"] == str(cloud)

@@ -485,6 +485,7 @@ def test_ambient_closed_forms(renderer, reflects):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("solids", [(), (BALL,)], ids=["medium", "solid"])
 def test_a_light_crosses_the_box_without_a_jump(renderer, solids, method):
