@@ -23,14 +23,16 @@ def pytest_addoption(parser):
     parser.addoption("--cl-device", default=None, help="part of the OpenCL device's name; default PoCL")
 
 
-QUICK_WITH_ONE_LANE = {"kernels", "lights"}
-"""Folders whose tests with one ray a work-item are quick; the others' are run with the slow ones."""
+SLOW_LANES = {"kernels": (), "lights": (), "bases": ("the device's lanes",)}
+"""Folder -> how many rays a work-item are left to the slow step; else one, which no CPU chooses by itself.
+Compiling takes most of the time: every basis is quick with one, device functions with both."""
 
 
 def pytest_collection_modifyitems(items):
-    """Leave one ray a work-item, which no CPU chooses by itself, to the slow step where it takes minutes."""
+    """Mark as slow what differs in the rays a work-item only."""
     for item in items:
-        if "1 lane" in item.name and item.path.parent.name not in QUICK_WITH_ONE_LANE:
+        slow = SLOW_LANES.get(item.path.parent.name, ("1 lane",))
+        if any(lanes in item.name for lanes in slow):
             item.add_marker(pytest.mark.slow)
 
 

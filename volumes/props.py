@@ -82,7 +82,7 @@ def lamps() -> str:
         x, z = (number % 20 - 9.5) * 0.8, (number // 20 - 9.5) * 0.8
         x, z = x + rng.uniform(-0.2, 0.2), z + rng.uniform(-0.2, 0.2)
         hue = rng.uniform(0, 2 * np.pi)
-        colour = 0.9 * (0.55 + 0.45 * np.cos(hue + np.array([0, 2.1, 4.2])))
+        colour = 2.4 * (0.55 + 0.45 * np.cos(hue + np.array([0, 2.1, 4.2])))
         tilt = rng.uniform(-0.25, 0.25, 2)
         lights.append(
             f"[[light]]\nfrom = [{x:.3f}, {rng.uniform(0.7, 1.0):.3f}, {z:.3f}]\n"
