@@ -83,6 +83,7 @@ typedef struct {
   Ints samples;
 } FogSums;
 
+#if TFM_CHANNELS == 1
 /* Optical depth of a step up to which twice_sinh serves. */
 #define THIN_STEP 1.0f
 
@@ -92,6 +93,7 @@ TFM_INLINE Floats twice_sinh(Floats x)
   const Floats x2 = x * x;
   return 2.0f * x * (1.0f + x2 * (1.0f / 6 + x2 * (1.0f / 120 + x2 * (1.0f / 5040))));
 }
+#endif
 
 /* Opacity of a step whose middle lies at an optical depth: e^-(middle - half) - e^-(middle + half). */
 TFM_INLINE Floats step_opacity(Floats middle, Floats half_depth)
@@ -117,17 +119,18 @@ TFM_INLINE void fog_scatter(PARAMS params, __global const float *shadow, __globa
   if (params->projective)
     warp = projective_warp(light_projective_depth(params, ray_at(ray, begin)),
                            light_projective_depth(params, ray_at(ray, begin + length)), params->max_stretch);
-  /* Densest colour: where its steps are thin, all are. */
-  float extinction[TFM_CHANNELS], most = 0.0f;
+  float extinction[TFM_CHANNELS];
   Floats sum[TFM_CHANNELS], seen[TFM_CHANNELS];
   for (int c = 0; c < TFM_CHANNELS; ++c) {
     extinction[c] = fog_extinction(params, c);
-    most = extinction[c] > most ? extinction[c] : most;
     sum[c] = seen[c] = floats(0.0f);
   }
+#if TFM_CHANNELS == 1
   /* A step is at most so many mean ones long. */
   const Floats stretch = greatest(warp.begin / warp.end, warp.end / warp.begin);
-  const int thin = greatest_float(active ? stretch * length : floats(0.0f)) * most <= THIN_STEP * (float)steps;
+  const int thin =
+      greatest_float(active ? stretch * length : floats(0.0f)) * extinction[0] <= THIN_STEP * (float)steps;
+#endif
   const Ray light_space_ray = ray_in_light(params, ray);
   for (int n = 0; n < steps; ++n) {
     const WarpedStep step = warped_step(warp, n, steps);
