@@ -8,6 +8,7 @@
 #include "fog.h"
 #include "sampling.h"
 #include "shadow.h"
+#include "surface.h"
 #if TFM_TEXTURE
 #include "texture.h"
 #endif
@@ -181,57 +182,18 @@ TFM_INLINE void fog_scatter(PARAMS params, __global const float *shadow, __globa
 }
 
 #if TFM_SHADOW
-/* What the pixels show of solids. */
-typedef struct {
-  Vec3 point, normal;
-  Floats albedo[3];
-  Floats through[3]; /* transmittance between the camera and the solid */
-  Ints shown;
-} FogSurface;
-
-TFM_INLINE FogSurface fog_surface(PARAMS params, __global const float4 *solid, __global const float4 *albedo, Ray ray,
-                                  Pixels pixels, Floats medium_length)
-{
-  FloatArray normal[3], distance, reflects[3];
-  IntArray x, y, wanted;
-  x.lanes = pixels.x;
-  y.lanes = pixels.y;
-  wanted.lanes = (pixels.wanted & pixels.inside) ? ints(1) : ints(0);
-  for (int lane = 0; lane < TFM_LANES; ++lane) {
-    const size_t i = wanted.lane[lane] ? pixel_index(params, x.lane[lane], y.lane[lane]) : 0;
-    const float4 surface = solid[i], colour = albedo[i];
-    distance.lane[lane] = wanted.lane[lane] ? surface.w : INFINITY;
-    normal[0].lane[lane] = surface.x;
-    normal[1].lane[lane] = surface.y;
-    normal[2].lane[lane] = surface.z;
-    reflects[0].lane[lane] = colour.x;
-    reflects[1].lane[lane] = colour.y;
-    reflects[2].lane[lane] = colour.z;
-  }
-  FogSurface surface;
-  surface.shown = distance.lanes < MAXFLOAT;
-  surface.point = ray_at(ray, surface.shown ? distance.lanes : floats(0.0f));
-  surface.normal = vec3(normal[0].lanes, normal[1].lanes, normal[2].lanes);
-  for (int c = 0; c < 3; ++c) {
-    surface.albedo[c] = reflects[c].lanes;
-    surface.through[c] = transmittance_of(fog_extinction(params, c) * medium_length);
-  }
-  return surface;
-}
-
 /* Lambert shading by one light. lit: 1 for each pixel of the light's rectangle where no other solid stops it. */
 TFM_INLINE void fog_shade(PARAMS params, __global const float4 *texture, __global const uchar *lit, Pixels pixels,
-                          const FogSurface *surface, Floats lit_length, FogSums *sums)
+                          const Surface *surface, const Floats *through, Floats lit_length, FogSums *sums)
 {
   const int x0 = params->lit_pixels[0], y0 = params->lit_pixels[1];
   const int width = params->lit_pixels[2] - x0;
-  Ints shaded = surface->shown & (pixels.x >= x0) & (pixels.y >= y0) & (pixels.x < params->lit_pixels[2]) &
-                (pixels.y < params->lit_pixels[3]);
-  if (!any_lane(shaded))
+  Ints shaded = (pixels.x >= x0) & (pixels.y >= y0) & (pixels.x < params->lit_pixels[2]) & (pixels.y < params->lit_pixels[3]);
+  if (!any_lane(shaded & surface->shown))
     return;
   const LightSample light = light_at(params, point_in_light(params, surface->point));
-  const Floats cosine = -dot3(light.direction, transform_vector(params->light_from_world, surface->normal));
-  shaded &= (cosine > 0.0f) & (light.strength > 0.0f) & light_reaches(params, surface->point);
+  const Floats reflects = surface_reflects(params, surface, light);
+  shaded &= reflects > 0.0f;
   IntArray texel, wanted;
   texel.lanes = (pixels.y - y0) * width + pixels.x - x0;
   wanted.lanes = shaded ? ints(1) : ints(0);
@@ -243,14 +205,13 @@ TFM_INLINE void fog_shade(PARAMS params, __global const float4 *texture, __globa
   Floats tint[3];
   fog_tint(params, texture, light, tint);
   const Floats way = fog_light_way(params, light.distance, surface->point, 0);
-  const Floats reflected = shaded ? M_1_PI_F * light.strength * cosine : floats(0.0f);
+  const Floats reflected = shaded ? reflects : floats(0.0f);
   for (int c = 0; c < 3; ++c) {
     const float extinction = fog_extinction(params, c);
     /* Algorithm 1 dims what it sees only between the ends of the light's cone. */
-    const Floats through =
-        params->paper_attenuation ? transmittance_of(extinction * lit_length) : surface->through[c];
+    const Floats dimmed = params->paper_attenuation ? transmittance_of(extinction * lit_length) : through[c];
     sums->colour[c] += params->light_intensity[c] * tint[c] * surface->albedo[c] * reflected *
-                       transmittance_of(extinction * way) * through;
+                       transmittance_of(extinction * way) * dimmed;
   }
 }
 #endif
@@ -287,7 +248,10 @@ __kernel void fog_pass(PARAMS lights, __global const int *starts, __global const
   const Ints in_medium = fog_seen(lights, ray, solid, pixels, &medium);
 #if TFM_SHADOW
   const Floats medium_length = in_medium ? medium.end - medium.begin : floats(0.0f);
-  const FogSurface surface = fog_surface(lights, solid, albedo, ray, pixels, medium_length);
+  const Surface surface = surface_at(lights, solid, albedo, ray, pixels);
+  Floats through[3]; /* between the camera and the solid */
+  for (int c = 0; c < 3; ++c)
+    through[c] = transmittance_of(fog_extinction(lights, c) * medium_length);
 #else
   (void)albedo;
   (void)lit;
@@ -306,7 +270,7 @@ __kernel void fog_pass(PARAMS lights, __global const int *starts, __global const
     if (any_lane(active))
       fog_scatter(params, shadow, texture, ray, medium, reached, active, &sums);
 #if TFM_SHADOW
-    fog_shade(params, texture, lit, pixels, &surface, active ? reached.end - reached.begin : floats(0.0f), &sums);
+    fog_shade(params, texture, lit, pixels, &surface, through, active ? reached.end - reached.begin : floats(0.0f), &sums);
 #endif
   }
   FloatArray colour[3], light[3], seen_weight;

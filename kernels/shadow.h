@@ -24,9 +24,9 @@ TFM_INLINE Floats light_visibility(PARAMS params, __global const float *shadow, 
   const MapPosition at = map_position(res, sample.u, sample.v);
   __global const float *low = shadow + params->first_shadow;
   /* A map of one texel has no neighbours; what follows it is read and weighs nothing. */
-  const int dx = res > 1 ? 1 : 0, dy = res > 1 ? res : 0;
-  (void)dx;
+  const int dy = res > 1 ? res : 0;
 #if TFM_SHADOW == 1
+  const int dx = res > 1 ? 1 : 0;
   const Ints nearest = at.texel + (at.fx > 0.5f ? ints(dx) : ints(0)) + (at.fy > 0.5f ? ints(dy) : ints(0));
   return gather_floats(low, nearest) >= sample.distance ? floats(1.0f) : floats(0.0f);
 #else

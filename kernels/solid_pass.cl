@@ -3,8 +3,8 @@
    Includes expected before: Params, a basis and a light header.
    Requires: what they, absorption.h and reduced_intensity.h do. */
 #include "absorption.h"
-#include "camera.h"
 #include "reduced_intensity.h"
+#include "surface.h"
 
 /* solid          normal (world, unit, towards the camera) and distance of what each pixel shows; INFINITY without
    albedo         RGB
@@ -20,46 +20,37 @@ __kernel void solid_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS, __globa
   const Pixels pixels = tile_pixels(params, window);
   if (!any_lane(pixels.wanted))
     return;
-  FloatArray normal[3], distance, lit, reflectance[3], through[3];
+  const Ray ray = camera_rays(params, pixels);
+  const Surface surface = surface_at(params, solid, albedo, ray, pixels);
+  FloatArray lit, through[3];
   IntArray x, y, wanted;
   x.lanes = pixels.x;
   y.lanes = pixels.y;
   wanted.lanes = (pixels.wanted & pixels.inside) ? ints(1) : ints(0);
   for (int lane = 0; lane < TFM_LANES; ++lane) {
     const size_t i = wanted.lane[lane] ? pixel_index(params, x.lane[lane], y.lane[lane]) : 0;
-    const float4 surface = solid[i], colour = albedo[i], dimmed = transmittance[i];
-    distance.lane[lane] = wanted.lane[lane] ? surface.w : INFINITY;
+    const float4 dimmed = transmittance[i];
     lit.lane[lane] = visible[i];
-    normal[0].lane[lane] = surface.x;
-    normal[1].lane[lane] = surface.y;
-    normal[2].lane[lane] = surface.z;
-    reflectance[0].lane[lane] = colour.x;
-    reflectance[1].lane[lane] = colour.y;
-    reflectance[2].lane[lane] = colour.z;
     through[0].lane[lane] = dimmed.x;
     through[1].lane[lane] = dimmed.y;
     through[2].lane[lane] = dimmed.z;
   }
-  const Ray ray = camera_rays(params, pixels);
-  const Ints shows = (distance.lanes < MAXFLOAT) & (lit.lanes > 0.0f);
-  const Vec3 point = ray_at(ray, shows ? distance.lanes : floats(0.0f));
-  const LightSample light = light_at(params, point_in_light(params, point));
-  const Vec3 facing = vec3(normal[0].lanes, normal[1].lanes, normal[2].lanes);
-  const Floats cosine = -dot3(light.direction, transform_vector(params->light_from_world, facing));
-  const Ints shaded = shows & (cosine > 0.0f) & (light.strength > 0.0f) & light_reaches(params, point);
+  const LightSample light = light_at(params, point_in_light(params, surface.point));
+  const Floats reflects = surface_reflects(params, &surface, light);
+  const Ints shaded = (lit.lanes > 0.0f) & (reflects > 0.0f);
   if (!any_lane(shaded))
     return;
   PADDED_GRID(grid);
   LIGHT_BUFFERS(buffers);
   Ints read = ints(0);
-  const LightPath path = light_path(params, &buffers, point, light);
+  const LightPath path = light_path(params, &buffers, surface.point, light);
   const Floats depth = light_optical_depth(params, &grid, &buffers, &path, shaded, &read);
   Floats tint[3];
   light_tint(params, &buffers, light, tint);
   if (params->paper_attenuation) {
     /* Algorithm 1 dims what it sees only between the ends of the light's cone. */
     const GridRay ray_in_grid = index_ray(params, ray);
-    Interval part = {floats(0.0f), distance.lanes};
+    Interval part = {floats(0.0f), surface.distance};
     Ints dims = shaded & medium_clip(params, &ray_in_grid, &part);
     const Floats whole = part.end - part.begin;
     dims &= light_clip(params, ray, &part);
@@ -73,7 +64,7 @@ __kernel void solid_pass(PARAMS params, GRID_ARGUMENTS, LIGHT_ARGUMENTS, __globa
   FloatArray colour[3];
   IntArray on, count;
   for (int c = 0; c < 3; ++c)
-    colour[c].lanes = M_1_PI_F * params->light_intensity[c] * tint[c] * reflectance[c].lanes * light.strength * cosine *
+    colour[c].lanes = params->light_intensity[c] * tint[c] * surface.albedo[c] * reflects *
                       transmittance_of(params->sigma_t[c] * depth) * through[c].lanes;
   on.lanes = (pixels.wanted & shaded) ? ints(1) : ints(0);
   count.lanes = read;

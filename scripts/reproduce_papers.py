@@ -35,6 +35,7 @@ from tfm_cl import reference
 from tfm_cl.bases import BASES
 from tfm_cl.errors import InputError
 from tfm_cl.files import replacing, write_text
+from tfm_cl.lights.base import texel_positions
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
 
 VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
@@ -329,7 +330,7 @@ def profiles(lab: Lab, name: str, *, per_ray: bool = False) -> Floats:
     scene = lab.side(name)
     light, volume = scene.lights[0], scene.grid
     assert isinstance(light, tfm.SpotLight)  # noqa: S101 - as `Lab.side` makes it
-    rays = reference.map_rays(light, reference.texel_positions(lab.sizes.rays).reshape(-1, 2))
+    rays = reference.map_rays(light, texel_positions(lab.sizes.rays).reshape(-1, 2))
     begin, end = reference.march_bounds(volume, *rays)
     rays, begin, end = rays.part(np.flatnonzero(end > begin)), begin[end > begin], end[end > begin]
     if not per_ray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
+from tfm_cl.errors import SceneError
 from tfm_cl.model import Model, Vec3, check_different
 
 MAX_PIXELS = 1 << 28
@@ -65,6 +66,30 @@ class Camera(Model):
         scale = 1.0 / np.tan(np.radians(self.fov) / 2)
         rows = [[scale * height / width, 0, 0, 0], [0, scale, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
         return np.array(rows, dtype=np.float64)
+
+    def rays(
+        self, crop: tuple[int, int, int, int] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Origins and unit directions, both [pixels, 3], world, through the pixels' centres.
+
+        Row by row, the top one first, of the pixels x0, y0, x1, y1 (end excluded) or of all.
+
+        Raises
+        ------
+        SceneError
+            When the crop is not inside the frame.
+        """
+        width, height = self.res
+        x0, y0, x1, y1 = crop or (0, 0, width, height)
+        if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+            raise SceneError(f"crop = {[x0, y0, x1, y1]}: should be inside the {width}×{height} frame")
+        pixel = 2 * np.tan(np.radians(self.fov) / 2) / height
+        at = (np.arange(x0, x1) + 0.5 - width / 2) * pixel, (height / 2 - np.arange(y0, y1) - 0.5) * pixel
+        x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(*at))
+        right, up, forward, position = self.world_from_camera[:3].T
+        directions = x * right + y * up + forward
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.broadcast_to(position, directions.shape), directions
 
 
 def look_at(origin: Vec3, target: Vec3, up: Vec3) -> NDArray[np.float64]:

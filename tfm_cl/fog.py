@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl import params as parameters
-from tfm_cl import reference
 from tfm_cl.errors import SceneError
+from tfm_cl.homogeneous import Homogeneous
+from tfm_cl.lights.base import texel_positions
 from tfm_cl.passes import launch
 from tfm_cl.passes.fog_pass import BLOCK, FogLights, FogPass, FogVariant
 from tfm_cl.screen import block_lists, bounds_of_lights
+from tfm_cl.settings import SHADOW_FILTERS
 from tfm_cl.visibility import solid_distances
 
 if TYPE_CHECKING:
-    from tfm_cl.homogeneous import Homogeneous
     from tfm_cl.passes.launch import Launcher, Progress
     from tfm_cl.passes.view_pass import FrameBuffers, ViewPass
     from tfm_cl.result import RenderStats
@@ -66,26 +67,19 @@ def add_lights(
     view_pass: ViewPass,
     visibility: Visibility,
     scene: Scene,
-    volume: Homogeneous,
     crop: Rectangle,
     gbuffer: GBuffer | None,
-    shadow_filter: int,
     frame: FrameBuffers,
     stats: RenderStats,
     progress: Progress,
 ) -> None:
-    """Sum into ``frame`` all that a scene of single, fitted lights sends to the camera.
+    """Sum into ``frame`` all that a homogeneous volume, under single, fitted lights, sends to the camera.
 
-    Parameters
-    ----------
-    volume
-        The scene's.
-    shadow_filter
-        ``TFM_SHADOW``, for a scene with solids.
-    stats
-        Its seconds of ``view_pass`` are added to.
+    The seconds go to ``stats``.
     """
-    lights = scene.lights
+    lights, volume = scene.lights, scene.volume
+    if not isinstance(volume, Homogeneous):
+        raise SceneError("the density has to be the same everywhere; grids are marched")
     params = parameters.fill_homogeneous(scene, volume, crop)
     touched = bounds_of_lights(lights, scene.camera, _lit_bounds(volume, gbuffer))
     touched = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4)
@@ -94,10 +88,8 @@ def add_lights(
     groups: dict[FogVariant, list[int]] = {}
     for index, light in enumerate(lights):
         groups.setdefault(FogVariant.of(light), []).append(index)
-    compiled = {
-        variant: variant.compiled(scene, volume, 0 if gbuffer is None else shadow_filter)
-        for variant in groups
-    }
+    shadow_filter = 0 if gbuffer is None else SHADOW_FILTERS[scene.shadow.filter]
+    compiled = {variant: variant.compiled(scene, volume, shadow_filter) for variant in groups}
     first = launcher.upload("the parameters", params[:1])
     stats.seconds["view_pass"] += fog_pass.see(next(iter(compiled.values())), crop, first, frame)
     batches = _Batches(scene, visibility, gbuffer, params, min(BATCH_BYTES, launcher.largest_buffer))
@@ -219,7 +211,7 @@ class _Batches:
                     maps[place] = distances.ravel()
                 continue
             with _timed(self._visibility):
-                positions = reference.texel_positions(size)
+                positions = texel_positions(size)
                 if np.isinf(light.source_distance(light.rays(positions[:1])[0])).any():
                     maps[place] = solid_distances(tracer, light, positions)
                 else:

@@ -5,6 +5,7 @@ Their transmittance is known in closed form (TFM eq. 5).
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -30,9 +31,9 @@ class Homogeneous(Model):
     parts: ClassVar[tuple[()]] = ()
 
     @property
+    @abstractmethod
     def bounds(self) -> NDArray[np.float64]:
         """World box around the medium, [2, 3]: low and high corner; infinite where it is everywhere."""
-        raise NotImplementedError
 
     @property
     def occupied_bounds(self) -> NDArray[np.float64]:

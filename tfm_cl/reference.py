@@ -24,6 +24,7 @@ from tfm_cl.bases.base import UNIFORM_SHARE, Functions
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import Arrival, Light, SpotLight
+from tfm_cl.lights.base import texel_positions
 from tfm_cl.scene import Scene
 from tfm_cl.settings import MapSettings
 from tfm_cl.volume import Volume
@@ -216,12 +217,6 @@ def light_optical_depth(scene: Scene, light: Light, points: Floats) -> Floats:
 def map_rays(light: Light, positions: Floats) -> Rays:
     """Rays of map positions ``[rays, 2]`` in [0, 1]², unit directions."""
     return Rays(*light.rays(positions))
-
-
-def texel_positions(res: int) -> Floats:
-    """Texel centres of a map ``[res², 2]``; x runs fastest, and the first row is the lowest y."""
-    at = (np.arange(res) + 0.5) / res
-    return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
 
 
 def texel_rays(light: Light, res: int) -> Rays:
@@ -432,16 +427,7 @@ def unshadowed(volume: Grids, light: Light, points: Floats) -> Floats:
 
 def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
     """Rays through the pixels' centres, row by row, the top one first."""
-    width, height = camera.res
-    x0, y0, x1, y1 = crop or (0, 0, width, height)
-    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
-        raise SceneError(f"crop = {[x0, y0, x1, y1]}: should be inside the {width}×{height} frame")
-    pixel = 2 * np.tan(np.radians(camera.fov) / 2) / height
-    at = (np.arange(x0, x1) + 0.5 - width / 2) * pixel, (height / 2 - np.arange(y0, y1) - 0.5) * pixel
-    x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(*at))
-    right, up, forward, position = camera.world_from_camera[:3].T
-    directions = _unit(x * right + y * up + forward)
-    return Rays(np.broadcast_to(position, directions.shape), directions)
+    return Rays(*camera.rays(crop))
 
 
 def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadows = "exact") -> Floats:

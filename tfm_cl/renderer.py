@@ -24,7 +24,7 @@ from tfm_cl.passes.light_pass import LightPass
 from tfm_cl.passes.planner import Planned, Planner
 from tfm_cl.passes.view_pass import Frame, FrameBuffers, LightInputs, ViewPass
 from tfm_cl.result import RenderResult, RenderStats
-from tfm_cl.settings import MapSettings
+from tfm_cl.settings import SHADOW_FILTERS, MapSettings
 from tfm_cl.transmittance_map import TransmittanceMap
 from tfm_cl.visibility import OF_SOLIDS, GBuffer, Visibility, clip_of, nothing_seen
 
@@ -49,9 +49,6 @@ SINGLE_NUMBER = {
 """What a map of residuals is looked up with."""
 NO_MAP = MapSettings(basis="dct", coeffs=1).resolved()
 """What the dual march's kernel is compiled with: it reads no map."""
-
-SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
-"""Name in scene files -> ``TFM_SHADOW``."""
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
@@ -248,8 +245,10 @@ class Renderer:
         gbuffer = self._visibility.gbuffer(points, crop)
         frame = self._view_pass.allocate(crop, gbuffer)
         errors = self._view_pass.allocate(crop, gbuffer) if "map_error" in aovs else None
+        warnings: tuple[str, ...] = ()
         if isinstance(points.volume, Homogeneous):
-            warnings = self._add_lights_in_fog(points, points.volume, crop, gbuffer, frame, stats, progress)
+            of_renderer = self._launcher, self._view_pass, self._visibility
+            fog.add_lights(*of_renderer, points, crop, gbuffer, frame, stats, progress)
         else:
             warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
         image, layers = _resolve(self._view_pass.read(frame), gbuffer)
@@ -307,32 +306,6 @@ class Renderer:
             params = self._params(scene, scene.lights[0], crop, bricks, None)
             stats.seconds["view_pass"] += self._view_pass.add_ambient(scene, params, frame)
         return warnings
-
-    def _add_lights_in_fog(
-        self,
-        scene: Scene,
-        volume: Homogeneous,
-        crop: Crop,
-        gbuffer: GBuffer | None,
-        frame: FrameBuffers,
-        stats: RenderStats,
-        progress: Progress,
-    ) -> tuple[str, ...]:
-        """`_add_lights` where the density is the same everywhere."""
-        fog.add_lights(
-            self._launcher,
-            self._view_pass,
-            self._visibility,
-            scene,
-            volume,
-            crop,
-            gbuffer,
-            SHADOW_FILTERS[scene.shadow.filter],
-            frame,
-            stats,
-            progress,
-        )
-        return ()
 
     def _upload(self, scene: Scene) -> BrickGrid:
         """Put the volume on the device, once for each volume and voxel type."""

@@ -40,6 +40,8 @@ AUTO: Any = "auto"
 DEFAULT_COEFFS = 8
 """Numbers a texel where nothing else is asked for."""
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
+SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
+"""Name in scene files -> ``TFM_SHADOW`` of the kernels; 0 is for scenes without solids."""
 FIELD_BYTES = 16
 """Of an entry of the field of ranges: begin, end, slope beyond, last density."""
 MAX_STEPS = 100_000

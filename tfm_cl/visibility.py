@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import reference
+from tfm_cl.lights.base import texel_positions
 
 if TYPE_CHECKING:
     from tfm_cl.lights import Light
@@ -171,12 +171,12 @@ def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:
 
 def _gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer:
     shape = (crop[3] - crop[1], crop[2] - crop[0])
-    rays = reference.camera_rays(scene.camera, crop)
-    hits = tracer.nearest(rays.origins, rays.directions)
+    origins, directions = scene.camera.rays(crop)
+    hits = tracer.nearest(origins, directions)
     solid = np.concatenate([hits.normal, hits.distance[:, None]], axis=1).reshape(*shape, 4)
     albedo = np.concatenate([hits.albedo, np.zeros_like(hits.distance)[:, None]], axis=1).reshape(*shape, 4)
     met = np.isfinite(hits.distance)
-    points = rays.origins[met] + hits.distance[met, None] * rays.directions[met]
+    points = origins[met] + hits.distance[met, None] * directions[met]
     return GBuffer(solid, albedo, points, met.reshape(shape))
 
 
@@ -194,4 +194,4 @@ def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]
 
 
 def _distances(tracer: Tracer, light: Light, res: int) -> NDArray[np.float32]:
-    return solid_distances(tracer, light, reference.texel_positions(res)).reshape(res, res)
+    return solid_distances(tracer, light, texel_positions(res)).reshape(res, res)

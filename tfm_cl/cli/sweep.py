@@ -85,7 +85,7 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--basis",
         "--coeffs",
         "--density-weighting",
-        "--bytes",
+        "--map-bytes",
         "--max-error",
         "--method",
         "--crop",

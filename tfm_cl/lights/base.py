@@ -206,6 +206,12 @@ def ball_interval(offsets: Floats, directions: Floats, radius: float) -> tuple[F
     return np.where(hit, begin, 0), np.where(hit, end, 0)
 
 
+def texel_positions(res: int) -> Floats:
+    """Texel centres of a map ``[res², 2]``; x runs fastest, and the first row is the lowest y."""
+    at = (np.arange(res) + 0.5) / res
+    return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+
+
 def facing(origin: Vec3, target: Vec3) -> Floats:
     """4×4 world-from-light at ``origin`` with z towards ``target``; the map's rows are horizontal."""
     return _facing(origin, target).copy()
