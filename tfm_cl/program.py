@@ -47,6 +47,15 @@ def fingerprint(folder: Path) -> str:
     return digest.hexdigest()
 
 
+def build(context: cl.Context, text: str, options: tuple[str, ...]) -> cl.Program:
+    """Build a program."""
+    with warnings.catch_warnings():
+        # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        program: cl.Program = cl.Program(context, text).build(list(options))
+    return program
+
+
 class _LaunchClock:
     """Adds up what the driver does between taking a launch and starting it on the device.
 
@@ -155,12 +164,6 @@ class KernelLibrary:
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
         text += f"/* kernels: {fingerprint(folder)} */\n"
         try:
-            with warnings.catch_warnings():
-                # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
-                warnings.simplefilter("ignore", cl.CompilerWarning)
-                program: cl.Program = cl.Program(self._context, text).build(
-                    [*self._options, "-I", str(folder)]
-                )
+            return build(self._context, text, (*self._options, "-I", str(folder)))
         except cl.Error as error:
             raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error
-        return program

@@ -10,7 +10,7 @@ from pyopencl import cltypes
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.errors import DeviceError, DeviceMemoryError
-from tfm_cl.program import KernelLibrary
+from tfm_cl.program import KernelLibrary, build
 
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
@@ -44,11 +44,30 @@ def float4(x: float, y: float, z: float, w: float) -> Any:
     return cltypes.make_float4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
 
 
-def lanes_of(device: cl.Device) -> int:
-    """Rays a work-item carries: a CPU's vector width, or 1 where the hardware groups work-items itself."""
+def lanes_of(context: cl.Context) -> int:
+    """Rays a work-item carries: a CPU's vector width, or 1 where the hardware groups work-items itself.
+
+    The width is that of the code which the driver's compiler makes, not the processor's: PoCL 3.0 with
+    LLVM 14 compiles for a Zen 3 on its successors, and calls to built-in functions of wider vectors then
+    disagree with the callers about registers.
+    """
+    (device,) = context.devices
     if not device.type & cl.device_type.CPU:
         return 1
-    return 16 if device.native_vector_width_float >= 16 else 8  # noqa: PLR2004 - lanes
+    (name,) = build(context, LANES_PROBE, ("-cl-std=CL1.2",)).kernel_names.split(";")
+    return int(name.removeprefix("lanes_"))
+
+
+LANES_PROBE = """
+#if defined(__AVX512F__)
+__kernel void lanes_16(void) {}
+#elif defined(__AVX__) || !defined(__x86_64__)
+__kernel void lanes_8(void) {}
+#else
+__kernel void lanes_1(void) {}
+#endif
+"""
+"""Its kernel's name tells how many floats fit a register."""
 
 
 class Launcher:
@@ -80,7 +99,7 @@ class Launcher:
         self.device = device
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-        self.lanes = lanes or lanes_of(device)
+        self.lanes = lanes or lanes_of(self.context)
         self.kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
