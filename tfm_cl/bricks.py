@@ -32,7 +32,7 @@ BRICK_EDGE = 4
 """Cells along a brick's edge, as in ``kernels/volume.h``."""
 BLOCK_BRICKS = 2
 """Bricks along a block's edge."""
-MOST_SHARED = {1: 1, 8: 3, 16: 3}
+MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
 """Lanes -> cells along an axis within which a tile's lanes share reads, as in ``kernels/volume.h``."""
 VOXEL_BITS: dict[VoxelType, int] = {"f32": 32, "f16": 16, "u8": 8}
 MOST_POOLS = 8

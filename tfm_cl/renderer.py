@@ -66,7 +66,7 @@ class Renderer:
     build_options
         Further OpenCL compiler options.
     lanes
-        Rays that a work-item carries, 1, 8 or 16; by default what suits the device.
+        Rays that a work-item carries, 1, 4, 8 or 16; by default what suits the device.
     largest_buffer
         Bytes that one device buffer may have; by default the device's limit.
     work_group
@@ -76,6 +76,8 @@ class Renderer:
     ------
     NoDeviceError
         No device, or none of that name.
+    DeviceError
+        Lanes that the device does not have.
     """
 
     def __init__(

@@ -102,8 +102,8 @@ def test_several_grids_of_a_vdb(cli):
 
 @pytest.fixture(scope="module")
 def on_device(device_name):
-    """``on_device(path)`` is the memory that the volume takes on a device of 16 lanes."""
-    launcher = Launcher(choose_device(device_name), lanes=16)
+    """``on_device(path)`` is the memory that the volume takes on a CPU."""
+    launcher = Launcher(choose_device(device_name))
     return lambda path: build_bricks(launcher, [tfm.Volume.load(path).leaves], "the volume", "f32").nbytes
 
 
