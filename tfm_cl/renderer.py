@@ -158,8 +158,11 @@ class Renderer:
         if isinstance(scene.volume, Homogeneous):
             fog.check(scene)
         scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
-        bounds = scene.volume.bounds
-        return scene.replace(lights=tuple(light.fitted(bounds) for light in scene.lights))
+        # Without solids fog has no maps at all, and may have thousands of lights.
+        fits = bool(scene.solids) or not isinstance(scene.volume, Homogeneous)
+        bounds = scene.volume.occupied_bounds
+        fitted = (light.fitted(bounds) if fits or light.needs_fitting else light for light in scene.lights)
+        return scene.replace(lights=tuple(fitted))
 
     def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
         """Plan the maps of a scene of single lights."""
