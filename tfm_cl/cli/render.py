@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,7 @@ def command(
     chosen = scene_file.chosen(scene)
     if chosen and not quiet:
         print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
+    _warn(scene_file.warnings(scene), quiet=quiet)
     if verbose:
         print(to_toml(resolved | {"map": scene.map.resolved().to_dict()}), file=sys.stderr)
     if print_config:
@@ -92,8 +94,7 @@ def command(
         result = renderer.render(
             scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
         )
-    for warning in () if quiet else result.warnings:
-        print(f"tfm: warning: {warning}", file=sys.stderr)
+    _warn(result.warnings, quiet=quiet)
     resolved["map"] = _used_map(resolved["map"], result)
 
     rendered = time.perf_counter()
@@ -105,6 +106,11 @@ def command(
         _print_stats(report)
     if json_path is not None:
         _write_json(json_path, report)
+
+
+def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
+    for warning in () if quiet else warnings:
+        print(f"tfm: warning: {warning}", file=sys.stderr)
 
 
 def _used_map(asked: Values, result: "RenderResult") -> Values:
