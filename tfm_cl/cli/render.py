@@ -88,6 +88,7 @@ def command(
     load_seconds = time.perf_counter() - started
 
     # Imported here: printing a configuration needs no OpenCL.
+    from tfm_cl.diagnosis import too_dark  # noqa: PLC0415
     from tfm_cl.renderer import Renderer  # noqa: PLC0415
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
@@ -95,6 +96,8 @@ def command(
             scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
         )
     _warn(result.warnings, quiet=quiet)
+    if any(path.suffix.lower() == ".png" for path in outputs):
+        _warn(filter(None, [too_dark(result, scene_file.image.exposure)]), quiet=quiet)
     resolved["map"] = _used_map(resolved["map"], result)
 
     rendered = time.perf_counter()
