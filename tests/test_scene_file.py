@@ -435,7 +435,8 @@ def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
 
 
 @pytest.mark.parametrize(
-    ("sigma", "warned"), [("1.0", True), ("100.0", True), ("0.02", False), ("0.0001", False), ("0.0", False)]
+    ("sigma", "warned"),
+    [("1.0", True), ("100.0", True), ("0.02", False), ("0.0001", False), ("1e-320", False), ("0.0", False)],
 )
 def test_coefficients_may_say_what_the_density_scale_does_not(tmp_path, sigma, warned):
     """Where sigma_t = 1 asks for a scale of about 0.02, "auto" would not make 0.0001 any better."""

@@ -163,8 +163,9 @@ class _Finder:
         self._scene: Scene = result.scene
         self._bounds: Floats = self._scene.volume.occupied_bounds
         self._scatters = np.asarray(self._scene.medium.sigma_s)
-        if isinstance(self._scene.volume, Volume):
-            self._scatters = self._scatters * [part.largest > 0 for part in self._scene.volume.channels]
+        volume = self._scene.volume
+        if isinstance(volume, Volume) and volume.colour is not None:
+            self._scatters = self._scatters * [channel.largest > 0 for channel in volume.channels]
 
     def reason(self) -> str:
         """Return the first that holds."""
@@ -237,9 +238,11 @@ class _Finder:
         x0, y0, x1, y1 = self._result.crop
         left, top = math.floor(max(box[0], x0)), math.floor(max(box[1], y0))
         right, bottom = math.ceil(min(box[2], x1)), math.ceil(min(box[3], y1))
-        begin, end = _within(self._bounds, *self._scene.camera.rays((left, top, right, bottom)))
-        distance = gbuffer.solid[top - y0 : bottom - y0, left - x0 : right - x0, 3].reshape(-1)
-        return not (begin < np.minimum(end, distance)).any()
+        for y in range(top, bottom):
+            begin, end = _within(self._bounds, *self._scene.camera.rays((left, y, right, y + 1)))
+            if (begin < np.minimum(end, gbuffer.solid[y - y0, left - x0 : right - x0, 3])).any():
+                return False
+        return True
 
     # ------------------------------------------------------------------------------------------ the lights
 

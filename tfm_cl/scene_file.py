@@ -351,7 +351,8 @@ def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
     """
     if sigma_t <= 0:
         return False
-    as_it_is, with_sensible = abs(math.log(sigma_t / sensible)), abs(math.log(sigma_t))
+    # Of logarithms, since a quotient may be beyond float64.
+    as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
     return as_it_is >= math.log(FAR) and as_it_is > with_sensible
 
 

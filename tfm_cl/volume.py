@@ -266,7 +266,9 @@ class Volume:
     @property
     def largest(self) -> float:
         """Largest voxel, before ``density_scale``; of a coloured volume the largest in any channel."""
-        return max(float(volume._voxels.stored.max()) for volume in self.channels)  # noqa: SLF001 - of the same class
+        if self._colour is not None:
+            return max(channel.largest for channel in self.channels)
+        return float(self._voxels.stored.max())
 
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.
