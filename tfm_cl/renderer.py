@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import coloured, fog
+from tfm_cl import coloured, diagnosis, fog
 from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
@@ -232,9 +232,26 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
+        if diagnosis.is_black(result.image):
+            why = diagnosis.why_black(result, self._visibility)
+            result = replace(result, warnings=(*result.warnings, why))
+        return result
+
+    def _render(
+        self,
+        scene: Scene,
+        *,
+        maps: list[TransmittanceMap] | None,
+        method: str | None,
+        crop: Crop | None,
+        aovs: Collection[str],
+        progress: Progress | None,
+    ) -> RenderResult:
+        """Render a scene, and ask nothing of the picture."""
         if scene.volume.colour is not None:
             return coloured.render(
-                self, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
+                self._render, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
             )
         progress = progress or _silent
         method = method or scene.march.method
@@ -256,7 +273,8 @@ class Renderer:
             fog.add_lights(*of_renderer, points, crop, gbuffer, frame, stats, progress)
         else:
             warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
-        image, layers = _resolve(self._view_pass.read(frame), gbuffer)
+        seen = self._view_pass.read(frame)
+        image, layers = _resolve(seen, gbuffer)
         if errors is not None:
             error = _resolve(self._view_pass.read(errors), gbuffer)[1]["light_transmittance"]
             layers["map_error"] = error.mean(axis=-1)
@@ -271,7 +289,8 @@ class Renderer:
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
-        return RenderResult(image, layers, stats, scene, crop, warnings)
+        lit = any(row[:, 3].any() for row in seen.light_seen)
+        return RenderResult(image, layers, stats, scene, crop, warnings, lit)
 
     def _add_lights(
         self,
