@@ -220,6 +220,14 @@ class Leaves:
         total = math.fsum(float(v.sum(dtype=np.float64)) for v in self._finite_batches())
         return total / count if count else math.nan
 
+    def typical(self) -> float:
+        """Mean of the grid's finite voxels weighted by themselves; 0 when all are 0."""
+        total = squares = 0.0
+        for batch in self._finite_batches():
+            total += float(batch.sum(dtype=np.float64))
+            squares += float(np.square(batch, dtype=np.float64).sum())
+        return squares / total if total > 0 else 0.0
+
     def active(self) -> int:
         """Count the voxels that are not 0."""
         return int(np.count_nonzero(self.values))

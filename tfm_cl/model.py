@@ -38,7 +38,8 @@ class Model(BaseModel):
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other values, checked like new ones."""
-        return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
+        # What was left out stays so: other settings may depend on it.
+        return type(self)(**{**{name: getattr(self, name) for name in self.model_fields_set}, **changes})
 
     @classmethod
     def keys(cls) -> dict[str, str]:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import coloured, diagnosis, fog
+from tfm_cl import coloured, diagnosis, fog, resolution
 from tfm_cl import params as parameters
+from tfm_cl.accuracy import Choice, Chooser
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
 from tfm_cl.errors import SceneError
@@ -100,6 +101,7 @@ class Renderer:
         self._planner = Planner(self._launcher)
         self._view_pass = ViewPass(self._launcher)
         self._visibility = Visibility()
+        self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
         self._grids: weakref.WeakKeyDictionary[Volume | Volumes, dict[VoxelType, BrickGrid]] = (
             weakref.WeakKeyDictionary()
         )
@@ -117,6 +119,7 @@ class Renderer:
     def close(self) -> None:
         """Release the device's memory."""
         self._grids.clear()
+        self._choice = None
         self._visibility.clear()
         self._launcher.release()
 
@@ -143,9 +146,11 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        progress = progress or _silent
+        if scene.map.max_error is not None:
+            scene, _ = self._chosen(scene, "tfm", None, None, progress)
         if scene.volume.colour is not None:
             return coloured.build_maps(self, scene, progress)
-        progress = progress or _silent
         scene = self._parts(scene.resolved())
         bricks = self._upload(scene)
         return [
@@ -232,11 +237,46 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        estimate, limited = None, resolution.limited(scene)
+        if scene.map.max_error is not None:
+            scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
+            limited = ()
         result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
+        result.stats.error_estimate = estimate
+        result = replace(result, warnings=(*limited, *result.warnings))
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)
             result = replace(result, warnings=(*result.warnings, why))
         return result
+
+    def _chosen(
+        self,
+        scene: Scene,
+        method: str | None,
+        crop: Crop | None,
+        maps: list[TransmittanceMap] | None,
+        progress: Progress,
+    ) -> tuple[Scene, float]:
+        """Choose numbers for ``map.max_error``; returns the scene with them, and the error.
+
+        The last choice is kept for the next frame of the same scene.
+        """
+        method, crop = _checked_method(method, scene), _checked_crop(crop, scene.camera.res)
+        if maps and method == "tfm":
+            built = maps[0].requested
+            numbers = {"res": built.res, "steps": built.steps, "coeffs": built.coeffs}
+            scene = scene.replace(map=scene.map.replace(**numbers))
+        key = (scene, method, crop)
+        kept, choice = self._choice or (None, None)
+        if kept is None or choice is None or kept[0] is not scene or kept[1:] != key[1:]:
+
+            def render(pilot: Scene, method: str, crop: Crop) -> RenderResult:
+                of_pilot = maps if method == "tfm" else None
+                return self._render(pilot, maps=of_pilot, method=method, crop=crop, aovs=(), progress=None)
+
+            choice = Chooser(render, scene, method, crop, progress).choice()
+            self._choice = key, choice
+        return choice.scene, choice.estimate
 
     def _render(
         self,
@@ -254,9 +294,7 @@ class Renderer:
                 self._render, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
             )
         progress = progress or _silent
-        method = method or scene.march.method
-        if method not in ("tfm", "dual"):
-            raise SceneError(f"method '{method}' is unknown; known: tfm, dual")
+        method = _checked_method(method, scene)
         scene = scene.resolved(maps[0].requested if maps and method == "tfm" else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
@@ -455,6 +493,13 @@ def _warnings(scene: Scene, light_map: TransmittanceMap) -> tuple[str, ...]:
         "such small sigma_s and sigma_a shadows will be too dark; use --density-weighting auto"
     )
     return (message,)
+
+
+def _checked_method(method: str | None, scene: Scene) -> str:
+    method = method or scene.march.method
+    if method not in ("tfm", "dual"):
+        raise SceneError(f"method '{method}' is unknown; known: tfm, dual")
+    return method
 
 
 def _checked_crop(crop: Crop | None, res: tuple[int, int]) -> Crop:

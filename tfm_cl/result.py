@@ -33,6 +33,9 @@ class RenderStats:
     """Of the numbers of all maps together."""
     map: MapSettings | None = None
     """Of the maps in use, without ``"auto"``; None for the dual march."""
+    error_estimate: float | None = None
+    """Relative RMSE of the lit pixels against the converged dual march, measured where ``map.max_error`` asks
+    for it."""
 
     def add_map(self, light_map: TransmittanceMap, *, built: bool) -> None:
         """Count a map in use, and its light pass where it was built for this render."""
@@ -49,6 +52,7 @@ class RenderStats:
             "seconds": dict(self.seconds),
             "samples": dict(self.samples),
             "map_bytes": self.map_bytes,
+            "error_estimate": self.error_estimate,
         }
 
 

@@ -14,7 +14,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
-from tfm_cl.settings import MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.settings import AUTO, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.solids import Solid
 from tfm_cl.volume import Volume
 from tfm_cl.volumes import Volumes, joined
@@ -79,6 +79,9 @@ class Scene:
         camera = camera or placement.camera_for(volume)
         lights = (placement.light_for(volume, camera),) if lights is None else lights
         lights = tuple(lights)
+        map, march = map or MapSettings(), march or MarchSettings()  # noqa: A001
+        if map.max_error is not None and "steps" not in march.model_fields_set:
+            march = march.replace(steps=AUTO)
         if not lights:
             raise SceneError("a scene needs at least one light; leave lights out to have one placed")
         for name, value in (
@@ -86,8 +89,8 @@ class Scene:
             ("medium", medium or Medium()),
             ("camera", camera),
             ("lights", lights),
-            ("map", map or MapSettings()),
-            ("march", march or MarchSettings()),
+            ("map", map),
+            ("march", march),
             ("solids", tuple(solids)),
             ("ambient", ambient or Ambient()),
             ("shadow", shadow or ShadowSettings()),

@@ -71,8 +71,8 @@ class MapSettings(Model):
     )
     max_error: Annotated[float | None, number_or_none(1e-4, 1)] = Field(
         None,
-        description="for coeffs = auto: as many numbers as hold the relative error of T, density-weighted "
-        "over the map's own rays, below this",
+        description="relative RMSE of the picture's lit pixels against the converged dual march, at most: "
+        "coeffs, res and both steps are chosen for it by measuring, where they are not given",
     )
     density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
         "auto",
@@ -125,12 +125,18 @@ class MapSettings(Model):
         "gaussian", description="of blur: a box, or a Gaussian of the box's variance"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _max_error_chooses(cls, values: Any) -> Any:
+        if isinstance(values, dict) and values.get("max_error") is not None:
+            return {"res": AUTO, "steps": AUTO, **values}
+        return values
+
     @model_validator(mode="after")
     def _basis_allows(self) -> Self:
-        asked = [name for name in ("bytes_", "max_error") if getattr(self, name) is not None]
-        if asked and not is_auto(self.coeffs):
-            raise ValueError(f"{asked[0].rstrip('_')} chooses coeffs: set coeffs to auto, not {self.coeffs}")
-        if len(asked) > 1:
+        if self.bytes_ is not None and not is_auto(self.coeffs):
+            raise ValueError(f"bytes chooses coeffs: set coeffs to auto, not {self.coeffs}")
+        if self.bytes_ is not None and self.max_error is not None:
             raise ValueError("bytes and max_error both choose coeffs: set one of them")
         if self.basis == "auto":
             return self

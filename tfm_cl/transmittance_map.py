@@ -181,7 +181,7 @@ class TransmittanceMap:
 
     def check_serves(self, scene: Scene, index: int) -> None:
         """Raise `SceneError` unless this map is right for light ``index`` of a scene."""
-        light = scene.lights[index]
+        light = scene.lights[index].fitted(scene.volume.occupied_bounds)
         for what, same in (
             ("volume", self.volume.same_density(scene.volume)),
             ("set of solids", self.solids == scene.solids),

@@ -270,6 +270,16 @@ class Volume:
             return max(channel.largest for channel in self.channels)
         return float(self._voxels.stored.max())
 
+    @property
+    def typical_density(self) -> float:
+        """Mean density of the voxels weighted by itself: that of the body, not of the empty space around it.
+
+        In a coloured volume that of the strongest channel.
+        """
+        if self._colour is None:
+            return self.density_scale * self._voxels.typical
+        return self.density_scale * max(voxels.typical for voxels in self._colour.products)
+
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.
 
@@ -362,6 +372,15 @@ class _Voxels:
         dense = self.stored.to_dense()
         dense.flags.writeable = False
         return dense
+
+    @cached_property
+    def typical(self) -> float:
+        """Mean of the voxels weighted by themselves; 0 when all are 0."""
+        if isinstance(self.stored, Leaves):
+            return self.stored.typical()
+        total = float(self.stored.sum(dtype=np.float64))
+        squares = sum(float(np.square(layer, dtype=np.float64).sum()) for layer in self.stored)
+        return squares / total if total > 0 else 0.0
 
     @cached_property
     def occupied_box(self) -> tuple[Index, Index] | None:

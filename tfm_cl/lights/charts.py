@@ -35,6 +35,8 @@ OUTSIDE = -1.0
 """u and v of what no texel can show."""
 COARSEST = 27**0.25
 """The octahedron's texels are widest in the middle of its faces, by this factor over those at its corners."""
+NARROWEST = 1e-30
+"""Width of a window, at least: its inverse is a float32."""
 TINY = 1e-100
 
 
@@ -63,8 +65,8 @@ class Chart(ABC):
 
     @property
     def window(self) -> tuple[float, float, float, float]:
-        """What kernels are told: u = window[0] x + window[2], v = window[1] y + window[3]."""
-        scale = 1 / np.subtract(self.high, self.low)
+        """Return what kernels are told: u = window[0] x + window[2], v = window[1] y + window[3]."""
+        scale = 1 / np.maximum(np.subtract(self.high, self.low), NARROWEST)
         offset = -scale * self.low
         return (*scale.tolist(), *offset.tolist())
 

@@ -10,9 +10,6 @@ import numpy as np
 
 from tfm_cl import params as parameters
 from tfm_cl.bases import BASES
-from tfm_cl.bases.estimate import error_of_fit
-from tfm_cl.errors import SceneError
-from tfm_cl.model import is_auto
 from tfm_cl.passes.launch import Launcher
 from tfm_cl.passes.light_pass import LARGEST_HALF, MapPlan
 from tfm_cl.passes.light_probe import VISIBLE_DEPTH, LightProbe, Probe
@@ -32,8 +29,6 @@ AUTO_WEIGHTING = (1.0, 16.0)
 PROBE_RES = 64
 """Light rays along a side of the map that density_weighting = auto looks at."""
 
-OF_THE_FIT = 0.6
-"""Of the error asked for: what the numbers may take of it; steps and ranges take their part too."""
 RANGE_STEPS = 128
 """Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
 map."""
@@ -96,7 +91,7 @@ class Planner:
         fields = [_field(settings, probe) for probe in probes]
         curves: list[Curves | None] = [None] * len(fields)
         seconds = [probe.seconds for probe in probes]
-        if BASES[settings.basis].needs_curves or is_auto(settings.coeffs):
+        if BASES[settings.basis].needs_curves:
             for i, light in enumerate(scene.lights):
                 curves[i], took = self._probe.curves(
                     light,
@@ -107,8 +102,6 @@ class Planner:
                     extinction,
                 )
                 seconds[i] += took
-        if is_auto(settings.coeffs):
-            settings = settings.model_copy(update={"coeffs": _coeffs(settings, curves), "max_error": None})
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
@@ -156,29 +149,3 @@ def _density_weighting(scene: Scene, deepest: float) -> float:
     if sigma_t <= 0:
         return 1.0
     return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)
-
-
-def _coeffs(settings: MapSettings, curves: list[Curves | None]) -> int:
-    """Find the least number with which every light's rays keep ``max_error``, halving the interval."""
-    counts = BASES[settings.basis].counts
-
-    def error(n: int) -> float:
-        asked = settings.model_copy(update={"coeffs": n})
-        return max(
-            error_of_fit(asked, functions_of(asked, of_light), of_light) for of_light in curves if of_light
-        )
-
-    wanted = OF_THE_FIT * (settings.max_error or 0)
-    low, high = 0, len(counts) - 1
-    if (least := error(counts[high])) > wanted:
-        raise SceneError(
-            f"map.max_error = {settings.max_error:g}: basis '{settings.basis}' reaches {least:.2g} at its "
-            f"{counts[high]} numbers; ask for more, or use method = 'dual'"
-        )
-    while low < high:
-        middle = (low + high) // 2
-        if error(counts[middle]) > wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return counts[low]
