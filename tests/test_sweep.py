@@ -14,9 +14,10 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+import processes
 import pytest
 
-from tfm_cl import metrics, sweep, sweep_keys, sweep_pool, sweep_report, sweep_work
+from tfm_cl import metrics, sweep, sweep_keys, sweep_report, sweep_work
 from tfm_cl.cli import main
 from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.leaves import Leaves
@@ -996,16 +997,25 @@ def test_errors_of_other_processes_are_ours(volume, out):
     assert not out.exists()
 
 
-def test_a_process_that_ends_by_itself(volume, out, monkeypatch):
-    monkeypatch.setattr(sweep_pool.Processes, "_submit", _submit_exit)
+def test_a_process_that_ends_by_itself(volume, out):
+    with pytest.raises(DeviceError, match="blob: a process ended by itself") as caught:
+        sweep.run([volume], out, jobs=2, overrides=processes.end_at_once)
 
-    with pytest.raises(DeviceError, match="blob: a process ended by itself"):
-        sweep.run([volume], out, jobs=2)
+    assert "\n" not in str(caught.value)
+    assert multiprocessing.active_children() == []
 
 
-def _submit_exit(pool, jobs, running):
-    for job in jobs:
-        running[pool._pool.submit(os._exit, 1)] = job
+def test_an_unforeseen_error_of_another_process_tells_where_it_came_from(volume, out):
+    with pytest.raises(ZeroDivisionError) as caught:
+        sweep.run([volume], out, jobs=2, overrides=processes.divide_by_zero)
+
+    assert "divide_by_zero" in "".join(caught.value.__notes__)
+    assert multiprocessing.active_children() == []
+
+
+def test_an_error_that_cannot_be_sent_is_told_all_the_same(volume, out):
+    with pytest.raises(RuntimeError, match="not to be sent"):
+        sweep.run([volume], out, jobs=2, overrides=processes.raise_what_cannot_be_sent)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
