@@ -19,6 +19,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from tfm_cl.errors import DeviceError, InputError, TfmError
+from tfm_cl.interrupts import interrupts_held
+from tfm_cl.scratch import make_scratch
 from tfm_cl.sweep_work import Task, Worker
 
 if TYPE_CHECKING:
@@ -127,14 +129,13 @@ class Processes:
         self._processes: dict[Connection, SpawnProcess] = {}
 
     def __enter__(self) -> Self:
-        # Processes that are ended remove nothing themselves.
-        self._scratch = tempfile.TemporaryDirectory(prefix="tfm_cl-sweep-", ignore_cleanup_errors=True)
+        self._scratch = make_scratch()  # processes that are ended remove nothing themselves
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with _interrupts_held():
+        with interrupts_held():
             for pipe, process in self._processes.items():
                 if kind is not None:
                     process.kill()  # at once: compilers have something to say on gentler signals
@@ -142,7 +143,7 @@ class Processes:
             for process in self._processes.values():
                 process.join()
             self._processes.clear()
-            self._scratch.cleanup()
+            self._scratch.close()
 
     def run(self, jobs: list[Job], tracker: Tracker) -> None:
         """Do jobs in any order, earlier ones first; those that they lead to come last.
@@ -175,9 +176,9 @@ class Processes:
         if idle is None and len(self._processes) < self._count:
             idle, theirs = multiprocessing.Pipe()
             process = multiprocessing.get_context("spawn").Process(
-                target=_serve, args=(theirs, self._task, self._device, self._scratch.name), daemon=True
+                target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
             )
-            with _interrupts_held():  # it inherits that
+            with interrupts_held():  # it inherits that
                 process.start()
                 self._processes[idle] = process
             theirs.close()  # the process has its own: when that closes, ours tells
@@ -193,19 +194,6 @@ def _other_end(job: Job) -> Iterator[None]:
         raise DeviceError(
             f"{job.label}: a process ended by itself, perhaps for lack of memory; use fewer jobs"
         ) from error
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting, where the system can: a process begun now never hears of it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _renderer(device: str | None) -> Renderer:
