@@ -17,6 +17,7 @@ import pyopencl as cl
 
 from tfm_cl.device import DEFAULT_PLATFORM
 from tfm_cl.errors import KernelBuildError
+from tfm_cl.interrupts import interrupts_ours
 from tfm_cl.kernel_cache import KeptProgram, kernel_cache
 from tfm_cl.params import c_declaration
 
@@ -58,7 +59,8 @@ def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.
     if os.name == "posix" and DEFAULT_PLATFORM in device.platform.name:
         versions = device.name, device.driver_version, device.platform.version
         kept = kernel_cache().program(text, *options, *versions)
-    with warnings.catch_warnings(), kept.building() if kept else contextlib.nullcontext():
+    keeping = kept.building() if kept else contextlib.nullcontext()
+    with warnings.catch_warnings(), keeping, interrupts_ours():
         # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         program: cl.Program = cl.Program(context, text).build(list(options))

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from types import TracebackType
@@ -178,7 +179,8 @@ class Processes:
             process = multiprocessing.get_context("spawn").Process(
                 target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
             )
-            with interrupts_held():  # it inherits that
+            resource_tracker.ensure_running()  # beginning it ends that interrupts are held
+            with interrupts_held():  # the process inherits that
                 process.start()
                 self._processes[idle] = process
             theirs.close()  # the process has its own: when that closes, ours tells

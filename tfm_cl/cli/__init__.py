@@ -9,6 +9,7 @@ import click
 
 from tfm_cl.cli.streams import guarded_streams, one_line
 from tfm_cl.errors import TfmError
+from tfm_cl.interrupts import interrupts_held
 
 COMMANDS = ("render", "info", "compare", "sweep", "devices")
 """Modules of this package, each with a click command called ``command``; imported when used."""
@@ -31,7 +32,8 @@ class LazyGroup(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
+        with interrupts_held():  # threads of libraries, which begin here, need not hear of them
+            command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
