@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ def test_ctrl_c_waits(held):
 
     def interrupt():
         with held():
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.pthread_kill(threading.get_ident(), signal.SIGINT)
             passed.append("the signal")
 
     with pytest.raises(KeyboardInterrupt):

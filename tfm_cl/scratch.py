@@ -10,11 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tfm_cl.errors import DeviceError
-
-try:
-    import fcntl
-except ImportError:  # not POSIX
-    fcntl = None  # type: ignore[assignment]
+from tfm_cl.locks import lock
 
 PREFIX = "tfm_cl-"
 ROOM = 32 << 20
@@ -48,9 +44,7 @@ class Scratch:
         _remove_abandoned(parent)
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
         self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
-        if fcntl is not None:
-            with contextlib.suppress(OSError):  # a file system without locks
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(self._lock)
         self.close = weakref.finalize(self, _remove, self.path, self._lock, os.getpid())
         try:
             self.check_room()
@@ -103,23 +97,23 @@ def _temporary_folders() -> Iterator[Path]:
 
 def _remove_abandoned(parent: Path) -> None:
     """Remove the folders of processes that were killed."""
-    if fcntl is None:
+    if os.name != "posix":
         return
     for folder in parent.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             found = folder.lstat()
             if found.st_uid != os.geteuid() or time.time() - found.st_mtime < LOCKED_BY:
                 continue
-            lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            held = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while its process lives
-                shutil.rmtree(folder, ignore_errors=True)
+                if lock(held):  # not while its process lives
+                    shutil.rmtree(folder, ignore_errors=True)
             finally:
-                os.close(lock)
+                os.close(held)
 
 
-def _remove(path: Path, lock: int, process: int) -> None:
+def _remove(path: Path, held: int, process: int) -> None:
     if os.getpid() == process:  # a forked process has a copy of this, but not the folder
         shutil.rmtree(path, ignore_errors=True)
         with contextlib.suppress(OSError):
-            os.close(lock)
+            os.close(held)

@@ -98,7 +98,7 @@ class Processes:
     """Several pieces at a time, each in a process with a renderer of its own.
 
     They share nothing but the folder, and end with this one: Ctrl-C is heard here only. What they were doing
-    then is lost; it leaves halves of images, which `SweepFolder.tidy` removes.
+    then is lost; it leaves halves of images, which `SweepFolder.close` removes.
 
     Each has a pipe of its own, which this process reads and writes in one thread: there is no queue, lock or
     helper thread that a process could take with it when it is ended.
