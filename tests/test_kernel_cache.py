@@ -3,19 +3,21 @@
 import contextlib
 import fcntl
 import hashlib
+import io
 import os
 import resource
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from tfm_cl import device as devices
-from tfm_cl import kernel_cache, scratch
+from tfm_cl import kernel_cache, program, scratch
 from tfm_cl.device import choose_device
-from tfm_cl.errors import DeviceError
+from tfm_cl.errors import DeviceError, KernelBuildError
 from tfm_cl.kernel_cache import KEPT_DAYS, MOST_BYTES, KernelCache, Store, store_folder
 from tfm_cl.scratch import Scratch, make_scratch
 
@@ -377,6 +379,21 @@ def test_a_program_is_written_only_when_there_is_more_of_it(store, cache, monkey
     assert written == [1]
 
 
+def test_only_the_newest_of_a_program_is_kept(tmp_path, store, cache):
+    """The same text may include another file, or be for another processor: PoCL has another folder then."""
+    compile_into(cache, cache.program("text"))
+    (tmp_path / "next").mkdir()
+    following = KernelCache(Scratch(tmp_path / "next"), store)
+    program = following.program("text")
+    with program.building():
+        (following.folder / "CD" / "other").mkdir(parents=True)
+        (following.folder / "CD" / "other" / "program.bc").touch()
+    program.keep()
+    (path,) = (tmp_path / "store").iterdir()
+    (kept,) = zipfile.ZipFile(io.BytesIO(path.read_bytes()[32:])).namelist()
+    assert kept == "CD/other/program.bc"
+
+
 def test_a_program_that_fails_to_build_is_not_kept(tmp_path, cache):
     program = cache.program("text")
     with contextlib.suppress(ValueError), program.building():
@@ -402,6 +419,17 @@ def test_the_environment_is_as_before():
             assert os.environ[name] != before.get(name)
             assert os.access(os.environ[name], os.W_OK)
     assert dict(os.environ) == before
+
+
+def test_a_missing_linker_is_named(launcher, monkeypatch):
+    monkeypatch.setenv("PATH", "/nonexistent")
+    monkeypatch.setattr(program, "LINKER_FOLDERS", ())
+    monkeypatch.setattr(program.importlib.util, "find_spec", lambda _: True)
+    program._check_linker("OpenCL 3.0 PoCL 5.0")
+    with pytest.raises(KernelBuildError, match=r"needs the linker 'ld'.*apt install binutils"):
+        program._check_linker("OpenCL 3.0 PoCL 3.0-rc2")
+    monkeypatch.undo()
+    program._check_linker(launcher.device.platform.version)
 
 
 def test_a_lack_of_room_is_not_a_lack_of_devices(monkeypatch):

@@ -205,13 +205,15 @@ class KeptProgram:
             before = self._cache.folders()
             try:
                 self._cache.restore(self._name)
-                self._kept = self._compiled(self._cache.folders() - before)
+                restored = self._cache.folders() - before
                 yield
             except BaseException:
                 for folder in self._cache.folders() - before:
                     _remove(folder)
                 raise
-            self._folders = self._cache.folders() - before
+            # PoCL makes another one where what was kept is of another processor or another included file.
+            self._folders = self._cache.folders() - before - restored or restored
+            self._kept = self._compiled(restored)
 
     def keep(self) -> None:
         """Keep it with all that was compiled so far; call it when that has run."""

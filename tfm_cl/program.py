@@ -7,7 +7,9 @@ drivers without a cache of their own pyopencl keeps binaries.
 
 import contextlib
 import hashlib
+import importlib.util
 import os
+import shutil
 import time
 import warnings
 from pathlib import Path
@@ -57,6 +59,7 @@ def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.
     (device,) = context.devices
     kept = None
     if os.name == "posix" and DEFAULT_PLATFORM in device.platform.name:
+        _check_linker(device.platform.version)
         versions = device.name, device.driver_version, device.platform.version
         kept = kernel_cache().program(text, *options, *versions)
     keeping = kept.building() if kept else contextlib.nullcontext()
@@ -65,6 +68,22 @@ def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         program: cl.Program = cl.Program(context, text).build(list(options))
     return program, kept
+
+
+def _check_linker(version: str) -> None:
+    """Refuse to compile where the PoCL that pip installs would end the process for want of a linker."""
+    pip_installed = importlib.util.find_spec("pocl_binary_distribution") is not None
+    if not pip_installed or "PoCL 3.0" not in version:
+        return
+    folders = os.pathsep.join((os.environ.get("PATH", ""), *LINKER_FOLDERS))
+    if shutil.which("ld", path=folders) is None:
+        raise KernelBuildError(
+            "PoCL needs the linker 'ld', which is not installed; on Debian and Ubuntu: apt install binutils"
+        )
+
+
+LINKER_FOLDERS = ("/usr/bin", "/usr/local/bin", "/bin")
+"""Where PoCL finds it even if PATH does not name them."""
 
 
 class _LaunchClock:
