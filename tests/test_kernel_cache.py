@@ -82,8 +82,12 @@ def filled(tmp_path, run):
     """The folder of a cache that a run has filled, with two programs."""
     folder = tmp_path / "cache"
     assert run(POCL_CACHE_DIR=folder) == ""
-    assert len(list((folder / "tfm_cl").iterdir())) == 2
+    assert len(files_of(folder)) == 2
     return folder
+
+
+def files_of(folder):
+    return sorted((folder / "tfm_cl" / "kernels").iterdir())
 
 
 # ------------------------------------------------------------------------------------- whole runs
@@ -91,7 +95,10 @@ def filled(tmp_path, run):
 
 def test_a_second_run_writes_nothing(filled, run):
     def found():
-        return {path: (path.stat().st_ino, path.read_bytes()) for path in (filled / "tfm_cl").iterdir()}
+        return {
+            path: (path.stat().st_ino, path.read_bytes())
+            for path in (filled / "tfm_cl" / "kernels").iterdir()
+        }
 
     before = found()
     assert run(POCL_CACHE_DIR=filled) == ""
@@ -140,10 +147,12 @@ DAMAGES = (
 
 
 def test_what_is_damaged_is_compiled_again_once(filled, run):
-    for path, damage in zip((filled / "tfm_cl").iterdir(), (damage_by_cutting, damage_by_zeros), strict=True):
+    for path, damage in zip(
+        (filled / "tfm_cl" / "kernels").iterdir(), (damage_by_cutting, damage_by_zeros), strict=True
+    ):
         damage(path)
     assert run(POCL_CACHE_DIR=filled) == (
-        f"{filled}/tfm_cl: 2 damaged files thrown away, the kernels in there were compiled again\n"
+        f"{filled}/tfm_cl/kernels: 2 damaged files thrown away, the kernels in there were compiled again\n"
     )
     assert run(POCL_CACHE_DIR=filled) == ""
 
@@ -161,7 +170,7 @@ def test_a_run_that_is_killed_while_it_compiles_spoils_nothing(tmp_path, run):
     folder = tmp_path / "cache"
     process = run.start(POCL_CACHE_DIR=folder)
     deadline = time.monotonic() + 60
-    while not list((folder / "tfm_cl").glob("*")) and time.monotonic() < deadline:
+    while not list((folder / "tfm_cl" / "kernels").glob("*")) and time.monotonic() < deadline:
         time.sleep(0.01)
     process.kill()
     process.communicate()
@@ -179,12 +188,12 @@ def test_a_cache_that_cannot_be_made(tmp_path, run, where):
     if where == "locked" and os.access(tmp_path / "locked", os.W_OK):
         pytest.skip("this user may write everywhere")
     err = run(POCL_CACHE_DIR=tmp_path / where)
-    assert err.startswith(f"{tmp_path / where}/tfm_cl: {CANNOT} (")
+    assert err.startswith(f"{tmp_path / where}/tfm_cl/kernels: {CANNOT} (")
     assert err.count("\n") == 1
 
 
 def test_a_cache_that_others_may_write_is_not_used(filled, run):
-    (filled / "tfm_cl").chmod(0o777)
+    (filled / "tfm_cl" / "kernels").chmod(0o777)
     assert f"{CANNOT} (others may write there)" in run(POCL_CACHE_DIR=filled)
 
 
@@ -198,7 +207,7 @@ def test_no_room_to_compile_is_one_line(tmp_path, run):
     err = run(*limit, answer="", POCL_CACHE_DIR=tmp_path / "cache")
     assert err.startswith("no folder has the 32 MiB of room that compiling kernels may take: ")
     assert f"{tmp_path}/temporary (File too large)" in err
-    assert f"{tmp_path}/cache/tfm_cl (File too large)" in err
+    assert f"{tmp_path}/cache/tfm_cl/kernels (File too large)" in err
     assert err.count("\n") == 1
 
 
@@ -288,12 +297,13 @@ def test_what_is_long_unused_is_removed(tmp_path, store):
     for name in "abc":
         store.write(name * 64, b"machine code")
     old = time.time() - (KEPT_DAYS + 1) * 86400
-    for name in "ab":
-        os.utime(tmp_path / "store" / f"{name * 64}{kernel_cache.SUFFIX}", (old, old))
+    (tmp_path / "store" / "zebra.c").touch()  # somebody's own file
+    for name in (*(f"{name * 64}{kernel_cache.SUFFIX}" for name in "ab"), "zebra.c"):
+        os.utime(tmp_path / "store" / name, (old, old))
     later = Store(tmp_path / "store")
     assert later.read("a" * 64) is not None  # used now
     later.write("d" * 64, b"machine code")
-    assert {path.name[0] for path in (tmp_path / "store").iterdir()} == set("acd")
+    assert {path.name[0] for path in (tmp_path / "store").iterdir()} == set("acdz")
 
 
 def test_a_folder_of_somebody_else_is_not_used(tmp_path, store, monkeypatch):
@@ -320,9 +330,9 @@ def test_without_any_home(monkeypatch):
 @pytest.mark.parametrize(
     ("variables", "folder"),
     [
-        ({"POCL_CACHE_DIR": "/a/b"}, "/a/b/tfm_cl"),
-        ({"POCL_CACHE_DIR": "", "XDG_CACHE_HOME": "/c"}, "/c/tfm_cl"),
-        ({"HOME": "/d"}, "/d/.cache/tfm_cl"),
+        ({"POCL_CACHE_DIR": "/a/b"}, "/a/b/tfm_cl/kernels"),
+        ({"POCL_CACHE_DIR": "", "XDG_CACHE_HOME": "/c"}, "/c/tfm_cl/kernels"),
+        ({"HOME": "/d"}, "/d/.cache/tfm_cl/kernels"),
     ],
 )
 def test_where_it_is(monkeypatch, variables, folder):
@@ -451,18 +461,18 @@ def test_a_scratch_folder_goes_with_its_process(tmp_path):
 
 
 def test_only_abandoned_folders_are_removed(tmp_path):
-    living, abandoned, fresh, foreign = (tmp_path / f"tfm_cl-{name}" for name in ("1", "2", "3", "4"))
+    names = ("scratch-1", "scratch-2", "scratch-3", "0.1.0", "scratch-without-a-lock")
+    living, abandoned, fresh, other, unlocked = (tmp_path / f"tfm_cl-{name}" for name in names)
     long_ago = time.time() - 3600
-    for folder in (living, abandoned, fresh, foreign):
+    for folder in (living, abandoned, fresh, other, unlocked):
         folder.mkdir()
-        (folder / "lock").touch()
-    foreign.rename(tmp_path / "other-4")
+        (folder / ("file" if folder == unlocked else "lock")).touch()
     with (living / "lock").open() as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        for folder in (living, abandoned, tmp_path / "other-4"):
+        for folder in (living, abandoned, other, unlocked):
             os.utime(folder, (long_ago, long_ago))
         made = Scratch(tmp_path)
-        assert set(tmp_path.iterdir()) == {living, fresh, tmp_path / "other-4", made.path}
+        assert set(tmp_path.iterdir()) == {living, fresh, other, unlocked, made.path}
         made.close()
 
 

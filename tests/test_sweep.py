@@ -1093,6 +1093,15 @@ def test_a_process_that_ends_by_itself(volume, out):
     assert multiprocessing.active_children() == []
 
 
+def test_a_process_that_cannot_be_started(volume, out, monkeypatch):
+    def refuse(_process):
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
+    with pytest.raises(DeviceError, match=r"jobs = 2: a process cannot be started \(Resource temporarily"):
+        sweep.run([volume], out, jobs=2)
+
+
 def test_an_unforeseen_error_of_another_process_tells_where_it_came_from(volume, out):
     with pytest.raises(ZeroDivisionError) as caught:
         sweep.run([volume], out, jobs=2, overrides=processes.divide_by_zero)

@@ -74,7 +74,7 @@ class Store:
             return
         temporary = None
         try:
-            with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+            with tempfile.NamedTemporaryFile(dir=self._folder, suffix=f"{SUFFIX}.tmp", delete=False) as file:
                 temporary = Path(file.name)
                 file.write(hashlib.sha256(packed).digest() + packed)
             temporary.replace(self._folder / f"{name}{SUFFIX}")
@@ -103,7 +103,7 @@ class Store:
     @functools.cache  # noqa: B019 - once for the one store of a process
     def _remove_old(self) -> None:
         with contextlib.suppress(OSError):
-            for path in self._folder.iterdir():
+            for path in self._folder.glob(f"*{SUFFIX}*"):
                 if time.time() - path.lstat().st_mtime > KEPT_DAYS * 86400:
                     _remove(path)
 
@@ -250,9 +250,9 @@ def take_notes() -> tuple[str, ...]:
 def store_folder() -> Path:
     """Where compiled kernels are kept: ``POCL_CACHE_DIR``, or else the user's cache folder."""
     if named := os.environ.get("POCL_CACHE_DIR"):
-        return Path(named).absolute() / "tfm_cl"
+        return Path(named).absolute() / "tfm_cl" / "kernels"
     caches = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")  # noqa: PTH111
-    return Path(caches) / "tfm_cl"
+    return Path(caches) / "tfm_cl" / "kernels"
 
 
 def _make_own(folder: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tfm_cl.errors import DeviceError
 from tfm_cl.locks import lock
 
-PREFIX = "tfm_cl-"
+PREFIX = "tfm_cl-scratch-"
 ROOM = 32 << 20
 """Bytes: what is compiled between two looks at the room takes a few MiB at most."""
 
@@ -104,7 +104,7 @@ def _remove_abandoned(parent: Path) -> None:
             found = folder.lstat()
             if found.st_uid != os.geteuid() or time.time() - found.st_mtime < LOCKED_BY:
                 continue
-            held = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            held = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW)
             try:
                 if lock(held):  # not while its process lives
                     shutil.rmtree(folder, ignore_errors=True)

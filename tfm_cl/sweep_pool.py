@@ -179,11 +179,19 @@ class Processes:
             process = multiprocessing.get_context("spawn").Process(
                 target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
             )
-            resource_tracker.ensure_running()  # beginning it ends that interrupts are held
-            with interrupts_held():  # the process inherits that
-                process.start()
-                self._processes[idle] = process
-            theirs.close()  # the process has its own: when that closes, ours tells
+            try:
+                if os.name == "posix":
+                    resource_tracker.ensure_running()  # beginning it ends that interrupts are held
+                with interrupts_held():  # the process inherits that
+                    process.start()
+                    self._processes[idle] = process
+            except OSError as error:
+                idle.close()
+                raise DeviceError(
+                    f"jobs = {self._count}: a process cannot be started ({error.strerror}); use fewer jobs"
+                ) from error
+            finally:
+                theirs.close()  # the process has its own: when that closes, ours tells
         return idle
 
 

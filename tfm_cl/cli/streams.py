@@ -18,6 +18,10 @@ def one_line(message: str) -> str:
     return shown if len(shown) <= START + END else f"{shown[:START]} … {shown[-END:]}"
 
 
+STDERR = 2
+"""Number of the last standard descriptor."""
+
+
 class Guarded:
     """A stream that a command may write to whatever has become of it: what cannot be written goes nowhere.
 
@@ -67,6 +71,8 @@ class Guarded:
 @contextlib.contextmanager
 def guarded_streams() -> Iterator[Guarded]:
     """Let nothing go wrong in here because standard output or error is full or closed; yields the output."""
+    if None in (sys.stdout, sys.stderr):
+        _fill_standard_descriptors()
     out, err = Guarded(sys.stdout), Guarded(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -74,3 +80,10 @@ def guarded_streams() -> Iterator[Guarded]:
         finally:
             out.flush()
             err.flush()
+
+
+def _fill_standard_descriptors() -> None:
+    """Open nothing in the place of what is closed: else a picture gets its number, and what drivers print."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= STDERR:
+        pass
+    os.close(descriptor)
