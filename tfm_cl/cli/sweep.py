@@ -42,7 +42,11 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
 )
 @_option("--bases", default="dct,auto", show_default=True, metavar="NAME[,NAME]", help="bases of the maps")
 @_option(
-    "--coeffs", default="2,4,8,16", show_default=True, metavar="N[,N]", help="numbers of coefficients a texel"
+    "--coeffs",
+    default="2,4,8,16",
+    show_default=True,
+    metavar="N[,N]",
+    help="numbers of coefficients a texel; where a basis has not one of them, the nearest that it has",
 )
 @_option(
     "--density-weighting",
