@@ -81,6 +81,7 @@ def make_folder(out, rows, images=None, curves=True):
             keep_curves(out, item.reference, [row for row in rows if row.reference == item.reference])
     for name, image in (images or {}).items():
         keep_image(out, name, image)
+    folder.close()
     return out
 
 

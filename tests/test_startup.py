@@ -11,7 +11,6 @@ import pyopencl as cl
 import pytest
 from scenes import blobs
 
-from tfm_cl import device as devices
 from tfm_cl import program
 from tfm_cl.program import KernelLibrary, fingerprint, kernels_dir
 
@@ -76,99 +75,6 @@ def tiny_render(device_name):
     """Options that render in no time, on the tests' device."""
     device = ("--device", device_name) if device_name else ()
     return ("--res", "16x8", "--map-res", "16", "--steps", "8", "--light-steps", "8", *device)
-
-
-@pytest.fixture
-def locked(tmp_path):
-    """A folder that cannot be written, with the folders of both caches."""
-    folder = tmp_path / "locked"
-    inner = [folder / "pocl" / "kcache", folder / "pytools"]
-    for path in inner:
-        path.mkdir(parents=True)
-        path.chmod(0o500)
-    if os.access(inner[0], os.W_OK):
-        pytest.skip("this user may write everywhere")
-    yield folder
-    for path in inner:
-        path.chmod(0o700)
-
-
-def render_with(tmp_path, options, **environment):
-    """Render in a new process; returns the picture."""
-    np.save(tmp_path / "cloud.npy", blobs())
-    kept = os.environ.copy()
-    for name in ("POCL_CACHE_DIR", "XDG_CACHE_HOME"):
-        kept.pop(name, None)
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-m", "tfm_cl", "render", "cloud.npy", "-o", "a.npy", "-q", *options],
-        cwd=tmp_path,
-        env=kept | {"TMPDIR": str(temporary)} | {name: str(value) for name, value in environment.items()},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert list(temporary.iterdir()) == []  # nothing is left behind
-    return np.load(tmp_path / "a.npy")
-
-
-def test_a_broken_cache_folder_still_renders(tmp_path, tiny_render):
-    (tmp_path / "file").touch()
-    assert render_with(tmp_path, tiny_render, XDG_CACHE_HOME=tmp_path / "file")[..., 3].max() > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("broken", ["file/cache", ""])
-def test_a_broken_pocl_cache_still_renders(tmp_path, tiny_render, broken):
-    (tmp_path / "file").touch()
-    folder = tmp_path / broken if broken else ""
-    assert render_with(tmp_path, tiny_render, POCL_CACHE_DIR=folder)[..., 3].max() > 0
-
-
-@pytest.mark.slow
-def test_a_locked_cache_folder_still_renders(tmp_path, tiny_render, locked):
-    assert render_with(tmp_path, tiny_render, XDG_CACHE_HOME=locked)[..., 3].max() > 0
-
-
-@pytest.mark.slow
-def test_a_missing_home_still_renders(tmp_path, tiny_render):
-    assert render_with(tmp_path, tiny_render, HOME=tmp_path / "no" / "home")[..., 3].max() > 0
-
-
-@pytest.mark.skipif(os.name != "posix", reason="the caches are POSIX's")
-def test_the_environment_is_as_before(tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
-    before = dict(os.environ)
-    with devices._usable_caches():
-        for name in ("POCL_CACHE_DIR", "XDG_CACHE_HOME"):
-            assert devices._writable(os.environ[name])
-    assert dict(os.environ) == before
-
-
-def test_usable_caches_stay_where_they_are(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "not" / "there yet"))
-    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
-    before = dict(os.environ)
-    with devices._usable_caches():
-        assert dict(os.environ) == before
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_writable(tmp_path):
-    (tmp_path / "file").touch()
-    assert devices._writable(str(tmp_path))
-    assert devices._writable(str(tmp_path / "a" / "b"))
-    for unusable in (tmp_path / "file", tmp_path / "file" / "b", ""):
-        assert not devices._writable(str(unusable))
-
-
-def test_a_locked_folder_is_not_writable(locked):
-    assert not devices._writable(str(locked / "pytools"))
-    assert not devices._writable(str(locked / "pytools" / "a"))
 
 
 @pytest.fixture

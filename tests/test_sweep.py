@@ -6,6 +6,7 @@ import dataclasses
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,9 +15,10 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+import processes
 import pytest
 
-from tfm_cl import metrics, sweep, sweep_keys, sweep_pool, sweep_report, sweep_work
+from tfm_cl import metrics, sweep, sweep_keys, sweep_report, sweep_work
 from tfm_cl.cli import main
 from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.leaves import Leaves
@@ -451,7 +453,7 @@ def test_a_dark_reference_is_an_error(volume, out):
         ({"jobs": 0}, "jobs = 0"),
         ({"jobs": 2}, "jobs = 2: every process makes its own renderer"),
         ({"jobs": 2, "renderer": None, "overrides": lambda scene: scene}, "other processes can import"),
-        ({"bases": ("legendre",), "coeffs": (32,)}, "coeffs = 32: basis 'legendre' has"),
+        ({"bases": ("nodes",), "fits": ("visibility",)}, "fit = 'visibility': basis 'nodes' has"),
     ],
 )
 def test_wrong_values_fail_before_rendering(volume, out, options, message):
@@ -496,7 +498,7 @@ def test_what_a_sweep_leaves(swept, out):
     names = {path.name for path in out.iterdir()}
 
     assert {"curves", "images", "sweep.jsonl", "sweep.csv", "sweep.md"} <= names
-    assert not [path for path in out.rglob("*") if path.name.startswith(".")]
+    assert [path.name for path in out.rglob("*") if path.name.startswith(".")] == [".lock"]
     assert "blob" in (out / "sweep.md").read_text()
     assert len(swept.rows) == 4
 
@@ -589,11 +591,98 @@ def test_weightings_count_where_the_target_is_the_transmittance(volume, out):
 
 def test_refused_combinations_are_left_out(volume, out):
     lines = []
-    rows = run([volume], out, bases=("dct", "legendre"), coeffs=(4, 32), notice=lines.append)
+    rows = run([volume], out, bases=("klt", "nodes"), coeffs=(4,), fits=("visibility",), notice=lines.append)
 
-    assert settings_of(rows, "basis", "coeffs") == [("dct", 4), ("dct", 32)] * 2 + [("legendre", 4)]
+    assert settings_of(rows, "basis", "fit") == [("klt", "visibility")]
     assert len(lines) == 1
-    assert lines[0].startswith("left out 2 combinations: map: coeffs = 32: basis 'legendre'")
+    assert lines[0].startswith("left out 2 combinations: map: fit = 'visibility': basis 'nodes'")
+
+
+@pytest.mark.parametrize(
+    ("basis", "asked", "taken"),
+    [
+        ("fourier", (2, 4, 8, 16), {1: (2,), 3: (4,), 7: (8,), 15: (16,)}),
+        ("moments", (2, 4, 8, 16), {5: (2, 4), 7: (8, 16)}),
+        ("legendre", (4, 32), {4: (), 16: (32,)}),
+        ("nodes", (1, 5, 6), {4: (1, 5), 6: ()}),
+        ("fourier", (4, 3), {3: (4,)}),
+    ],
+)
+def test_the_nearest_count_stands_for_one_that_a_basis_has_not(volume, out, basis, asked, taken):
+    lines = []
+    rows = run([volume], out, bases=[basis], coeffs=asked, density_weightings=["auto"], notice=lines.append)
+
+    assert {row.coeffs: row.stands_for for row in rows} == taken
+    assert read_rows(out) == rows
+    places = [f"{own} in place of {n}" for own, numbers in taken.items() for n in numbers]
+    (line,) = lines
+    assert line.startswith(f"basis '{basis}' has ")
+    assert sorted(line.partition("coefficients: ")[2].split(", ")) == sorted(places)
+
+
+def test_a_row_that_is_there_stands_for_more(volume, out):
+    options = {"bases": ["fourier"], "density_weightings": ["auto"]}
+    run([volume], out, coeffs=[3], **options)
+    assert again(volume, out, coeffs=[4], **options) == []
+    assert again(volume, out, coeffs=[2], **options) == [("fourier", 1, "auto")]
+
+    assert [(row.coeffs, row.stands_for) for row in read_rows(out)] == [(3, (4,)), (1, (2,))]
+    with (out / "sweep.csv").open() as file:
+        assert [line["stands_for"] for line in csv.DictReader(file)] == ["4", "2"]
+
+
+@pytest.mark.usefixtures("with_report")
+def test_the_report_says_what_stands_for_what(volume, out):
+    run([volume], out, bases=["dct", "fourier"], coeffs=[4, 8], density_weightings=["auto"])
+
+    said = "; fourier with 3 in place of 4, 7 in place of 8 coefficients"
+    assert said in (out / "sweep.md").read_text()
+    assert said in (out / "report.html").read_text()
+
+
+def test_a_count_that_no_basis_has_is_refused(volume, out):
+    for count in (0, 33):
+        with pytest.raises(SceneError, match=f"coeffs = {count}"):
+            run([volume], out, bases=["fourier", "dct"], coeffs=[4, count])
+
+
+def test_one_sweep_at_a_time(volume, out):
+    held = sweep.SweepFolder(out)
+    message = f"{out}: another sweep is writing there; wait for it to end, or choose another folder"
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
+        run([volume], out)
+    assert read_rows(out) == []
+    held.close()
+    assert len(run([volume], out)) == 4
+    assert len(run([volume], out)) == 4  # each ends its own
+
+
+def test_a_failed_sweep_leaves_the_folder_to_others(volume, out):
+    with pytest.raises(KeyboardInterrupt):
+        run([volume], out, renderer=FakeRenderer(fail_at=1))
+    assert len(run([volume], out)) == 4
+
+
+def test_a_folder_that_cannot_be_opened_is_left_to_others(volume, out):
+    out.mkdir(parents=True)
+    (out / "sweep.jsonl").write_text("no row\nnor this\n")
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"line 1: not a row"):
+            run([volume], out)
+
+
+def test_two_processes_cannot_sweep_into_one_folder(volume, out):
+    """The lock is the system's: it ends with the process, however that ends."""
+    code = f"import sys, pathlib, tfm_cl.sweep as s; f = s.SweepFolder(pathlib.Path({str(out)!r})); print(1)"
+    code += "; sys.stdout.flush(); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout.readline() == b"1\n"
+        with pytest.raises(InputError, match="another sweep is writing there"):
+            run([volume], out)
+        other.kill()
+    assert len(run([volume], out)) == 4
 
 
 def test_nothing_remains(volume, out):
@@ -996,16 +1085,34 @@ def test_errors_of_other_processes_are_ours(volume, out):
     assert not out.exists()
 
 
-def test_a_process_that_ends_by_itself(volume, out, monkeypatch):
-    monkeypatch.setattr(sweep_pool.Processes, "_submit", _submit_exit)
+def test_a_process_that_ends_by_itself(volume, out):
+    with pytest.raises(DeviceError, match="blob: a process ended by itself") as caught:
+        sweep.run([volume], out, jobs=2, overrides=processes.end_at_once)
 
-    with pytest.raises(DeviceError, match="blob: a process ended by itself"):
+    assert "\n" not in str(caught.value)
+    assert multiprocessing.active_children() == []
+
+
+def test_a_process_that_cannot_be_started(volume, out, monkeypatch):
+    def refuse(_process):
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
+    with pytest.raises(DeviceError, match=r"jobs = 2: a process cannot be started \(Resource temporarily"):
         sweep.run([volume], out, jobs=2)
 
 
-def _submit_exit(pool, jobs, running):
-    for job in jobs:
-        running[pool._pool.submit(os._exit, 1)] = job
+def test_an_unforeseen_error_of_another_process_tells_where_it_came_from(volume, out):
+    with pytest.raises(ZeroDivisionError) as caught:
+        sweep.run([volume], out, jobs=2, overrides=processes.divide_by_zero)
+
+    assert "divide_by_zero" in "".join(caught.value.__notes__)
+    assert multiprocessing.active_children() == []
+
+
+def test_an_error_that_cannot_be_sent_is_told_all_the_same(volume, out):
+    with pytest.raises(RuntimeError, match="not to be sent"):
+        sweep.run([volume], out, jobs=2, overrides=processes.raise_what_cannot_be_sent)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")

@@ -1,19 +1,16 @@
 """Choosing an OpenCL device by name, and describing what there is."""
 
-import atexit
 import contextlib
-import functools
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import pyopencl as cl
 
-from tfm_cl.errors import NoDeviceError
+from tfm_cl.errors import DeviceError, NoDeviceError
+from tfm_cl.interrupts import interrupts_held
+from tfm_cl.kernel_cache import kernel_cache
 
 DEFAULT_PLATFORM = "Portable Computing Language"
 """PoCL, which pip installs with us: the device used when none is named."""
@@ -98,76 +95,70 @@ def _kind(bits: int) -> str:
     return next((name for name, bit in kinds.items() if bits & int(bit)), "other")
 
 
+def was_forked() -> bool:
+    """Tell whether this process was forked from one that used OpenCL."""
+    return bool(_used_by) and os.getpid() not in _used_by
+
+
+def check_process() -> None:
+    """Refuse OpenCL to a process that was forked from one that used it: its first call would never return.
+
+    Raises
+    ------
+    DeviceError
+        In such a process.
+    """
+    if was_forked():
+        raise DeviceError(
+            "this process was forked from one that uses OpenCL, which does not survive that; start processes "
+            "with spawn: multiprocessing.get_context('spawn')"
+        )
+
+
+_used_by: set[int] = set()
+"""The process that has used OpenCL, if any; a forked one inherits its number."""
+
+
 def _all_devices() -> list[cl.Device]:
-    with _usable_caches():
+    check_process()
+    _used_by.add(os.getpid())
+    devices = []
+    with interrupts_held(), _own_caches() as refusal:  # drivers start threads, which begin compilers
         try:
             platforms = cl.get_platforms()
         except cl.Error:  # the loader reports "no platform" as an error
-            return []
-        devices = []
+            platforms = []
         for platform in platforms:
-            try:
+            with contextlib.suppress(cl.Error):  # a platform without a device
                 devices += platform.get_devices()
-            except cl.Error:  # a platform without a device
-                continue
-        return devices
+    if refusal is not None and not devices:
+        raise refusal
+    return devices
 
 
 @contextlib.contextmanager
-def _usable_caches() -> Iterator[None]:
-    """Let PoCL and pyopencl start where the user's cache folder cannot be written.
+def _own_caches() -> Iterator[DeviceError | None]:
+    """Let PoCL and pyopencl start with caches of this process; yields why they cannot.
 
-    Without a folder to write to, PoCL has no device or compiles nothing, and pyopencl makes no kernel. Each
-    looks for its folder once, so the environment names a temporary one only while they start.
+    Each looks for its folder once, so the environment names them only while they start.
     """
-    caches = {"POCL_CACHE_DIR": _pocl_cache(), "XDG_CACHE_HOME": _pyopencl_cache()}
-    unusable = [name for name, folder in caches.items() if os.name == "posix" and not _writable(folder)]
-    before = {name: os.environ.get(name) for name in unusable}
+    if os.name != "posix":
+        yield None
+        return
     try:
-        with contextlib.suppress(OSError):  # there is no temporary folder either
-            os.environ.update({name: str(_temporary_folder() / name) for name in unusable})
-            if "XDG_CACHE_HOME" in unusable:
-                import pyopencl.invoker  # noqa: F401, PLC0415 - opens its cache when it is imported
-        yield
+        cache = kernel_cache()
+    except DeviceError as error:
+        yield error
+        return
+    folders = {"POCL_CACHE_DIR": str(cache.folder), "XDG_CACHE_HOME": str(cache.others)}
+    before = {name: os.environ.get(name) for name in folders}
+    os.environ.update(folders)
+    try:
+        import pyopencl.invoker  # noqa: F401, PLC0415 - opens its database when it is imported
+
+        yield None
     finally:
         for name, value in before.items():
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
-
-
-def _pocl_cache() -> str:
-    """Where PoCL keeps programs and machine code."""
-    named, home = os.environ.get("POCL_CACHE_DIR"), os.environ.get("HOME")
-    if named is not None:
-        return named
-    caches = os.environ.get("XDG_CACHE_HOME") or (f"{home}/.cache" if home is not None else "/tmp")  # noqa: S108
-    return f"{caches}/pocl/kcache"
-
-
-def _pyopencl_cache() -> str:
-    """Where pyopencl keeps the Python code that launches kernels."""
-    caches = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")  # noqa: PTH111
-    return f"{caches}/pytools"
-
-
-def _writable(path: str) -> bool:
-    """Whether the folder and what is in it can be written, or the folder can be made."""
-    if not path:
-        return False
-    folder = Path(path).absolute()
-    try:
-        if folder.is_dir():
-            return all(os.access(inner, os.W_OK) for inner in (folder, *folder.iterdir()))
-        there = next(outer for outer in (folder, *folder.parents) if os.path.lexists(outer))
-        return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
-    except OSError:
-        return False
-
-
-@functools.cache
-def _temporary_folder() -> Path:
-    """Make a folder that lasts as long as the process."""
-    folder = Path(tempfile.mkdtemp(prefix="tfm_cl-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder

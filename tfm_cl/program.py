@@ -1,11 +1,15 @@
 """Building kernels: one small stub a program, that names the headers and the entry file.
 
-Nothing is cached here: drivers do. PoCL keeps, by the preprocessed text, each program and, for each
-work-group size a kernel is launched with, its machine code (``POCL_CACHE_DIR``); for drivers without a cache
-of their own pyopencl keeps binaries.
+Drivers cache what they compile. PoCL has, by the preprocessed text, each program and, for each work-group
+size a kernel is launched with, its machine code; `tfm_cl.kernel_cache` keeps that for later processes. For
+drivers without a cache of their own pyopencl keeps binaries.
 """
 
+import contextlib
 import hashlib
+import importlib.util
+import os
+import shutil
 import time
 import warnings
 from pathlib import Path
@@ -13,7 +17,10 @@ from typing import Any
 
 import pyopencl as cl
 
+from tfm_cl.device import DEFAULT_PLATFORM
 from tfm_cl.errors import KernelBuildError
+from tfm_cl.interrupts import interrupts_ours
+from tfm_cl.kernel_cache import KeptProgram, kernel_cache
 from tfm_cl.params import c_declaration
 
 
@@ -47,13 +54,36 @@ def fingerprint(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def build(context: cl.Context, text: str, options: tuple[str, ...]) -> cl.Program:
-    """Build a program."""
-    with warnings.catch_warnings():
+def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.Program, KeptProgram | None]:
+    """Build a program; returns it, and what keeps it where the driver leaves that to us."""
+    (device,) = context.devices
+    kept = None
+    if os.name == "posix" and DEFAULT_PLATFORM in device.platform.name:
+        _check_linker(device.platform.version)
+        versions = device.name, device.driver_version, device.platform.version
+        kept = kernel_cache().program(text, *options, *versions)
+    keeping = kept.building() if kept else contextlib.nullcontext()
+    with warnings.catch_warnings(), keeping, interrupts_ours():
         # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         program: cl.Program = cl.Program(context, text).build(list(options))
-    return program
+    return program, kept
+
+
+def _check_linker(version: str) -> None:
+    """Refuse to compile where the PoCL that pip installs would end the process for want of a linker."""
+    pip_installed = importlib.util.find_spec("pocl_binary_distribution") is not None
+    if not pip_installed or "PoCL 3.0" not in version:
+        return
+    folders = os.pathsep.join((os.environ.get("PATH", ""), *LINKER_FOLDERS))
+    if shutil.which("ld", path=folders) is None:
+        raise KernelBuildError(
+            "PoCL needs the linker 'ld', which is not installed; on Debian and Ubuntu: apt install binutils"
+        )
+
+
+LINKER_FOLDERS = ("/usr/bin", "/usr/local/bin", "/bin")
+"""Where PoCL finds it even if PATH does not name them."""
 
 
 class _LaunchClock:
@@ -97,9 +127,14 @@ class _LaunchClock:
 class _Kernel(cl.Kernel):
     """A kernel whose launches are timed."""
 
-    def __init__(self, program: cl.Program, name: str, clock: _LaunchClock) -> None:
+    def __init__(self, program: cl.Program, name: str, clock: _LaunchClock, kept: KeptProgram | None) -> None:
         super().__init__(program, name)
-        self._clock = clock
+        self._clock, self._kept = clock, kept
+
+    def keep(self) -> None:
+        """Keep what was compiled for its launches so far, which have ended."""
+        if self._kept is not None:
+            self._kept.keep()
 
     def __call__(self, *args: Any, **options: Any) -> cl.Event:
         """Launch it, as `pyopencl.Kernel` does."""
@@ -153,13 +188,18 @@ class KernelLibrary:
         variant = (entry, headers, *sorted((defines or {}).items()))
         if (name, variant) not in self._kernels:
             started = time.perf_counter()
-            program = self._build(source(entry, headers, defines or {}), entry)
+            program, kept = self._build(source(entry, headers, defines or {}), entry)
             for found in program.kernel_names.split(";"):
-                self._kernels[found, variant] = _Kernel(program, found, self._clock)
+                self._kernels[found, variant] = _Kernel(program, found, self._clock, kept)
             self._build_seconds += time.perf_counter() - started
         return self._kernels[name, variant]
 
-    def _build(self, text: str, entry: str) -> cl.Program:
+    def ran(self, kernel: cl.Kernel) -> None:
+        """Take note that launches of a kernel have ended well: what was compiled for them can be kept."""
+        if isinstance(kernel, _Kernel):
+            kernel.keep()
+
+    def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:
         folder = kernels_dir()
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
         text += f"/* kernels: {fingerprint(folder)} */\n"

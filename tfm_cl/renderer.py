@@ -20,6 +20,7 @@ from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
 from tfm_cl.errors import SceneError
 from tfm_cl.homogeneous import Homogeneous
+from tfm_cl.kernel_cache import take_notes
 from tfm_cl.passes.launch import Launcher, Progress
 from tfm_cl.passes.light_pass import LightPass
 from tfm_cl.passes.planner import Planned, Planner
@@ -327,6 +328,7 @@ class Renderer:
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
+        warnings += take_notes()
         lit = any(row[:, 3].any() for row in seen.light_seen)
         return RenderResult(image, layers, stats, scene, crop, warnings, lit)
 

@@ -15,6 +15,7 @@ Rows are appended as they are made, so a sweep that is interrupted goes on where
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,8 +87,9 @@ def run(
         with other settings, may add to it later.
     bases, coeffs, density_weightings, ranges, fits, storages, map_sizes
         Values of the map's basis, coeffs, density_weighting (α: 1 or more, or ``"auto"``), range, fit,
-        storage and res. Every combination is rendered, but those that a basis refuses; α counts only where a
-        map's target is the transmittance. Of the last four, none means the scene's own.
+        storage and res. Every combination is rendered, but those that a basis refuses; for a number of
+        coefficients that a basis has not, the nearest that it has is taken; α counts only where a map's
+        target is the transmittance. Of the last four, none means the scene's own.
     converged
         Whether to compare with a converged dual march too.
     converged_steps
@@ -105,7 +107,7 @@ def run(
     progress
         Called as ``progress(stage, fraction)`` with the fraction of the work that was left at the beginning.
     notice
-        Called with one line on combinations that are left out.
+        Called with one line on what is left out, or has another number of coefficients than asked for.
 
     Returns
     -------
@@ -148,9 +150,9 @@ def run(
     try:
         with pool:
             rows = sweep.run(pool, list(dict.fromkeys(inputs)))
+        sweep_report.write(out)
     finally:
-        sweep.tidy()  # once no process writes any more
-    sweep_report.write(out)
+        sweep.close()  # once no process writes any more
     return rows
 
 
@@ -177,7 +179,7 @@ class _Sweep:
     def run(self, pool: Here | Processes, inputs: list[Path]) -> list[SweepRow]:
         """Make what is missing of all inputs' rows and curves; returns the rows."""
         plans = self._plans(pool, inputs)
-        for line in dict.fromkeys(line for plan in plans for line in plan.left_out):
+        for line in dict.fromkeys(line for plan in plans for line in plan.notices):
             self._notice(line)
         folder = self._folder = SweepFolder(self._out)
         subjects: dict[str, _Subject] = {}
@@ -199,10 +201,10 @@ class _Sweep:
         steps.end()
         return [folder.rows[key] for plan in plans for key in plan.variants]
 
-    def tidy(self) -> None:
-        """Remove what processes that were ended left."""
+    def close(self) -> None:
+        """Let others have the folder, without what processes that were ended left."""
         if self._folder is not None:
-            self._folder.tidy()
+            self._folder.close()
 
     @staticmethod
     def _plans(pool: Here | Processes, inputs: list[Path]) -> list[Plan]:
@@ -241,7 +243,7 @@ class _Subject:
         """Add what one input asks for; of several inputs, all have this reference."""
         self._plans.append(plan)
         for key, samples in plan.row_samples.items():
-            row = self._folder.rows.get(key)
+            row = self._row(key, plan)
             behind = row is not None and plan.converged not in {None, row.converged}
             if row is None or (behind and kept_image(self._out, key, plan.res) is None):
                 self._second["row", key] = plan, samples
@@ -250,6 +252,14 @@ class _Subject:
                 self._second["measure", key] = plan, 0.1 * OVERHEAD
             if key not in self._curves:
                 self._second["curve", key] = plan, samples
+
+    def _row(self, key: str, plan: Plan) -> SweepRow | None:
+        """Return a row that is there, which now stands for what this sweep asks for too."""
+        row, asked = self._folder.rows.get(key), plan.stands_for.get(key, ())
+        if row is not None and not set(asked) <= set(row.stands_for):
+            row = dataclasses.replace(row, stands_for=tuple(sorted({*row.stands_for, *asked})))
+            self._folder.append(row)
+        return row
 
     def begin(self) -> list[Job]:
         """Return the jobs that can be done now."""

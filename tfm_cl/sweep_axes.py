@@ -8,8 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from tfm_cl.bases import BASES, BEST
 from tfm_cl.errors import InputError, SceneError
-from tfm_cl.settings import MapSettings
+from tfm_cl.model import in_words
+from tfm_cl.settings import MAX_COEFFS, MapSettings
 from tfm_cl.sweep_rows import Weighting
 
 
@@ -62,7 +64,8 @@ class Axes:
         refusal: SceneError | None = None
         for basis in self.bases:
             try:
-                MapSettings(**{"basis": basis, "coeffs": "auto", name: value}).resolved()
+                own = nearest_count(basis, value) if name == "coeffs" else value
+                MapSettings(**{"basis": basis, "coeffs": "auto", name: own}).resolved()
             except SceneError as error:
                 refusal = refusal or error
             else:
@@ -70,25 +73,27 @@ class Axes:
         if refusal:
             raise refusal
 
-    def variants(self, settings: MapSettings) -> tuple[list[MapSettings], list[str]]:
-        """Return a scene's map settings in every combination, and a line on each kind that is left out.
+    def variants(self, settings: MapSettings) -> tuple[dict[MapSettings, tuple[int, ...]], list[str]]:
+        """Return a scene's map settings in every combination, and a line on all that is not as asked for.
 
         A basis is swept over α only where its target is the transmittance; elsewhere α has no meaning and is
-        ``auto``. What comes to the same settings is there once. ``bytes`` and ``max_error`` of the scene,
-        which choose the coefficients, play no part.
+        ``auto``. For a number of coefficients that a basis has not, the nearest that it has is taken. What
+        comes to the same settings is there once. ``bytes`` and ``max_error`` of the scene, which choose the
+        coefficients, play no part.
 
         Returns
         -------
-        settings, left_out
-            Resolved, by basis, range, fit, storage, map size, α, coefficients; and one line for each reason
-            for which a basis refuses combinations.
+        settings, notices
+            Resolved, by basis, range, fit, storage, map size, α, coefficients, each with the numbers of
+            coefficients that it stands for without having them; and one line for each basis with such, and
+            for each reason for which a basis refuses combinations.
 
         Raises
         ------
         SceneError
             When nothing remains.
         """
-        found: dict[MapSettings, None] = {}
+        found: dict[MapSettings, tuple[int, ...]] = {}
         refusals: Counter[str] = Counter()
         axes = self._settings()
         coeffs = axes.pop("coeffs")
@@ -100,21 +105,44 @@ class Axes:
                 **dict(zip(axes, values, strict=True)),
             }
             for alpha, n in itertools.product(_unique(self.density_weightings), coeffs):
+                count = nearest_count(basis, n)
                 try:
-                    variant = settings.replace(**chosen, density_weighting=alpha, coeffs=n).resolved()
+                    variant = settings.replace(**chosen, density_weighting=alpha, coeffs=count).resolved()
                 except SceneError as error:
                     refusals[str(error)] += 1
                     continue
                 if variant.target != "transmittance":
                     variant = variant.replace(density_weighting="auto")
-                found[variant] = None
+                stands_for = found.get(variant, ())
+                found[variant] = stands_for if n in {count, *stands_for} else (*stands_for, n)
         if not found:
             raise SceneError(f"no combination of the sweep's settings is possible: {next(iter(refusals))}")
-        left_out = [
+        stand_ins: dict[str, dict[int, int]] = {}
+        for variant, asked in found.items():
+            for n in asked:
+                stand_ins.setdefault(variant.basis, {})[n] = variant.coeffs
+        notices = [
+            f"basis '{basis}' has {in_words(BASES[basis].counts)} coefficients: {in_place_of(counts)}"
+            for basis, counts in stand_ins.items()
+        ]
+        notices += [
             f"left out {count} combination{'s' if count > 1 else ''}: {reason}"
             for reason, count in refusals.items()
         ]
-        return list(found), left_out
+        return found, notices
+
+
+def nearest_count(basis: str, count: Any) -> Any:
+    """Return the number of coefficients of a basis that is nearest to one, the smaller of two."""
+    counts = BASES[BEST if basis == "auto" else basis].counts
+    # What no basis has is left to the settings to refuse.
+    possible = type(count) is int and 1 <= count <= MAX_COEFFS
+    return min(counts, key=lambda own: (abs(own - count), own)) if possible else count
+
+
+def in_place_of(counts: dict[int, int]) -> str:
+    """Say which numbers of coefficients, the values, were taken for which, the keys."""
+    return ", ".join(f"{own} in place of {asked}" for asked, own in sorted(counts.items()))
 
 
 def _unique(values: Iterable[Weighting]) -> list[Weighting]:

@@ -6,17 +6,22 @@ import multiprocessing
 import os
 import pickle
 import signal
+import tempfile
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from tfm_cl.errors import DeviceError, InputError
+from tfm_cl.errors import DeviceError, InputError, TfmError
+from tfm_cl.interrupts import interrupts_held
+from tfm_cl.scratch import make_scratch
 from tfm_cl.sweep_work import Task, Worker
 
 if TYPE_CHECKING:
@@ -93,14 +98,17 @@ class Processes:
     """Several pieces at a time, each in a process with a renderer of its own.
 
     They share nothing but the folder, and end with this one: Ctrl-C is heard here only. What they were doing
-    then is lost; it leaves halves of images, which `SweepFolder.tidy` removes.
+    then is lost; it leaves halves of images, which `SweepFolder.close` removes.
+
+    Each has a pipe of its own, which this process reads and writes in one thread: there is no queue, lock or
+    helper thread that a process could take with it when it is ended.
 
     Parameters
     ----------
     task
         What is swept.
     count
-        Processes.
+        Processes, at most; they begin when there is work for them.
     device
         Part of the name of the device.
 
@@ -118,25 +126,25 @@ class Processes:
                 "several jobs need overrides that other processes can import: pairs of key and value, or a "
                 f"function of a module ({error})"
             ) from error
-        self._others = set(multiprocessing.active_children())
-        self._pool = ProcessPoolExecutor(
-            count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(task, device)
-        )
+        self._task, self._count, self._device = task, count, device
+        self._processes: dict[Connection, SpawnProcess] = {}
 
     def __enter__(self) -> Self:
+        self._scratch = make_scratch()  # processes that are ended remove nothing themselves
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            ours = set(multiprocessing.active_children()) - self._others
-            for process in ours:
-                process.terminate()
-            for process in ours:
+        with interrupts_held():
+            for pipe, process in self._processes.items():
+                if kind is not None:
+                    process.kill()  # at once: compilers have something to say on gentler signals
+                pipe.close()  # this tells it that there is no more work
+            for process in self._processes.values():
                 process.join()
-        self._pool.shutdown()
+            self._processes.clear()
+            self._scratch.close()
 
     def run(self, jobs: list[Job], tracker: Tracker) -> None:
         """Do jobs in any order, earlier ones first; those that they lead to come last.
@@ -146,37 +154,56 @@ class Processes:
         DeviceError
             When a process ends by itself.
         """
-        running: dict[Future[Any], Job] = {}
-        self._submit(jobs, running)
-        while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                job = running.pop(future)
-                try:
-                    result = future.result()
-                except BrokenProcessPool as error:
-                    raise DeviceError(
-                        f"{job.label}: a process ended by itself, perhaps for lack of memory; use fewer jobs"
-                    ) from error
+        waiting = deque(jobs)
+        running: dict[Connection, Job] = {}
+        while waiting or running:
+            while waiting and (pipe := self._idle(running)) is not None:
+                running[pipe] = job = waiting.popleft()
+                with _other_end(job):
+                    pipe.send((job.method, job.arguments))
+            ready = set(wait(running))
+            for pipe in [pipe for pipe in running if pipe in ready]:
+                job = running.pop(pipe)
+                with _other_end(job):
+                    result, error = pipe.recv()
+                if error is not None:
+                    raise error
                 tracker.finished(job)
-                self._submit(job.done(job, result), running)
+                waiting.extend(job.done(job, result))
 
-    def _submit(self, jobs: list[Job], running: dict[Future[Any], Job]) -> None:
-        with _interrupts_held():  # processes begin here, and inherit that
-            for job in jobs:
-                running[self._pool.submit(_do, job.method, job.arguments)] = job
+    def _idle(self, running: dict[Connection, Job]) -> Connection | None:
+        """Return the pipe of a process that has nothing to do, which may begin now; None if all are busy."""
+        idle = next((pipe for pipe in self._processes if pipe not in running), None)
+        if idle is None and len(self._processes) < self._count:
+            idle, theirs = multiprocessing.Pipe()
+            process = multiprocessing.get_context("spawn").Process(
+                target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
+            )
+            try:
+                if os.name == "posix":
+                    resource_tracker.ensure_running()  # beginning it ends that interrupts are held
+                with interrupts_held():  # the process inherits that
+                    process.start()
+                    self._processes[idle] = process
+            except OSError as error:
+                idle.close()
+                raise DeviceError(
+                    f"jobs = {self._count}: a process cannot be started ({error.strerror}); use fewer jobs"
+                ) from error
+            finally:
+                theirs.close()  # the process has its own: when that closes, ours tells
+        return idle
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting, where the system can: a process begun now never hears of it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _other_end(job: Job) -> Iterator[None]:
+    """Turn what a pipe says when the process at its other end is gone into an error on the job."""
     try:
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    except (EOFError, OSError) as error:
+        raise DeviceError(
+            f"{job.label}: a process ended by itself, perhaps for lack of memory; use fewer jobs"
+        ) from error
 
 
 def _renderer(device: str | None) -> Renderer:
@@ -187,14 +214,37 @@ def _renderer(device: str | None) -> Renderer:
 
 # ----------------------------------------------------------------------------- in the other processes
 
-_begun: list[tuple[Task, str | None]] = []
-_worker: list[Worker] = []
 
-
-def _begin(task: Task, device: str | None) -> None:
+def _serve(pipe: Connection, task: Task, device: str | None, scratch: str) -> None:
+    """Do what comes through the pipe until it closes; answer with the result or the error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _begun.append((task, device))
+    tempfile.tempdir = scratch
+    worker: Worker | None = None
+    while True:
+        try:
+            method, arguments = pipe.recv()
+        except (EOFError, OSError):
+            return
+        result: Any = None
+        failure: Exception | None = None
+        try:
+            worker = worker or Worker(task, _renderer(device))
+            result = getattr(worker, method)(*arguments, _silent)
+        except Exception as error:  # noqa: BLE001 - the first process raises it
+            failure = _portable(error)
+        pipe.send((result, failure))
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error that can be sent; what nobody expects tells where it came from."""
+    if not isinstance(error, TfmError):
+        error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))  # noqa: S301 - our own
+    except Exception:  # noqa: BLE001 - whatever is wrong with it
+        return RuntimeError("".join(traceback.format_exception(error)))
+    return error
 
 
 def _end_with_parent() -> None:
@@ -203,13 +253,6 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def _do(method: str, arguments: tuple[Any, ...]) -> Any:
-    if not _worker:  # not in `_begin`, whose errors are lost
-        task, device = _begun[0]
-        _worker.append(Worker(task, _renderer(device)))
-    return getattr(_worker[0], method)(*arguments, _silent)
 
 
 def _silent(stage: str, fraction: float) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from tfm_cl import image_io
 from tfm_cl.errors import ImageError, InputError
 from tfm_cl.files import replacing, write_text
+from tfm_cl.locks import lock
 
 Weighting = float | Literal["auto"]
 """α of eq. 19."""
@@ -106,6 +107,8 @@ class SweepRow:
     """Key of the converged dual march, or None."""
     key: Key
     """Key of the row: the reference and the map's settings."""
+    stands_for: tuple[Count, ...] = ()
+    """Numbers of coefficients that were asked for and that the basis has not: ``coeffs`` is the nearest."""
 
     def __post_init__(self) -> None:
         # What JSON writes as null is infinite where there was something to measure against.
@@ -167,7 +170,7 @@ def _rank(row: SweepRow) -> tuple[float, float]:
 
 
 class SweepFolder:
-    """The folder of a sweep; opening it repairs what an interruption left.
+    """The folder of a sweep, for one at a time; opening it repairs what an interruption left.
 
     Parameters
     ----------
@@ -177,7 +180,8 @@ class SweepFolder:
     Raises
     ------
     InputError
-        When it cannot be read or written, or a line before the last is not a row of this version.
+        When another sweep has it open, it cannot be read or written, or a line before the last is not a row
+        of this version.
     """
 
     rows: dict[str, SweepRow]
@@ -189,10 +193,20 @@ class SweepFolder:
         self._images = path / "images"
         with one_line_errors(self._images, "made"):
             self._images.mkdir(parents=True, exist_ok=True)
-        rows = read_rows(path) if self._jsonl.exists() else []
-        self.rows = {row.key: row for row in rows}
-        self._rewrite()
-        self.tidy()
+        self._lock = _locked(path)
+        try:
+            rows = read_rows(path) if self._jsonl.exists() else []
+            self.rows = {row.key: row for row in rows}
+            self._rewrite()
+            self._tidy()
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def close(self) -> None:
+        """Let others have it, without the halves of images; no process may write any more."""
+        self._tidy()
+        self._lock.close()
 
     def _rewrite(self) -> None:
         # The table follows the JSON lines; a torn last line of either is gone after this.
@@ -213,8 +227,8 @@ class SweepFolder:
             with one_line_errors(path, "written"), path.open("ab") as file:
                 file.write(line)
 
-    def tidy(self) -> None:
-        """Remove the halves of images that processes were ended over; none may be writing."""
+    def _tidy(self) -> None:
+        """Remove the halves of images that processes were ended over."""
         for path in self._images.glob(".*.tmp"):
             with contextlib.suppress(OSError):
                 path.unlink()
@@ -291,6 +305,17 @@ def read_rows(out: Path) -> list[SweepRow]:
     return rows
 
 
+def _locked(path: Path) -> BinaryIO:
+    """Open the file of a folder that one sweep may have open at a time."""
+    name = path / ".lock"
+    with one_line_errors(name, "written"):
+        file = name.open("ab")
+    if lock(file.fileno()):
+        return file
+    file.close()
+    raise InputError(f"{path}: another sweep is writing there; wait for it to end, or choose another folder")
+
+
 @contextmanager
 def one_line_errors(path: Path, verb: str) -> Iterator[None]:
     """Turn what the system says into an `InputError` that names the path."""
@@ -306,5 +331,8 @@ def _json_line(row: SweepRow) -> bytes:
 
 def _csv_line(row: SweepRow) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(dataclasses.astuple(row))
+    values = [
+        " ".join(map(str, value)) if isinstance(value, tuple) else value for value in dataclasses.astuple(row)
+    ]
+    csv.writer(text, lineterminator="\n").writerow(values)
     return text.getvalue().encode()

@@ -63,7 +63,10 @@ class Plan:
     converged: str | None
     variants: dict[str, MapSettings]
     """By key of the row."""
-    left_out: list[str]
+    stands_for: dict[str, tuple[int, ...]]
+    """Of those with fewer or more coefficients than asked for, by key: `SweepRow.stands_for`."""
+    notices: list[str]
+    """What is left out, and what stands for something else."""
     march_samples: dict[str, float]
     """About how many densities the dual marches read, by key; with `OVERHEAD`."""
     row_samples: dict[str, float]
@@ -95,7 +98,7 @@ class Worker:
         """
         del progress
         scene = self._load(path)
-        variants, left_out = self._task.axes.variants(scene.map)
+        variants, notices = self._task.axes.variants(scene.map)
         scenes = [scene.replace(map=variant).resolved() for variant in variants]
         device = self._renderer.device_name
         reference = reference_key(scene, device)
@@ -113,7 +116,8 @@ class Worker:
             reference=reference,
             converged=converged,
             variants=dict(zip(keys, variants, strict=True)),
-            left_out=left_out,
+            stands_for={key: asked for key, asked in zip(keys, variants.values(), strict=True) if asked},
+            notices=notices,
             march_samples={
                 key: OVERHEAD + pixels * each.march.steps * (1 + each.map.steps / 2)
                 for key, each in marches.items()
@@ -178,6 +182,7 @@ class Worker:
         row = SweepRow(
             volume=plan.name,
             coeffs=settings.coeffs,
+            stands_for=plan.stands_for.get(key, ()),
             density_weighting=plan.variants[key].density_weighting,
             basis=settings.basis,
             target=settings.target,

@@ -1,14 +1,15 @@
 """The command line ``tfm``: parse, call the library, print. One module a command."""
 
 import importlib
-import io
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 import click
 
+from tfm_cl.cli.streams import guarded_streams, one_line
 from tfm_cl.errors import TfmError
+from tfm_cl.interrupts import interrupts_held
 
 COMMANDS = ("render", "info", "compare", "sweep", "devices")
 """Modules of this package, each with a click command called ``command``; imported when used."""
@@ -31,7 +32,8 @@ class LazyGroup(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
+        with interrupts_held():  # threads of libraries, which begin here, need not hear of them
+            command: click.Command = importlib.import_module(f"tfm_cl.cli.{cmd_name}").command
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -77,9 +79,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that lacks × is no reason to fail
+    with guarded_streams() as output:
+        code = _run(arguments)
+        output.flush()
+        if output.failure is not None:
+            reason = output.failure.strerror or output.failure
+            code = _fail(f"standard output: cannot be written ({reason})", code or EXIT_RESOURCE)
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         code = tfm(
             args=None if arguments is None else list(arguments), prog_name="tfm", standalone_mode=False
@@ -88,17 +97,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error.format_message(), file=sys.stderr)
         code = EXIT_WRONG_USE
     except click.ClickException as error:
-        code = _fail(_one_line(error), EXIT_WRONG_USE)
+        code = _fail(_said(error), EXIT_WRONG_USE)
     except TfmError as error:
         code = _fail(str(error), error.exit_code)
     except MemoryError:
         code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)
     except (click.Abort, KeyboardInterrupt):
+        # Python ends by the signal, whatever we return, if Ctrl-C came where text was executed, as libraries
+        # do while they are imported; executing text again makes it forget that.
+        exec("")  # noqa: S102
         code = _fail("interrupted", EXIT_INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
-def _one_line(error: click.ClickException) -> str:
+def _said(error: click.ClickException) -> str:
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
     path = f"; see {context.command_path} --help" if context is not None else ""
@@ -106,7 +118,5 @@ def _one_line(error: click.ClickException) -> str:
 
 
 def _fail(message: str, code: int) -> int:
-    # Names from files may hold line breaks and terminal codes.
-    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
-    print(f"tfm: {shown}", file=sys.stderr)
+    print(f"tfm: {one_line(message)}", file=sys.stderr)
     return code

@@ -12,6 +12,7 @@ import click
 from tfm_cl import image_io
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, as_flags, overrides, scene_options
 from tfm_cl.cli.progress import progress_bar
+from tfm_cl.cli.streams import one_line
 from tfm_cl.files import check_writable, write_text
 from tfm_cl.scene_file import SceneFile, Values, to_toml
 from tfm_cl.settings import ImageSettings
@@ -113,7 +114,7 @@ def command(
 
 def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
     for warning in () if quiet else warnings:
-        print(f"tfm: warning: {warning}", file=sys.stderr)
+        print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
 
 
 def _used_map(asked: Values, result: "RenderResult") -> Values:

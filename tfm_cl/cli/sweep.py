@@ -9,6 +9,7 @@ import click
 
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, overrides, scene_options
 from tfm_cl.cli.progress import progress_bar
+from tfm_cl.cli.streams import one_line
 
 AXES = {
     "bases": ("--bases", "basis"),
@@ -41,7 +42,11 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
 )
 @_option("--bases", default="dct,auto", show_default=True, metavar="NAME[,NAME]", help="bases of the maps")
 @_option(
-    "--coeffs", default="2,4,8,16", show_default=True, metavar="N[,N]", help="numbers of coefficients a texel"
+    "--coeffs",
+    default="2,4,8,16",
+    show_default=True,
+    metavar="N[,N]",
+    help="numbers of coefficients a texel; where a basis has not one of them, the nearest that it has",
 )
 @_option(
     "--density-weighting",
@@ -145,7 +150,7 @@ def command(
             overrides=changes,
             # One stage, so that the time left is that of the whole.
             progress=lambda _, fraction: progress("sweep", fraction),
-            notice=lambda line: None if quiet else print(f"tfm: {line}", file=sys.stderr),
+            notice=lambda line: None if quiet else print(f"tfm: {one_line(line)}", file=sys.stderr),
         )
     if not quiet:
         print((out / "sweep.md").read_text(encoding="utf-8"), end="")

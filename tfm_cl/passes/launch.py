@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pyopencl import cltypes
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
+from tfm_cl.device import check_process, was_forked
 from tfm_cl.errors import DeviceError, DeviceMemoryError
 from tfm_cl.program import KernelLibrary, build
 
@@ -67,7 +68,10 @@ def lanes_of(context: cl.Context) -> tuple[int, ...]:
     (device,) = context.devices
     if not device.type & cl.device_type.CPU:
         return (*sorted(TILE, reverse=True),)
-    (name,) = build(context, LANES_PROBE, ("-cl-std=CL1.2",)).kernel_names.split(";")
+    program, kept = build(context, LANES_PROBE, ("-cl-std=CL1.2",))
+    (name,) = program.kernel_names.split(";")
+    if kept is not None:
+        kept.keep()
     return tuple(lanes for lanes in TILE if lanes <= int(name.removeprefix("lanes_")))
 
 
@@ -103,14 +107,14 @@ class Launcher:
         work_group: tuple[int, int] | Literal["auto"] | None = "auto",
     ) -> None:
         self.device = device
-        self.context = cl.Context([device])
-        self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self._context = cl.Context([device])
+        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.lanes_possible = lanes_of(self.context)
         self.lanes = self.lanes_possible[-1] if lanes is None else lanes
         if self.lanes not in self.lanes_possible:
             possible = ", ".join(map(str, sorted(self.lanes_possible)))
             raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
-        self.kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
         self._groups: dict[int, tuple[int, ...] | None] = {
@@ -118,6 +122,26 @@ class Launcher:
             2: tiles if work_group == "auto" else work_group,
         }
         self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+
+    # All that is done on the device goes through one of these three.
+
+    @property
+    def context(self) -> cl.Context:
+        """With the one device."""
+        check_process()
+        return self._context
+
+    @property
+    def queue(self) -> cl.CommandQueue:
+        """In order, with times."""
+        check_process()
+        return self._queue
+
+    @property
+    def kernels(self) -> KernelLibrary:
+        """All kernels used so far."""
+        check_process()
+        return self._kernels
 
     def run(self, kernel: cl.Kernel, size: tuple[int, ...], *args: Any) -> float:
         """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
@@ -135,6 +159,7 @@ class Launcher:
             raise DeviceError(
                 f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
             ) from error
+        self.kernels.ran(kernel)
         return float(event.profile.end - event.profile.start) * 1e-9
 
     def run_tiles(self, kernel: cl.Kernel, window: tuple[int, int, int, int], *args: Any) -> float:
@@ -187,6 +212,8 @@ class Launcher:
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""
+        if was_forked():  # it is not this process's
+            return
         self.queue.finish()
         self._pool.free_held()
 

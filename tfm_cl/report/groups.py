@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tfm_cl.sweep import BUDGETS, SweepRow, equal_bytes
+from tfm_cl.sweep_axes import in_place_of
 
 SETTINGS = {
     "density_weighting": "α {:g}",
@@ -54,7 +55,15 @@ class Group:
             f"{row.view_steps} view and {row.map_steps} light steps",
             *(_word(name, row) for name in SETTINGS if name not in self.varying),
         ]
-        return ", ".join(words)
+        return "; ".join([", ".join(words), *self._stand_ins()])
+
+    def _stand_ins(self) -> list[str]:
+        """Say where a basis has not the number of coefficients that was asked for, basis by basis."""
+        taken: dict[str, dict[int, int]] = {}
+        for row in self.rows:
+            for asked in row.stands_for:
+                taken.setdefault(row.basis, {})[asked] = row.coeffs
+        return [f"{basis} with {in_place_of(counts)} coefficients" for basis, counts in taken.items()]
 
     def variant(self, row: SweepRow) -> str:
         """Say what tells a row's map from others of its basis, but for its size."""
