@@ -109,7 +109,7 @@ class RenderResult:
                 **(metadata or {}),
             },
         )
-        image_io.save(Path(path), picture, exposure=exposure, pixel_type=pixel_type)
+        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type)
 
     def _repr_png_(self) -> bytes:
         """Show the picture in a notebook."""

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import tomli_w
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl import placement, volume_io
 from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import InputError, SceneError
+from tfm_cl.files import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
@@ -39,26 +40,19 @@ def _sizes(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def _file(value: Any) -> Any:
-    if not isinstance(value, str) or not value or not value.isprintable():
-        raise ValueError("should be the name of a volume file")
-    return value
+def _file(value: Any) -> str:
+    return name_of(value, "a volume file")
 
 
 def _colour_source(value: Any) -> Any:
-    names = [value] if isinstance(value, str) else value
     if value is None or value is False:
         return value
-    if (
-        not isinstance(names, list | tuple)
-        or len(names) != (1 if isinstance(value, str) else 3)
-        or not all(isinstance(name, str) and name and name.isprintable() for name in names)
-    ):
-        raise ValueError(
-            "should be the name of an array or of a .npy or .npz file, three names of grids "
-            "['r', 'g', 'b'], or false"
-        )
-    return value if isinstance(value, str) else tuple(value)
+    names = [value] if isinstance(value, str) else value
+    what = "an array or of a .npy or .npz file, three names of grids ['r', 'g', 'b'], or false"
+    if not isinstance(names, list | tuple) or len(names) != (1 if isinstance(value, str) else 3):
+        raise ValueError(f"should be the name of {what}")
+    checked = tuple(name_of(name, what) for name in names)
+    return value if isinstance(value, str) else checked
 
 
 class VolumeSettings(Model):
@@ -66,11 +60,9 @@ class VolumeSettings(Model):
 
     SECTION: ClassVar[str] = "volume"
 
-    file: Annotated[str, BeforeValidator(_file)] = Field(
-        description="volume file, relative to the scene file"
-    )
+    file: Annotated[str, PlainValidator(_file)] = Field(description="volume file, relative to the scene file")
     grid: str | None = Field(None, description="name of the grid")
-    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, BeforeValidator(_colour_source)] = (
+    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, PlainValidator(_colour_source)] = (
         Field(
             None,
             description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
@@ -100,7 +92,7 @@ class VolumeSettings(Model):
     def load(self, folder: Path) -> Volume:
         """Read the volume."""
         volume = Volume.load(
-            folder / self.file,
+            source_of(self.file, folder),
             self.grid,
             colour=self._colour_in(folder),
             voxel_size=self.voxel_size,
@@ -115,17 +107,17 @@ class VolumeSettings(Model):
 
     def _colour_in(self, folder: Path) -> colour_io.ColourSource:
         is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
-        return folder / str(self.colour) if is_file else self.colour
+        return source_of(str(self.colour), folder) if is_file else self.colour
 
     def resolved(self, folder: Path, volume: Volume) -> Values:
         """Return the section of a scene file anywhere that loads ``volume`` again."""
         colour = self._colour_in(folder)
         if isinstance(colour, Path):
-            colour = str(colour.resolve())
+            colour = str(real_path(colour))
         elif colour is None and volume.colour is not None:
             colour = COLOUR
         return self.to_dict() | {
-            "file": str((folder / self.file).resolve()),
+            "file": str(real_path(source_of(self.file, folder))),
             "grid": volume.name or None,
             "colour": list(colour) if isinstance(colour, tuple) else colour,
             "density_scale": volume.density_scale,
@@ -266,15 +258,15 @@ class SceneFile:
             grids.append(settings.load(self.path.parent))
         return joined(grids)
 
-    def files(self) -> list[str]:
-        """Name all files that the scene reads, relative to its own or absolute."""
+    def files(self) -> list[Path]:
+        """Return all files that the scene reads, but its own."""
         named: list[str | None] = []
         for volume in self.volumes:
             if isinstance(volume, VolumeSettings):
                 named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
         named += [getattr(light, "texture", None) for light in self.light or ()]
         named += [getattr(solid, "mesh", None) for solid in self.solids]
-        return [name for name in named if name]
+        return [source_of(name, self.path.parent) for name in named if name]
 
     def _check_crop(self, camera: Camera) -> None:
         width, height = camera.res
@@ -338,6 +330,23 @@ def to_toml(values: Values) -> str:
     return tomli_w.dumps(_without_none(values))
 
 
+def scene_text(values: Values) -> str:
+    """Write resolved options as a scene file.
+
+    Raises
+    ------
+    SceneError
+        Where a file's name is not UTF-8, as all of TOML is.
+    """
+    text = to_toml(values)
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        line = text[text.rfind("\n", 0, error.start) + 1 :].partition("\n")[0]
+        raise SceneError(f"{line}: a name that is not UTF-8 cannot be in a scene file; rename it") from None
+    return text
+
+
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
@@ -356,13 +365,13 @@ def _values_of(path: Path) -> Values:
     if path.suffix.lower() != ".toml":
         known = " ".join([".toml", *sorted(volume_io.FORMATS)])
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
+    if check_readable(path, SceneError) > MAX_BYTES:
+        raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        # Editors on Windows put a byte order mark in front.
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+        raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SceneError(f"{path}: not TOML: {error}") from None
 
@@ -446,7 +455,10 @@ def _beside(table: Values, key: str, folder: Path) -> Values:
     name = table.get(key)
     if not isinstance(name, str) or not name:
         return table
-    return table | {key: str((folder / name).resolve())}
+    try:
+        return table | {key: str(real_path(source_of(name, folder)))}
+    except InputError:
+        return table  # whose own check says what is wrong with the name
 
 
 def _check_light(table: Any) -> None:

@@ -244,12 +244,12 @@ def test_files_that_are_no_scene(bad, folder, content, message):
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("missing.toml", "missing.toml: cannot be read (No such file or directory)"),
-        ("folder.toml", "folder.toml: cannot be read (Is a directory)"),
+        ("missing.toml", "missing.toml: no such file"),
+        ("folder.toml", "folder.toml: is not a file but a directory"),
         ("missing.vdb", "missing.vdb: no such file"),
         ("folder.vdb", "folder.vdb: is not a file"),
         ("picture.jpg", "picture.jpg: neither a scene nor a volume; known extensions: .toml .nhdr"),
-        ("", "neither a scene nor a volume"),
+        ("", "'': should be the name of a file"),
     ],
 )
 def test_inputs_that_are_not_there(bad, folder, source, message):

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import ImageError
 from tfm_cl.image_io import load_image
 
@@ -14,8 +15,8 @@ LOWER_IS_BETTER = ("rmse", "flip")
 
 
 @click.command("compare")
-@click.argument("test", type=click.Path(path_type=Path))
-@click.argument("reference", type=click.Path(path_type=Path))
+@click.argument("test", type=SOURCE)
+@click.argument("reference", type=SOURCE)
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 @click.option("--flip", "with_flip", is_flag=True, help="FLIP too (needs pip install 'tfm_cl[flip]')")
 @click.option(

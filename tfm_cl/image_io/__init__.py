@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tfm_cl import files
 from tfm_cl.errors import ImageError
-from tfm_cl.files import replacing
+from tfm_cl.files import check_readable, path_of, reason_of, replacing, source_of
 from tfm_cl.image_io.image import Image
 
 FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
@@ -80,7 +80,7 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
     ImageError
         Unknown extension, or the file cannot be written (the message says why).
     """
-    path = Path(path)
+    path = path_of(path, ImageError)
     options = WriteOptions(pixel_type=pixel_type, exposure=exposure)
     module = _format(path)
     with replacing(path, ImageError) as temporary:
@@ -101,14 +101,13 @@ def load_image(path: str | Path) -> NDArray[np.float32]:
     ImageError
         Missing, damaged or unknown file, or one of more than `MAX_PIXELS`.
     """
-    path = Path(path)
+    path = source_of(path, error=ImageError)
     module = _format(path)
-    if not path.is_file():
-        raise ImageError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
+    check_readable(path, ImageError)
     try:
         return module.read(path)
     except (OSError, MemoryError) as error:
-        raise ImageError(f"{path}: cannot be read ({_reason(error)})") from error
+        raise ImageError(f"{path}: cannot be read ({reason_of(error)})") from error
 
 
 def check_writable(path: str | Path) -> None:
@@ -119,7 +118,7 @@ def check_writable(path: str | Path) -> None:
     ImageError
         Unknown extension, no such directory, no right to write there, or a directory of that name.
     """
-    path = Path(path)
+    path = path_of(path, ImageError)
     _format(path)
     files.check_writable(path, ImageError)
 
@@ -131,8 +130,3 @@ def _format(path: Path) -> ImageFormat:
             f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
         )
     return cast("ImageFormat", importlib.import_module(f"{__name__}.{module_name}"))
-
-
-def _reason(error: BaseException) -> str:
-    strerror = getattr(error, "strerror", None)
-    return " ".join(str(strerror or error).split()) or type(error).__name__

@@ -125,7 +125,9 @@ def _write_file(
 ) -> dict[str, tuple[int, ...]]:
     """Write, and tell the shape of each channel that is then in the file."""
     try:
-        OpenEXR.File(header, dict(channels)).write(str(path))  # it changes the dict it is given
+        # A stream and not a name, which OpenEXR would only take in UTF-8.
+        with path.open("wb") as stream:
+            OpenEXR.File(header, dict(channels)).write(stream)  # it changes the dict it is given
     except (RuntimeError, ValueError, TypeError) as error:
         raise ImageError(f"OpenEXR cannot write it ({_line(error)})") from error
     suffixes = {2: ("",), 3: (".R", ".G", ".B")}
@@ -138,7 +140,7 @@ def _write_file(
 def _pixels(path: Path) -> dict[str, NDArray[Any]]:
     """Read all channels of the first part."""
     try:
-        with _silence(), OpenEXR.File(str(path), header_only=True) as file:
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
             parts = [_declared(part.header) for part in file.parts]
     except Exception as error:  # the binding raises whatever its C++ side does
         raise ImageError(f"{path}: not a readable EXR ({_line(error)})") from error
@@ -153,7 +155,7 @@ def _pixels(path: Path) -> dict[str, NDArray[Any]]:
                 f"{path}: declares {width}×{height} pixels of {channels} channels; it is damaged"
             )
     try:
-        with _silence(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, separate_channels=True) as file:
             pixels = {name: channel.pixels for name, channel in file.channels().items()}
     except Exception as error:
         raise ImageError(f"{path}: damaged EXR ({_line(error)})") from error
