@@ -224,7 +224,7 @@ def test_impossible_scenes(bad, scene, old, new, message):
 def test_a_scene_without_a_light(bad, scene):
     text = SCENE[: SCENE.index("[[light]]")]
     assert "at least one light" in bad(scene(SCENE, "light = []\n" + text))
-    numbers = scene(SCENE, "light = [1, 2]\n" + text)
+    numbers = scene(SCENE, "light = [1]\n" + text)
     assert "light 0: light should be a table" in bad(numbers)
 
 
