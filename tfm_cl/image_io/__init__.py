@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tfm_cl import files
 from tfm_cl.errors import ImageError
 from tfm_cl.files import check_readable, path_of, reason_of, replacing, source_of
-from tfm_cl.image_io.image import Image
+from tfm_cl.image_io.image import Image, Picture
 
 FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
 """Extension -> module of this package; imported when an image of that kind is read or written."""
@@ -26,7 +26,17 @@ MAX_PIXELS = 1 << 28
 
 PixelType = Literal["half", "float"]
 
-__all__ = ["FORMATS", "MAX_PIXELS", "Image", "WriteOptions", "check_writable", "load_image", "save"]
+__all__ = [
+    "FORMATS",
+    "MAX_PIXELS",
+    "Image",
+    "Picture",
+    "WriteOptions",
+    "check_writable",
+    "load_image",
+    "load_picture",
+    "save",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +62,8 @@ class ImageFormat(Protocol):
         """Write to a file, empty so far; may leave half of it when it raises."""
         ...
 
-    def read(self, path: Path) -> NDArray[np.float32]:
-        """Read [H, W, 3 or 4], scene-linear; raises `ImageError` on damage."""
+    def read(self, path: Path) -> Picture:
+        """Read colours, scene-linear; raises `ImageError` on damage."""
         ...
 
 
@@ -93,8 +103,19 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
 def load_image(path: str | Path) -> NDArray[np.float32]:
     """Read an image: [H, W, 3], or [H, W, 4] where it has an alpha channel.
 
-    EXR and ``.npy`` are returned as they are (of an EXR the data window); a PNG is decoded from sRGB to
-    linear light, premultiplied.
+    EXR and ``.npy`` are returned as they are (of an EXR the data window of the layer that is the picture);
+    a PNG is decoded from sRGB to linear light, premultiplied.
+
+    Raises
+    ------
+    ImageError
+        As `load_picture`.
+    """
+    return load_picture(path).pixels
+
+
+def load_picture(path: str | Path) -> Picture:
+    """Read an image as `load_image`, and where an EXR says that it lies in the full frame.
 
     Raises
     ------
