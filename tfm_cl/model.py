@@ -13,6 +13,8 @@ from tfm_cl.errors import SceneError
 
 LARGEST_COORDINATE = 1e15
 """Its square is far from float32's limit."""
+CLOSEST = 1e-12
+"""Of their coordinates, how far apart two points must be to give a direction of three digits in float64."""
 LARGEST_COLOUR = 1e25
 """Likewise its product with densities and phase functions."""
 
@@ -255,5 +257,11 @@ RGB = Annotated[tuple[float, float, float], BeforeValidator(_colour)]
 def check_different(one: Vec3, other: Vec3, what: str) -> None:
     """Raise `ValueError` when two points give no direction."""
     distance = float(np.linalg.norm(np.subtract(one, other)))
-    if distance <= 1e-9 * max(1e-30, float(np.abs([one, other]).max())):
+    largest = float(np.abs([one, other]).max())
+    if distance <= 1e-39:  # noqa: PLR2004 - beyond float32
         raise ValueError(f"{what} are the same point {list(one)}: no direction")
+    if distance <= CLOSEST * largest:
+        raise ValueError(
+            f"{what} are {distance:g} apart, too little for a direction at coordinates of {largest:g}; "
+            "move the scene nearer to the origin"
+        )

@@ -84,7 +84,7 @@ class RenderResult:
         exposure
             Stops, for PNG.
         aovs
-            Layers to add to an EXR.
+            Layers to add to an EXR; other files have no room for them (`image_io.holds_layers`).
         pixel_type
             ``float`` or ``half``, of an EXR's colours.
         metadata

@@ -195,6 +195,18 @@ def test_crop_is_those_pixels_of_the_frame(render, cloud):
     np.testing.assert_array_equal(header["displayWindow"], [(0, 0), (15, 8)])
 
 
+def test_layers_that_a_file_has_no_room_for_are_told(render, cloud):
+    done = render(cloud, "-o", "a.exr", "-o", "a.png", "-o", "a.npy", "--aov", "depth,samples")
+    notes = [line for line in done.err.splitlines() if "note" in line]
+    assert notes == [
+        f"tfm: note: a.{suffix}: has no room for layers, depth, samples are left out (.exr has)"
+        for suffix in ("png", "npy")
+    ]
+    assert "note" not in render(cloud, "-o", "a.png", "--aov", "depth", "-q").err
+    assert "note" not in render(cloud, "-o", "a.exr", "--aov", "depth").err
+    assert "note" not in render(cloud, "-o", "a.png").err
+
+
 def test_aovs_and_header_of_an_exr(render, cloud):
     done = render(
         cloud, "-o", "a.exr", "--aov", "depth,transmittance,light_transmittance,samples", "--json", "-"

@@ -76,6 +76,8 @@ def command(
     scene = scene_file.scene()
     resolved = scene_file.resolved(scene)
     chosen = scene_file.chosen(scene)
+    if not quiet:
+        _tell_left_out(outputs, scene_file.image)
     if chosen and not quiet:
         print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
     if verbose:
@@ -133,6 +135,17 @@ def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
         if what:
             raise click.UsageError(f"{path}: {what}; choose another name")
         taken[real_path(path)] = "is written twice"
+
+
+def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
+    """Say which outputs are without the layers asked for."""
+    for path in outputs if image.aov else ():
+        if not image_io.holds_layers(path):
+            layers = ", ".join(image.aov)
+            print(
+                f"tfm: note: {path}: has no room for layers, {layers} are left out (.exr has)",
+                file=sys.stderr,
+            )
 
 
 def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:

@@ -33,6 +33,7 @@ __all__ = [
     "Picture",
     "WriteOptions",
     "check_writable",
+    "holds_layers",
     "load_image",
     "load_picture",
     "save",
@@ -57,6 +58,9 @@ class WriteOptions:
 
 class ImageFormat(Protocol):
     """A module of this package that reads and writes one kind of file."""
+
+    HOLDS_LAYERS: bool
+    """Whether AOVs are written; else they are left out."""
 
     def write(self, path: Path, image: Image, options: WriteOptions) -> None:
         """Write to a file, empty so far; may leave half of it when it raises."""
@@ -129,6 +133,11 @@ def load_picture(path: str | Path) -> Picture:
         return module.read(path)
     except (OSError, MemoryError) as error:
         raise ImageError(f"{path}: cannot be read ({reason_of(error)})") from error
+
+
+def holds_layers(path: str | Path) -> bool:
+    """Tell whether `save` writes AOVs to a file of that name, or leaves them out; raises `ImageError`."""
+    return _format(path_of(path, ImageError)).HOLDS_LAYERS
 
 
 def check_writable(path: str | Path) -> None:

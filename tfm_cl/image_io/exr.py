@@ -24,6 +24,7 @@ from tfm_cl.image_io import MAX_PIXELS, PixelType, WriteOptions
 from tfm_cl.image_io.exr_layers import Part, beauty
 from tfm_cl.image_io.image import Image, Metadata, Picture, Window
 
+HOLDS_LAYERS = True
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Chromaticities: x and y of red, green, blue and white."""
 

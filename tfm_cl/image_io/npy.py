@@ -9,6 +9,8 @@ from tfm_cl.image_io import MAX_PIXELS, WriteOptions
 from tfm_cl.image_io.image import Image, Picture
 from tfm_cl.volume_io.numpy_array import read_header
 
+HOLDS_LAYERS = False
+
 
 def write(path: Path, image: Image, _options: WriteOptions) -> None:
     """Write the colours."""

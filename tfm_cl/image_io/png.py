@@ -19,6 +19,7 @@ from tfm_cl.errors import ImageError
 from tfm_cl.image_io import MAX_PIXELS, WriteOptions
 from tfm_cl.image_io.image import Image, Picture, check_finite
 
+HOLDS_LAYERS = False
 _MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
 _RGB = 3
 _DAMAGE = (  # what Pillow's chunk parsers and zlib come upon
