@@ -6,7 +6,7 @@ from scenes import blobs
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.scene import FARTHEST
+from tfm_cl.params import FARTHEST, check_distances
 
 SIZE = 3.0
 FAR = 2e9
@@ -25,19 +25,22 @@ def spot(*position, **changes):
     return tfm.SpotLight(from_=position, to=(0, 0, 0), cone=10, **changes)
 
 
-def test_a_camera_that_is_too_far_away_is_told_why():
+def test_a_camera_that_is_too_far_away_is_told_why(renderer):
     message = (
         r"^camera\.from = \[0\.0, 0\.0, 2000000000\.0\]: is 2e\+09 world units from the medium, "
         r"whose size is [\d.]+; float32 .* up to 30000 sizes away: come nearer, with a larger fov$"
     )
-    with pytest.raises(SceneError, match=message):
-        tfm.Scene(volume(), camera=AT_ORIGIN.replace(from_=(0, 0, FAR)))
+    scene = tfm.Scene(volume(), camera=AT_ORIGIN.replace(from_=(0, 0, FAR)))
+    for use in (check_distances, renderer.render, renderer.build_maps):
+        with pytest.raises(SceneError, match=message):
+            use(scene)
 
 
 @pytest.mark.parametrize("light", [spot(0, FAR, 0), tfm.PointLight(from_=(FAR, 0, 0))])
 def test_a_light_that_is_too_far_away_is_told_why(light):
+    scene = tfm.Scene(volume(), camera=AT_ORIGIN, lights=[spot(0, 9, 0), light])
     with pytest.raises(SceneError, match=r"^light 1: light\.from = .* or use a light of the type sun$"):
-        tfm.Scene(volume(), camera=AT_ORIGIN, lights=[spot(0, 9, 0), light])
+        check_distances(scene)
 
 
 @pytest.mark.parametrize(
@@ -49,24 +52,28 @@ def test_a_light_that_is_too_far_away_is_told_why(light):
     ],
 )
 def test_lights_whose_place_does_not_matter_may_be_anywhere(light):
-    assert tfm.Scene(volume(), camera=AT_ORIGIN, lights=[light]).lights == (light,)
+    check_distances(tfm.Scene(volume(), camera=AT_ORIGIN, lights=[light]))
 
 
 def test_a_medium_everywhere_has_no_size():
     camera = AT_ORIGIN.replace(from_=(0, 0, FAR))
-    assert tfm.Scene(tfm.EverywhereVolume(), camera=camera, lights=[spot(0, 9, 0)]).camera == camera
+    check_distances(tfm.Scene(tfm.EverywhereVolume(), camera=camera, lights=[spot(0, 9, 0)]))
 
 
 def test_what_is_looked_at_may_be_far_away():
-    assert tfm.Scene(volume(), camera=AT_ORIGIN.replace(to=(0, 0, -FAR))).camera.to == (0, 0, -FAR)
+    check_distances(tfm.Scene(volume(), camera=AT_ORIGIN.replace(to=(0, 0, -FAR))))
 
 
 def test_the_limit_is_where_it_is_said_to_be():
     cloud = volume()
     size = float(np.linalg.norm(np.diff(cloud.bounds, axis=0)))
-    tfm.Scene(cloud, camera=AT_ORIGIN.replace(from_=(0, 0, 0.99 * FARTHEST * size)))
+    near, far = (
+        tfm.Scene(cloud, camera=AT_ORIGIN.replace(from_=(0, 0, part * FARTHEST * size)))
+        for part in (0.99, 1.01)
+    )
+    check_distances(near)
     with pytest.raises(SceneError, match="float32"):
-        tfm.Scene(cloud, camera=AT_ORIGIN.replace(from_=(0, 0, 1.01 * FARTHEST * size)))
+        check_distances(far)
 
 
 def test_from_the_limit_the_picture_is_that_of_a_nearer_camera(renderer):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.bases.base import UNIFORM_SHARE
 from tfm_cl.camera import Camera
+from tfm_cl.errors import SceneError
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
@@ -68,9 +69,11 @@ FIELDS = (
     Field("float", "max_stretch", 1, "longest projective step over the mean one"),
     Field("int", "paper_attenuation", 1, "1: algorithm 1 as printed, dimmed within the light's cone only"),
     Field("float", "cutoff", 1, "a camera ray ends where no colour has more transmittance left"),
-    Field("float", "world_from_light", 12, "3x4 row major, rigid; the light looks along +z"),
+    Field("float", "world_from_light", 12, "3x4 row major, rigid; the light's map looks along +z"),
     Field("float", "light_from_world", 12, "its inverse"),
     Field("float", "light_shape", 4, "parameters of the light's kind"),
+    Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
+    Field("float", "cone_from_light", 12, "3x4 row major, rotation to where a spot's axis is z"),
     Field("float", "light_intensity", 3, "RGB"),
     Field("float", "light_nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
     Field("float", "medium_half", 3, "homogeneous: half sizes of the box, or the radius first; middle at 0"),
@@ -94,6 +97,9 @@ FIELDS = (
     Field("float", "uniform_share", 1, "of the uniform weight in the visibility-weighted fit"),
 )
 
+FARTHEST = 3e4
+"""Sizes of the medium between it and the camera or a light, at which float32 errs by about a hundredth of the
+picture; ten times as far, the picture is another one."""
 LEAST_CUTOFF = 1e-7
 """Of a camera ray in a homogeneous medium: it may be infinite."""
 SMALLEST_SIZE = 1e-6
@@ -146,6 +152,8 @@ def fill(
     params["world_from_light"] = device_from_light[:3].ravel()
     params["light_from_world"] = np.linalg.inv(device_from_light)[:3].ravel()
     params["light_shape"][: len(frame.shape)] = frame.shape
+    params["chart"] = frame.chart
+    params["cone_from_light"] = _rotation(frame.cone_from_light)
     params["light_intensity"] = light.intensity
     params["light_nearest_inverse"] = 1e6 / np.linalg.norm(np.diff(scene.volume.bounds, axis=0))
     if field is not None:
@@ -196,6 +204,8 @@ def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, in
     params["light_from_world"] = np.linalg.inv(device_from_light)[:, :3].reshape(-1, 12)
     for shape, frame in zip(params["light_shape"], frames, strict=True):
         shape[: len(frame.shape)] = frame.shape
+    params["chart"] = [frame.chart for frame in frames]
+    params["cone_from_light"] = [_rotation(frame.cone_from_light) for frame in frames]
     params["light_intensity"] = [light.intensity for light in lights]
     # A sun is in no medium, wherever its map begins.
     placed = np.array([light.lit_cone() is not None for light in lights])
@@ -206,6 +216,38 @@ def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, in
         sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)
     params["light_nearest_inverse"] = 1e6 / np.maximum(sizes, SMALLEST_SIZE)
     return params
+
+
+def _rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """3×3 to 3×4 row by row, without a translation."""
+    return np.column_stack([matrix, np.zeros(3)]).ravel()
+
+
+def check_distances(scene: Scene) -> None:
+    """Refuse what float32 could not place exactly enough; a sun may be anywhere.
+
+    Raises
+    ------
+    SceneError
+        The camera, or a light that arrives, is more than `FARTHEST` sizes of the medium away from it.
+    """
+    bounds, lights = scene.volume.bounds, scene.lights
+    if not np.isfinite(bounds).all():
+        return
+    middle, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))
+    places = np.array([scene.camera.from_, *(getattr(light, "from_", middle) for light in lights)])
+    distances = np.linalg.norm(places - middle, axis=1)
+    for i in np.flatnonzero(distances > FARTHEST * size).tolist():
+        name, instead = "camera.from", "come nearer, with a larger fov"
+        if i > 0:
+            cone = lights[i - 1].lit_cone()
+            if cone is None or cone.reach < distances[i] - size:
+                continue  # its place does not matter, or nothing of it arrives
+            name, instead = f"light {i - 1}: light.from", "come nearer, or use a light of the type sun"
+        raise SceneError(
+            f"{name} = {places[i].tolist()}: is {distances[i]:g} world units from the medium, whose size is "
+            f"{size:.3g}; float32 on the device places things up to {FARTHEST:g} sizes away: {instead}"
+        )
 
 
 def visible_depth(cutoff: float) -> float:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tfm_cl import placement, resolution
 from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
@@ -24,11 +22,6 @@ from tfm_cl.volumes import Volumes, joined
 
 Media = Volume | Volumes | Homogeneous
 """What a medium may fill."""
-
-
-FARTHEST = 3e4
-"""Sizes of the medium between it and the camera or a light, at which float32 on the device errs by about a
-hundredth of the picture; ten times as far, the picture is wrong."""
 
 
 @dataclass(frozen=True, init=False)
@@ -55,8 +48,7 @@ class Scene:
     Raises
     ------
     SceneError
-        When there is no light in ``lights``; a medium everywhere without a camera or without lights; a
-        camera or a light too far from the medium (`FARTHEST`).
+        When there is no light in ``lights``; a medium everywhere without a camera or without lights.
     VolumeError
         When there is no volume, or several cannot be added.
     """
@@ -90,7 +82,6 @@ class Scene:
         lights = tuple(lights)
         if not lights:
             raise SceneError("a scene needs at least one light; leave lights out to have one placed")
-        _check_distances(volume, camera, lights)
         for name, value in (
             ("volume", volume),
             ("medium", medium or Medium()),
@@ -143,24 +134,3 @@ class Scene:
             Settings of maps that are there already, and whose numbers are to be kept.
         """
         return resolution.resolved(self, maps)
-
-
-def _check_distances(volume: Media, camera: Camera, lights: Sequence[Light]) -> None:
-    """Refuse a camera or a light that the device could not place exactly enough; a sun may be anywhere."""
-    bounds = volume.bounds
-    if not np.isfinite(bounds).all():
-        return
-    middle, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))
-    places = np.array([camera.from_, *(getattr(light, "from_", middle) for light in lights)])
-    distances = np.linalg.norm(places - middle, axis=1)
-    for i in np.flatnonzero(distances > FARTHEST * size).tolist():
-        name, instead = "camera.from", "come nearer, with a larger fov"
-        if i > 0:
-            cone = lights[i - 1].lit_cone()
-            if cone is None or cone.reach < distances[i] - size:
-                continue  # its place does not matter, or nothing of it arrives
-            name, instead = f"light {i - 1}: light.from", "come nearer, or use a light of the type sun"
-        raise SceneError(
-            f"{name} = {places[i].tolist()}: is {distances[i]:g} world units from the medium, whose size is "
-            f"{size:.3g}; float32 on the device places things up to {FARTHEST:g} sizes away: {instead}"
-        )

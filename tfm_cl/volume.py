@@ -17,7 +17,7 @@ from tfm_cl.files import source_of
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.colour import ColourSource, check_array, checked, read_colour
-from tfm_cl.volume_io.grid import world_from_index_of
+from tfm_cl.volume_io.grid import Grid, world_from_index_of
 
 
 class Volume:
@@ -144,9 +144,42 @@ class Volume:
         """
         path = source_of(path, error=VolumeError)
         described = volume_io.choose_grid(path, grid)
-        data = volume_io.read_stored(path, described)
+        return cls.of_grid(
+            path,
+            described,
+            volume_io.read_stored(path, described),
+            colour=colour,
+            voxel_size=voxel_size,
+            origin=origin,
+            density_scale=density_scale,
+            sanitize=sanitize,
+        )
+
+    @classmethod
+    def of_grid(
+        cls,
+        path: Path,
+        described: Grid,
+        data: NDArray[np.float32] | Leaves,
+        *,
+        colour: ColourSource = None,
+        voxel_size: float | tuple[float, float, float] | None = None,
+        origin: tuple[float, float, float] | None = None,
+        density_scale: float = 1.0,
+        sanitize: bool = False,
+    ) -> Volume:
+        """Make the volume of a grid of a file.
+
+        Parameters
+        ----------
+        data
+            What `volume_io.read_stored` read of it, which becomes the volume's own: an array is kept, and
+            nobody can write to it any more.
+
+        All others, and errors, as of `load`.
+        """
         if isinstance(data, np.ndarray):
-            data.flags.writeable = False  # nobody else has it: the volume can keep it without a copy
+            data.flags.writeable = False
         rgb = read_colour(path, described, colour, sanitize=sanitize)
         placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin, "colour": rgb}
         if described.has_transform:
@@ -230,6 +263,13 @@ class Volume:
             return self.bounds
         low, high = (index[::-1] for index in box)
         return _world_box(self.world_from_index, [i - 1.0 for i in low], [i + 1.0 for i in high])
+
+    @property
+    def largest(self) -> float:
+        """Largest voxel, before ``density_scale``; of a coloured volume the largest in any channel."""
+        if self._colour is not None:
+            return max(channel.largest for channel in self.channels)
+        return float(self._voxels.stored.max())
 
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.
