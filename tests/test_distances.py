@@ -55,23 +55,6 @@ def test_lights_whose_place_does_not_matter_may_be_anywhere(light):
     check_distances(tfm.Scene(volume(), camera=AT_ORIGIN, lights=[light]))
 
 
-def test_in_fog_only_the_edge_of_a_far_light_s_cone_needs_its_place(renderer):
-    """The sun's picture, as it is where the light is followed from the point that it reaches."""
-    light = spot(0, FAR, 0, intensity=5)
-
-    def picture(light, *solids):
-        scene = tfm.Scene(
-            tfm.BoxVolume(), camera=AT_ORIGIN.replace(res=(8, 6)), lights=[light], solids=solids
-        )
-        return renderer.render(scene).image
-
-    sun = tfm.SunLight(from_=(0, FAR, 0), to=(0, 0, 0), intensity=5)
-    np.testing.assert_allclose(picture(light), picture(sun), rtol=1e-4, atol=1e-6)
-    for refused in ((light.replace(cone=1e-4),), (light, tfm.SphereSolid(radius=0.1))):
-        with pytest.raises(SceneError, match="float32"):
-            picture(*refused)
-
-
 def test_a_medium_everywhere_has_no_size():
     camera = AT_ORIGIN.replace(from_=(0, 0, FAR))
     check_distances(tfm.Scene(tfm.EverywhereVolume(), camera=camera, lights=[spot(0, 9, 0)]))

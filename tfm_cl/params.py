@@ -237,13 +237,11 @@ def check_distances(scene: Scene) -> None:
     middle, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))
     places = np.array([scene.camera.from_, *(getattr(light, "from_", middle) for light in lights)])
     distances = np.linalg.norm(places - middle, axis=1)
-    # In fog alone a light's rays are followed from where they arrive: only the cone's edge needs its place.
-    is_fog = isinstance(scene.volume, Homogeneous) and not scene.solids
     for i in np.flatnonzero(distances > FARTHEST * size).tolist():
         name, instead = "camera.from", "come nearer, with a larger fov"
         if i > 0:
             cone = lights[i - 1].lit_cone()
-            if cone is None or cone.reach < distances[i] - size or (is_fog and cone.slope > 1 / FARTHEST):
+            if cone is None or cone.reach < distances[i] - size:
                 continue  # its place does not matter, or nothing of it arrives
             name, instead = f"light {i - 1}: light.from", "come nearer, or use a light of the type sun"
         raise SceneError(
