@@ -130,6 +130,41 @@ def test_a_long_value_is_shortened():
     assert len(str(raised.value)) < 200
 
 
+@pytest.mark.parametrize(
+    ("make", "faults"),
+    [
+        (lambda: tfm.MapSettings(coeffs=0, steps=0), {"map.coeffs = 0", "map.steps = 0"}),
+        (lambda: tfm.MapSettings(coefs=1, steps=0), {"map.steps = 0", "unknown key 'coefs' in [map]"}),
+        (
+            lambda: tfm.Medium(sigma_s=-1, phase={"type": "hg", "g": 2, "h": 3}),
+            {"medium.sigma_s = -1", "medium.phase.g = 2", "unknown key 'h' in [medium.phase]"},
+        ),
+        # One fault, not a key that is unknown and another that is missing.
+        (lambda: tfm.Camera(form=(1, 2, 3), to=(0, 0, 0)), {"unknown key 'form' in [camera]"}),
+        (
+            lambda: tfm.Camera.from_table({"from_": [1, 2, 3], "to": [0, 0, 0]}),
+            {"unknown key 'from_' in [camera]"},
+        ),
+    ],
+)
+def test_every_fault_has_its_line(make, faults):
+    with pytest.raises(SceneError) as raised:
+        make()
+    assert {line.split(":")[0].split(";")[0] for line in raised.value.args} == faults
+
+
+def test_center_is_centre():
+    sphere = tfm.SphereSolid(center=(1, 2, 3))
+    assert sphere == tfm.SphereSolid(centre=(1, 2, 3))
+    assert tfm.SphereVolume(center=(1, 2, 3)).centre == (1, 2, 3)
+    assert sphere.replace(center=(4, 5, 6)).centre == (4, 5, 6)
+    assert sphere.to_dict()["centre"] == [1, 2, 3]
+    with pytest.raises(SceneError, match=r"^solid: has both center and centre, which are one; keep one$"):
+        tfm.SphereSolid(center=(1, 2, 3), centre=(1, 2, 3))
+    with pytest.raises(SceneError, match=r"^unknown key 'center' in \[camera\]"):
+        tfm.Camera(**SPOT, center=(1, 2, 3))
+
+
 def test_sections_are_frozen():
     with pytest.raises(ValidationError, match="frozen"):
         tfm.Medium().sigma_s = (1, 1, 1)

@@ -300,6 +300,17 @@ def test_a_path_with_letters_of_any_kind(folder, tmp_path):
     assert table["volume"]["file"] == str(odd / "cloud.npy")
 
 
+def test_center_is_centre_in_files_and_overrides(read):
+    volume = '[volume]\nshape = "sphere"\ncenter = [1, 2, 3]\n'
+    solid = '[[solid]]\nshape = "sphere"\ncenter = [4, 5, 6]\n'
+    for key in ("center", "centre"):
+        file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
+        assert scene.volume.centre == (7, 8, 9)
+        assert scene.solids[0].centre == (4, 5, 6)
+        assert "center" not in to_toml(file.resolved(scene))
+        assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
+
+
 # --------------------------------------------------------------------------- arbitrary values
 
 ODD = [0, 1, -1, 10**400, 1e300, 1e-300, math.nan, math.inf, True, "", "auto", "hg:2", "\0", [], {}, None]
@@ -321,14 +332,15 @@ dotted = (
 )
 
 
-def check_one_line_or_a_scene(make):
+def check_lines_or_a_scene(make):
     try:
         file = make()
         scene = file.scene()
     except TfmError as error:
-        line = str(error)
-        assert line
-        assert "\n" not in line
+        lines = error.args
+        assert lines
+        assert all(lines)
+        assert not any("\n" in line for line in lines)
     else:
         scene = scene.resolved()
         for light in scene.lights:  # what the kernels get are finite float32
@@ -358,8 +370,8 @@ def check_one_line_or_a_scene(make):
 @example(overrides=[("volume.file", "\0")], name="full.toml")
 @example(overrides=[("map.res", "auto"), ("light.from", [1e15, 0, 0])], name="full.toml")
 @example(overrides=[("map.res", "auto"), ("light.cone", 89.999999)], name="full.toml")
-def test_arbitrary_overrides_give_a_scene_or_one_line(folder, overrides, name):
-    check_one_line_or_a_scene(lambda: SceneFile.read(folder / name, overrides))
+def test_arbitrary_overrides_give_a_scene_or_lines(folder, overrides, name):
+    check_lines_or_a_scene(lambda: SceneFile.read(folder / name, overrides))
 
 
 toml_values = st.recursive(
@@ -380,19 +392,19 @@ toml_values = st.recursive(
     key=st.sampled_from([*{key.partition(".")[2] for key in KEYS}, "self", '"a\\nb"']),
     value=toml_values,
 )
-def test_arbitrary_scene_files_give_a_scene_or_one_line(folder, section, key, value):
+def test_arbitrary_scene_files_give_a_scene_or_lines(folder, section, key, value):
     path = folder / "arbitrary.toml"
     volume = "" if section == "[volume]" else '[volume]\nfile = "cloud.npy"\n'
     path.write_text(f"{volume}{section}\n{key} = {value}\n")
-    check_one_line_or_a_scene(lambda: SceneFile.read(path))
+    check_lines_or_a_scene(lambda: SceneFile.read(path))
 
 
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(start=st.integers(0, len(FULL)), length=st.integers(0, 40), new=st.text(max_size=4))
-def test_a_damaged_scene_file_gives_a_scene_or_one_line(folder, start, length, new):
+def test_a_damaged_scene_file_gives_a_scene_or_lines(folder, start, length, new):
     path = folder / "damaged.toml"
     path.write_text(FULL[:start] + new + FULL[start + length :], encoding="utf-8")
-    check_one_line_or_a_scene(lambda: SceneFile.read(path))
+    check_lines_or_a_scene(lambda: SceneFile.read(path))
 
 
 def without_density_scale(folder, peak, scene="", override=()):

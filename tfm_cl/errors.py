@@ -12,14 +12,22 @@
         ├── DeviceMemoryError  more memory needed than the device allows
         └── KernelBuildError   a kernel does not compile on the device
 
-A message is one line: which file or value, what was expected, what to do.
+A message is one line: which file or value, what was expected, what to do. A scene file with several faults
+has a line for each, which are the error's ``args``.
 """
+
+import contextlib
+from collections.abc import Iterator
 
 
 class TfmError(Exception):
     """Base class; ``exit_code`` is what the command line returns."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        """Return the message, a line for each fault."""
+        return "\n".join(map(str, self.args))
 
 
 class InputError(TfmError):
@@ -33,7 +41,11 @@ class VolumeError(InputError):
 
 
 class SceneError(InputError):
-    """A scene file, a setting or an option that cannot be used."""
+    """A scene file, a setting or an option that cannot be used; takes a line for each fault."""
+
+    def within(self, where: str) -> "SceneError":
+        """Return the same with the place in front of every fault."""
+        return SceneError(*(f"{where}: {fault}" for fault in self.args))
 
 
 class ImageError(InputError):
@@ -56,3 +68,27 @@ class DeviceMemoryError(DeviceError):
 
 class KernelBuildError(DeviceError):
     """A kernel does not compile on this device; the message holds the compiler's log."""
+
+
+class Faults:
+    """What is wrong in several places, to be told at once."""
+
+    def __init__(self) -> None:
+        self._lines: list[str] = []
+
+    def add(self, *lines: str) -> None:
+        """Add faults."""
+        self._lines += lines
+
+    @contextlib.contextmanager
+    def collect(self, where: str = "") -> Iterator[None]:
+        """Add what a `SceneError` raised inside the block says, with the place in front."""
+        try:
+            yield
+        except SceneError as error:
+            self.add(*(error.within(where) if where else error).args)
+
+    def raise_any(self) -> None:
+        """Raise a `SceneError` of all faults, if there are any."""
+        if self._lines:
+            raise SceneError(*dict.fromkeys(self._lines))

@@ -1,12 +1,102 @@
-"""Writing files so that they appear whole or not at all."""
+"""Names of files: from what a user wrote to a path, what can be read, and writing whole or not at all."""
 
 import contextlib
 import os
+import re
 import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from tfm_cl.errors import InputError
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+"""What would break a message's line, or be obeyed by a terminal."""
+
+
+def name_of(value: Any, what: str = "a file") -> str:
+    """Return the name of ``what``, as text; raises `ValueError`, which says what it should be."""
+    text = os.fspath(value) if isinstance(value, os.PathLike) else value
+    if not isinstance(text, str) or not text:
+        raise ValueError(f"should be the name of {what}")
+    if _CONTROL.search(text):
+        raise ValueError(f"should be the name of {what}, without control characters")
+    return text
+
+
+def path_of(name: str | os.PathLike[str], error: type[InputError] = InputError) -> Path:
+    """Turn what a user wrote into a path; ``~`` is the home directory, unless something is called so.
+
+    Raises
+    ------
+    InputError
+        An empty name, or one with control characters.
+    """
+    return _expanded(_checked(name, error), Path())
+
+
+def source_of(
+    name: str | os.PathLike[str], folder: Path | None = None, error: type[InputError] = InputError
+) -> Path:
+    """Turn the name of a file to read into a path.
+
+    Parameters
+    ----------
+    name
+        What a user wrote, as for `path_of`. Back-slashes separate folders, as on Windows, where this leads
+        to a file and the name taken literally does not.
+    folder
+        That a relative name is relative to; by default the current one.
+    error
+        What to raise.
+
+    Raises
+    ------
+    InputError
+        As `path_of`.
+    """
+    text, folder = _checked(name, error), folder or Path()
+    literal, other = _expanded(text, folder), _expanded(text.replace("\\", "/"), folder)
+    return other if not _is_there(literal) and _is_there(other) else literal
+
+
+def check_readable(path: Path, error: type[InputError] = InputError) -> int:
+    """Find out whether a path leads to a plain file, and how many bytes it has; a pipe would never end.
+
+    Raises
+    ------
+    InputError
+        Nothing there, something else than a plain file, or the system refuses the name.
+    """
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise error(f"{path}: no such file") from None
+    except OSError as problem:
+        raise error(f"{path}: cannot be read ({reason_of(problem)})") from problem
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "a pipe or device"
+        raise error(f"{path}: is not a file but {kind}")
+    return status.st_size
+
+
+def is_file(path: Path) -> bool:
+    """Tell whether a path leads to a plain file; a name that the system refuses leads nowhere."""
+    try:
+        return stat.S_ISREG(_mode(path))
+    except OSError:
+        return False
+
+
+def real_path(path: Path) -> Path:
+    """Follow all links, as far as they lead."""
+    return Path(os.path.realpath(path))  # Path.resolve raises where a link leads to itself
+
+
+def reason_of(problem: BaseException) -> str:
+    """Say on one line why the system failed."""
+    return " ".join(str(getattr(problem, "strerror", None) or problem).split()) or type(problem).__name__
 
 
 @contextlib.contextmanager
@@ -28,7 +118,8 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
         No such directory, something there that is not a plain file, or it cannot be written.
     """
     target = _target(path, error)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    # Short, whatever the target's name: that may be as long as names can be.
+    temporary = target.with_name(f".tfm-{secrets.token_hex(4)}.tmp")
     try:
         temporary.touch(exist_ok=False)
         yield temporary
@@ -36,8 +127,7 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
             os.fsync(stream.fileno())
         temporary.replace(target)
     except (OSError, MemoryError) as problem:
-        reason = getattr(problem, "strerror", None) or str(problem) or type(problem).__name__
-        raise error(f"{path}: cannot be written ({' '.join(reason.split())})") from problem
+        raise error(f"{path}: cannot be written ({reason_of(problem)})") from problem
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -73,12 +163,46 @@ class _TriedError(Exception):
 
 def _target(path: Path, error: type[InputError]) -> Path:
     """File to write: what a link leads to."""
-    target = Path(os.path.realpath(path))
-    if not target.parent.is_dir():
+    target = real_path(path)
+    try:
+        folder, there = _mode(target.parent), _mode(target)
+    except OSError as problem:
+        raise error(f"{path}: cannot be written ({reason_of(problem)})") from problem
+    if not stat.S_ISDIR(folder):
         raise error(f"{path}: there is no directory {target.parent}; create it first")
-    if target.exists() and not target.is_file():
-        kind = "a directory" if target.is_dir() else "not a plain file"
+    if there and not stat.S_ISREG(there):
+        kind = "a directory" if stat.S_ISDIR(there) else "not a plain file"
         raise error(f"{path}: is {kind}; choose another name")
-    if target.exists() and not os.access(target, os.W_OK):
+    if there and not os.access(target, os.W_OK):
         raise error(f"{path}: exists and is read-only; choose another name")
     return target
+
+
+def _mode(path: Path) -> int:
+    """Return what kind of thing is there, as `stat` tells it; 0 for nothing."""
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return 0
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return bool(_mode(path))
+    except OSError:
+        return False
+
+
+def _checked(name: str | os.PathLike[str], error: type[InputError]) -> str:
+    try:
+        return name_of(name)
+    except ValueError as problem:
+        raise error(f"{name!r}: {problem}") from None
+
+
+def _expanded(text: str, folder: Path) -> Path:
+    """Join to ``folder`` and put the home directory where ``~`` or ``~user`` stands for it."""
+    first = text.partition("/")[0]
+    if first.startswith("~") and not _is_there(folder / first):
+        text = os.path.expanduser(text)  # noqa: PTH111 - Path raises for users that there are not
+    return folder / text

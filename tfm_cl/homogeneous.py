@@ -126,4 +126,4 @@ def parse_homogeneous(values: dict[str, Any]) -> Homogeneous:
     name = values.get("shape")
     if not isinstance(name, str) or name not in SHAPES:
         raise SceneError(f"volume.shape: {unknown_key(str(name), list(SHAPES)).replace('key', 'shape')}")
-    return SHAPES[name](**values)
+    return SHAPES[name].from_table(values)

@@ -4,9 +4,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from tfm_cl.model import RGB, Model
+from tfm_cl.model import RGB, Model, section_within
 from tfm_cl.phases import Isotropic, Phase, parse_phase
 
 
@@ -17,7 +17,7 @@ class Medium(Model):
 
     sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
     sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
-    phase: Annotated[Phase, BeforeValidator(parse_phase)] = Field(
+    phase: Annotated[Phase, section_within(parse_phase)] = Field(
         Isotropic(), description="phase function: isotropic or hg:G"
     )
 

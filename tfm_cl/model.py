@@ -2,17 +2,25 @@
 
 import difflib
 import reprlib
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from tfm_cl.errors import SceneError
 
 LARGEST_COORDINATE = 1e15
 """Its square is far from float32's limit."""
+CLOSEST = 1e-12
+"""Of their coordinates, how far apart two points must be to give a direction of three digits in float64."""
 LARGEST_COLOUR = 1e25
 """Likewise its product with densities and phase functions."""
+
+
+SPELLINGS = {"center": "centre"}
+"""Key as others spell it -> as it is spelled here."""
 
 
 class Model(BaseModel):
@@ -32,14 +40,36 @@ class Model(BaseModel):
 
     def __init__(self, /, **values: Any) -> None:  # "self" may be a key of a file
         try:
-            super().__init__(**values)
+            super().__init__(**self._spelled(values))
         except ValidationError as error:
-            raise SceneError(self._one_line(error)) from None
+            raise SceneError(*self._faults(error)) from None
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any]) -> Self:
+        """Make one from a scene file's table, of which the attributes' names in Python are no keys.
+
+        Raises
+        ------
+        SceneError
+            As the constructor.
+        """
+        known = cls.keys()
+        strange = [key for key in table if key in cls.model_fields and key not in known]
+        if not strange:
+            return cls(**table)
+        faults = [unknown_key(key, list(known), cls.SECTION) for key in strange]
+        meant = {f"{cls.SECTION}.{cls.model_fields[key].alias} is missing" for key in strange}
+        try:
+            cls(**{key: value for key, value in table.items() if key not in strange})
+        except SceneError as error:
+            faults += [fault for fault in error.args if fault not in meant]
+        raise SceneError(*faults)
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other values, checked like new ones."""
         # What was left out stays so: other settings may depend on it.
-        return type(self)(**{**{name: getattr(self, name) for name in self.model_fields_set}, **changes})
+        values = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self)(**{**values, **self._spelled(changes)})
 
     @classmethod
     def keys(cls) -> dict[str, str]:
@@ -51,30 +81,65 @@ class Model(BaseModel):
         return {key: _plain(getattr(self, name)) for key, name in self.keys().items()}
 
     @classmethod
-    def _one_line(cls, error: ValidationError) -> str:
-        first = error.errors(include_url=False)[0]
+    def _spelled(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Spell keys as this class does."""
+        known = cls.keys()
+        for other, name in SPELLINGS.items():
+            if other in values and name in known:
+                if name in values:
+                    raise SceneError(f"{cls.SECTION}: has both {other} and {name}, which are one; keep one")
+                values = {name if key == other else key: value for key, value in values.items()}
+        return values
+
+    @classmethod
+    def _faults(cls, error: ValidationError) -> list[str]:
+        """Return one line for each key that something is wrong with."""
+        found: dict[Any, Any] = {}
+        for details in error.errors(include_url=False):
+            found.setdefault(details["loc"][:1], details)
+        known = list(cls.keys())
+        meant = {
+            nearest(str(details["loc"][0]), known)
+            for details in found.values()
+            if details["type"] == "extra_forbidden"
+        }
+        lines: list[str] = []
+        for details in found.values():
+            if details["type"] == "faults":
+                lines += details["ctx"]["lines"]
+            elif details["type"] != "missing" or details["loc"][0] not in meant:
+                lines.append(cls._line(details))
+        return lines
+
+    @classmethod
+    def _line(cls, fault: ErrorDetails) -> str:
         known = cls.keys()
         # Callers from Python may have used the attributes' names.
         key_of = {name: key for key, name in known.items()} | {key: key for key in known}
         parts = [
-            key_of.get(str(part), str(part)) for part in first["loc"] if part in key_of or type(part) is int
+            key_of.get(str(part), str(part)) for part in fault["loc"] if part in key_of or type(part) is int
         ]
         key = ".".join([cls.SECTION, *parts] if cls.SECTION else parts)
-        if first["type"] == "extra_forbidden":
-            return unknown_key(str(first["loc"][0]), list(known), cls.SECTION)
-        if first["type"] == "missing":
-            return f"{cls.SECTION}.{first['loc'][0]} is missing"
-        message = first["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
-        if not key or (first["type"] == "value_error" and not parts):
+        if fault["type"] == "extra_forbidden":
+            return unknown_key(str(fault["loc"][0]), list(known), cls.SECTION)
+        if fault["type"] == "missing":
+            return f"{cls.SECTION}.{fault['loc'][0]} is missing"
+        message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
+        if not key or (fault["type"] == "value_error" and not parts):
             return f"{cls.SECTION}: {message}"
-        return f"{key} = {reprlib.repr(first['input'])}: {message}"
+        return f"{key} = {reprlib.repr(fault['input'])}: {message}"
+
+
+def nearest(name: str, known: list[str]) -> str | None:
+    """Return the valid name that is meant by one that is not, if any is like it."""
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
 
 
 def unknown_key(key: str, known: list[str], section: str = "") -> str:
     """One line about an unknown name: where, what, and the nearest valid name."""
     where = f" in [{section}]" if section else ""
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'? known" if near else "known"
+    near = nearest(key, known)
+    hint = f"did you mean '{near}'? known" if near else "known"
     return f"unknown key {key!r}{where}; {hint}: {', '.join(known)}"
 
 
@@ -114,6 +179,18 @@ def _colour(value: Any) -> tuple[float, float, float]:
     if min(rgb) < 0:
         raise ValueError("should be ≥ 0 in every channel")
     return rgb
+
+
+def section_within(parse: Callable[[Any], Any]) -> BeforeValidator:
+    """Make the validator of a section within another: its faults are told beside the other's."""
+
+    def check(value: Any) -> Any:
+        try:
+            return parse(value)
+        except SceneError as error:
+            raise PydanticCustomError("faults", "{lines}", {"lines": error.args}) from None
+
+    return BeforeValidator(check)
 
 
 def is_auto(value: object) -> bool:
@@ -181,5 +258,11 @@ RGB = Annotated[tuple[float, float, float], BeforeValidator(_colour)]
 def check_different(one: Vec3, other: Vec3, what: str) -> None:
     """Raise `ValueError` when two points give no direction."""
     distance = float(np.linalg.norm(np.subtract(one, other)))
-    if distance <= 1e-9 * max(1e-30, float(np.abs([one, other]).max())):
+    largest = float(np.abs([one, other]).max())
+    if distance <= 1e-39:  # noqa: PLR2004 - beyond float32
         raise ValueError(f"{what} are the same point {list(one)}: no direction")
+    if distance <= CLOSEST * largest:
+        raise ValueError(
+            f"{what} are {distance:g} apart, too little for a direction at coordinates of {largest:g}; "
+            "move the scene nearer to the origin"
+        )

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.bases.base import UNIFORM_SHARE
 from tfm_cl.camera import Camera
+from tfm_cl.errors import SceneError
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
@@ -96,6 +97,9 @@ FIELDS = (
     Field("float", "uniform_share", 1, "of the uniform weight in the visibility-weighted fit"),
 )
 
+FARTHEST = 3e4
+"""Sizes of the medium between it and the camera or a light, at which float32 errs by about a hundredth of the
+picture; ten times as far, the picture is another one."""
 LEAST_CUTOFF = 1e-7
 """Of a camera ray in a homogeneous medium: it may be infinite."""
 SMALLEST_SIZE = 1e-6
@@ -217,6 +221,33 @@ def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, in
 def _rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """3×3 to 3×4 row by row, without a translation."""
     return np.column_stack([matrix, np.zeros(3)]).ravel()
+
+
+def check_distances(scene: Scene) -> None:
+    """Refuse what float32 could not place exactly enough; a sun may be anywhere.
+
+    Raises
+    ------
+    SceneError
+        The camera, or a light that arrives, is more than `FARTHEST` sizes of the medium away from it.
+    """
+    bounds, lights = scene.volume.bounds, scene.lights
+    if not np.isfinite(bounds).all():
+        return
+    middle, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))
+    places = np.array([scene.camera.from_, *(getattr(light, "from_", middle) for light in lights)])
+    distances = np.linalg.norm(places - middle, axis=1)
+    for i in np.flatnonzero(distances > FARTHEST * size).tolist():
+        name, instead = "camera.from", "come nearer, with a larger fov"
+        if i > 0:
+            cone = lights[i - 1].lit_cone()
+            if cone is None or cone.reach < distances[i] - size:
+                continue  # its place does not matter, or nothing of it arrives
+            name, instead = f"light {i - 1}: light.from", "come nearer, or use a light of the type sun"
+        raise SceneError(
+            f"{name} = {places[i].tolist()}: is {distances[i]:g} world units from the medium, whose size is "
+            f"{size:.3g}; float32 on the device places things up to {FARTHEST:g} sizes away: {instead}"
+        )
 
 
 def visible_depth(cutoff: float) -> float:

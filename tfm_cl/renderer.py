@@ -161,6 +161,7 @@ class Renderer:
 
     def _parts(self, scene: Scene) -> Scene:
         """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
+        parameters.check_distances(scene)
         if isinstance(scene.volume, Homogeneous):
             fog.check(scene)
         scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))

@@ -90,7 +90,7 @@ class RenderResult:
         exposure
             Stops, for PNG.
         aovs
-            Layers to add to an EXR.
+            Layers to add to an EXR; other files have no room for them (`image_io.holds_layers`).
         pixel_type
             ``float`` or ``half``, of an EXR's colours.
         metadata
@@ -115,7 +115,7 @@ class RenderResult:
                 **(metadata or {}),
             },
         )
-        image_io.save(Path(path), picture, exposure=exposure, pixel_type=pixel_type)
+        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type)
 
     def _repr_png_(self) -> bytes:
         """Show the picture in a notebook."""

@@ -11,6 +11,7 @@ from tfm_cl import placement, resolution
 from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
 from tfm_cl.errors import SceneError
+from tfm_cl.files import source_of
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.lights import Light
 from tfm_cl.medium import Medium
@@ -121,7 +122,7 @@ class Scene:
         """
         from tfm_cl.scene_file import SceneFile  # noqa: PLC0415 - it builds on this module
 
-        return SceneFile.read(Path(path)).scene()
+        return SceneFile.read(source_of(path, error=SceneError)).scene()
 
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import tomli_w
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl import placement, volume_io
 from tfm_cl.ambient import Ambient
 from tfm_cl.camera import Camera
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import Faults, InputError, SceneError
+from tfm_cl.files import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.lights import LIGHTS, Light, parse_light
 from tfm_cl.medium import Medium
-from tfm_cl.model import LARGEST_COLOUR, Model, Vec3, is_auto, number_or_auto, unknown_key
+from tfm_cl.model import LARGEST_COLOUR, SPELLINGS, Model, Vec3, is_auto, nearest, number_or_auto, unknown_key
 from tfm_cl.scene import Media, Scene
 from tfm_cl.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.solids import Solid, parse_solid
@@ -40,26 +41,19 @@ def _sizes(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def _file(value: Any) -> Any:
-    if not isinstance(value, str) or not value or not value.isprintable():
-        raise ValueError("should be the name of a volume file")
-    return value
+def _file(value: Any) -> str:
+    return name_of(value, "a volume file")
 
 
 def _colour_source(value: Any) -> Any:
-    names = [value] if isinstance(value, str) else value
     if value is None or value is False:
         return value
-    if (
-        not isinstance(names, list | tuple)
-        or len(names) != (1 if isinstance(value, str) else 3)
-        or not all(isinstance(name, str) and name and name.isprintable() for name in names)
-    ):
-        raise ValueError(
-            "should be the name of an array or of a .npy or .npz file, three names of grids "
-            "['r', 'g', 'b'], or false"
-        )
-    return value if isinstance(value, str) else tuple(value)
+    names = [value] if isinstance(value, str) else value
+    what = "an array or of a .npy or .npz file, three names of grids ['r', 'g', 'b'], or false"
+    if not isinstance(names, list | tuple) or len(names) != (1 if isinstance(value, str) else 3):
+        raise ValueError(f"should be the name of {what}")
+    checked = tuple(name_of(name, what) for name in names)
+    return value if isinstance(value, str) else checked
 
 
 class VolumeSettings(Model):
@@ -67,11 +61,9 @@ class VolumeSettings(Model):
 
     SECTION: ClassVar[str] = "volume"
 
-    file: Annotated[str, BeforeValidator(_file)] = Field(
-        description="volume file, relative to the scene file"
-    )
+    file: Annotated[str, PlainValidator(_file)] = Field(description="volume file, relative to the scene file")
     grid: str | None = Field(None, description="name of the grid")
-    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, BeforeValidator(_colour_source)] = (
+    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, PlainValidator(_colour_source)] = (
         Field(
             None,
             description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
@@ -101,7 +93,7 @@ class VolumeSettings(Model):
     def load(self, folder: Path) -> Volume:
         """Read the volume."""
         volume = Volume.load(
-            folder / self.file,
+            source_of(self.file, folder),
             self.grid,
             colour=self._colour_in(folder),
             voxel_size=self.voxel_size,
@@ -116,17 +108,17 @@ class VolumeSettings(Model):
 
     def _colour_in(self, folder: Path) -> colour_io.ColourSource:
         is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
-        return folder / str(self.colour) if is_file else self.colour
+        return source_of(str(self.colour), folder) if is_file else self.colour
 
     def resolved(self, folder: Path, volume: Volume) -> Values:
         """Return the section of a scene file anywhere that loads ``volume`` again."""
         colour = self._colour_in(folder)
         if isinstance(colour, Path):
-            colour = str(colour.resolve())
+            colour = str(real_path(colour))
         elif colour is None and volume.colour is not None:
             colour = COLOUR
         return self.to_dict() | {
-            "file": str((folder / self.file).resolve()),
+            "file": str(real_path(source_of(self.file, folder))),
             "grid": volume.name or None,
             "colour": list(colour) if isinstance(colour, tuple) else colour,
             "density_scale": volume.density_scale,
@@ -190,44 +182,38 @@ class SceneFile:
             Neither a scene nor a volume.
         """
         values, placed_light = _values_of(path), Values()
-        try:
-            _check_tables(values)
-            overrides = list(overrides)
-            _make_way(values, {key for key, _ in overrides})
-            for key, value in overrides:
+        overrides, faults = list(overrides), Faults()
+        _make_way(values, {key for key, _ in overrides})
+        for key, value in overrides:
+            with faults.collect():
                 _override(values, placed_light, key, value)
-            return cls._checked(path, values, placed_light)
+        sections = cls._sections(_tables(values, faults), path.parent, faults)
+        with faults.collect():
+            _check_placed(placed_light, path.parent)
+        try:
+            faults.raise_any()
         except SceneError as error:
-            raise SceneError(f"{path}: {error}") from None
+            raise error.within(str(path)) from None
+        return cls(path=path, placed_light=placed_light, **sections)
 
-    @classmethod
-    def _checked(cls, path: Path, values: Values, placed_light: Values) -> SceneFile:
-        _check_tables(values)
-        camera = values.get("camera", {})
-        known = list(Camera.keys())
-        for key in camera:
-            if key not in known:
-                raise SceneError(unknown_key(key, known, "camera"))
-        lights = values.get("light")
-        _check_light(placed_light)
-        volumes = values.get("volume", {})
-        tables = volumes if isinstance(volumes, list) else [volumes]
-        return cls(
-            path=path,
-            volumes=_volumes(tables),
-            medium=Medium(**values.get("medium", {})),
-            solids=tuple(_solid(i, table, path.parent) for i, table in enumerate(values.get("solid", []))),
-            ambient=Ambient(**values.get("ambient", {})),
-            shadow=ShadowSettings(**values.get("shadow", {})),
-            map=MapSettings(**values.get("map", {})),
-            march=MarchSettings(**values.get("march", {})),
-            image=ImageSettings(**values.get("image", {})),
-            camera=camera,
-            light=None
-            if lights is None
-            else tuple(_light(i, table, path.parent) for i, table in enumerate(lights)),
-            placed_light=placed_light,
-        )
+    @staticmethod
+    def _sections(tables: Values, folder: Path, faults: Faults) -> Values:
+        """Check all tables, each by itself, and return what they make by the name of the attribute."""
+        makers: dict[str, Callable[[Any], Any]] = {name: cls.from_table for name, cls in SECTIONS.items()}
+        makers |= {
+            "volume": _volumes,
+            "camera": _camera,
+            "light": lambda lights: _each("light", lights, lambda table: _light(table, folder)),
+            "solid": lambda solids: _each("solid", solids, lambda table: _solid(table, folder)),
+        }
+        attributes = {"volume": "volumes", "solid": "solids"}
+        made: Values = {"light": None, "solids": ()}
+        for name in dict.fromkeys([*tables, *makers]):
+            table = tables.get(name, None if name in ARRAYS else {})
+            if table is not None:
+                with faults.collect():
+                    made[attributes.get(name, name)] = makers[name](table)
+        return made
 
     def scene(self) -> Scene:
         """Read the volume and place what the file left out.
@@ -257,7 +243,7 @@ class SceneFile:
                 shadow=self.shadow,
             )
         except SceneError as error:
-            raise SceneError(f"{self.path}: {error}") from None
+            raise error.within(str(self.path)) from None
 
     def _volume(self) -> Media:
         grids = []
@@ -267,15 +253,15 @@ class SceneFile:
             grids.append(settings.load(self.path.parent))
         return joined(grids)
 
-    def files(self) -> list[str]:
-        """Name all files that the scene reads, relative to its own or absolute."""
+    def files(self) -> list[Path]:
+        """Return all files that the scene reads, but its own."""
         named: list[str | None] = []
         for volume in self.volumes:
             if isinstance(volume, VolumeSettings):
                 named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
         named += [getattr(light, "texture", None) for light in self.light or ()]
         named += [getattr(solid, "mesh", None) for solid in self.solids]
-        return [name for name in named if name]
+        return [source_of(name, self.path.parent) for name in named if name]
 
     def _check_crop(self, camera: Camera) -> None:
         width, height = camera.res
@@ -371,6 +357,23 @@ def to_toml(values: Values) -> str:
     return tomli_w.dumps(_without_none(values))
 
 
+def scene_text(values: Values) -> str:
+    """Write resolved options as a scene file.
+
+    Raises
+    ------
+    SceneError
+        Where a file's name is not UTF-8, as all of TOML is.
+    """
+    text = to_toml(values)
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        line = text[text.rfind("\n", 0, error.start) + 1 :].partition("\n")[0]
+        raise SceneError(f"{line}: a name that is not UTF-8 cannot be in a scene file; rename it") from None
+    return text
+
+
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
@@ -389,29 +392,42 @@ def _values_of(path: Path) -> Values:
     if path.suffix.lower() != ".toml":
         known = " ".join([".toml", *sorted(volume_io.FORMATS)])
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
+    if check_readable(path, SceneError) > MAX_BYTES:
+        raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        # Editors on Windows put a byte order mark in front.
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+        raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SceneError(f"{path}: not TOML: {error}") from None
 
 
-def _check_tables(values: Values) -> None:
+def _tables(values: Values, faults: Faults) -> Values:
+    """Return the tables that are there, None for those of a wrong form; a misspelt one counts too."""
     known = list(dict.fromkeys([*SECTIONS, *ARRAYS]))
+    tables: Values = {}
     for name, table in values.items():
-        if name not in known:
-            raise SceneError(unknown_key(name, known))
-        if name == "volume":
-            if not isinstance(table, dict | list):
-                raise SceneError("volume should be a table [volume] or [[volume]] tables")
-        elif not isinstance(table, list if name in ARRAYS else dict):
-            raise SceneError(
-                f"{name} should be {f'[[{name}]] tables' if name in ARRAYS else f'a table [{name}]'}"
-            )
+        if name in known:
+            form, is_one = _form(name, table)
+            tables[name] = table if is_one else None
+            if not is_one:
+                faults.add(f"{name} should be {form}")
+            continue
+        faults.add(unknown_key(name, known))
+        meant = nearest(name, known)
+        if meant is not None and meant not in values and _form(meant, table)[1]:
+            tables[meant] = table
+    return tables
+
+
+def _form(name: str, table: Any) -> tuple[str, bool]:
+    """Say what form a section has, and whether it is that of ``table``."""
+    if name in ARRAYS:
+        return f"[[{name}]] tables", isinstance(table, list)
+    if name == "volume":
+        return "a table [volume] or [[volume]] tables", isinstance(table, dict | list)
+    return f"a table [{name}]", isinstance(table, dict)
 
 
 def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:
@@ -438,40 +454,74 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
             raise SceneError(f"{key}: '{name}' is not a table")
+    for spellings in SPELLINGS.items():
+        if last in spellings:
+            table.pop(spellings[last == spellings[0]], None)  # the other one
     table[last] = value
 
 
-def _volumes(tables: list[Any]) -> tuple[VolumeSettings | Homogeneous, ...]:
+def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, ...]:
+    """Make what every table of an array says; the faults of all are told, with their numbers."""
+    made, faults = [], Faults()
+    for i, table in enumerate(tables):
+        with faults.collect(f"{name} {i}"):
+            if not isinstance(table, dict):
+                raise SceneError(f"{name} should be a table")
+            made.append(make(table))
+    faults.raise_any()
+    return tuple(made)
+
+
+def _volumes(tables: Values | list[Any]) -> tuple[VolumeSettings | Homogeneous, ...]:
+    if isinstance(tables, dict):
+        return (_volume(tables),)
     if not 1 <= len(tables) <= MOST_VOLUMES:
         raise SceneError(f"a scene has 1 to {MOST_VOLUMES} [[volume]] tables; got {len(tables)}")
-    volumes: list[VolumeSettings | Homogeneous] = []
-    for table in tables:
-        if not isinstance(table, dict):
-            raise SceneError("volume should be a table [volume] or [[volume]] tables")
-        if "shape" not in table:
-            volumes.append(VolumeSettings(**table))
-        elif len(tables) > 1:
-            raise SceneError("volume.shape: a homogeneous volume stands alone; give it as the only [volume]")
-        else:
-            volumes.append(parse_homogeneous(table))
-    return tuple(volumes)
+    if len(tables) > 1 and any(isinstance(table, dict) and "shape" in table for table in tables):
+        raise SceneError("volume.shape: a homogeneous volume stands alone; give it as the only [volume]")
+    return _each("volume", tables, _volume)
 
 
-def _light(index: int, table: Any, folder: Path) -> Light:
+def _volume(table: Values) -> VolumeSettings | Homogeneous:
+    return parse_homogeneous(table) if "shape" in table else VolumeSettings.from_table(table)
+
+
+def _light(table: Values, folder: Path) -> Light:
+    if not isinstance(table.get("type", ""), str):
+        raise SceneError("light should be a table with a name as its type")
+    return parse_light(_beside(table, "texture", folder))
+
+
+def _solid(table: Values, folder: Path) -> Solid:
+    return parse_solid(_beside(table, "mesh", folder))
+
+
+PLACED: Values = {"from": (1.0, 2.0, 3.0), "to": (0.0, 0.0, 0.0)}
+"""Stands in for what is placed once the volume is there."""
+
+
+def _camera(table: Values) -> Values:
+    """Return the keys that are given, each checked."""
+    _without_place("camera", table, lambda: Camera.from_table(PLACED | table))
+    return table
+
+
+def _check_placed(table: Values, folder: Path) -> None:
+    """Check what is given of a light that is to be placed."""
+    kind = LIGHTS.get(str(table.get("type", "spot")))
+    placed = {key: value for key, value in PLACED.items() if kind is None or key in kind.keys()}  # noqa: SIM118 - no dict
+    _without_place("light", table, lambda: _light(placed | table, folder))
+
+
+def _without_place(section: str, table: Values, make: Callable[[], Any]) -> None:
+    """Raise what is wrong with the keys of a table, but for how a place that stands in goes with them."""
     try:
-        _check_light(table)
-        return parse_light(_beside(table, "texture", folder))
+        make()
     except SceneError as error:
-        raise SceneError(f"light {index}: {error}") from None
-
-
-def _solid(index: int, table: Any, folder: Path) -> Solid:
-    if not isinstance(table, dict):
-        raise SceneError(f"solid {index}: solid should be a table")
-    try:
-        return parse_solid(_beside(table, "mesh", folder))
-    except SceneError as error:
-        raise SceneError(f"solid {index}: {error}") from None
+        complete = all(key in table for key in PLACED)
+        faults = [fault for fault in error.args if complete or not fault.startswith(f"{section}: ")]
+        if faults:
+            raise SceneError(*faults) from None
 
 
 def _beside(table: Values, key: str, folder: Path) -> Values:
@@ -479,15 +529,7 @@ def _beside(table: Values, key: str, folder: Path) -> Values:
     name = table.get(key)
     if not isinstance(name, str) or not name:
         return table
-    return table | {key: str((folder / name).resolve())}
-
-
-def _check_light(table: Any) -> None:
-    """Refuse what `parse_light` cannot tell: attributes' Python names are no keys."""
-    if not isinstance(table, dict) or not isinstance(table.get("type", ""), str):
-        raise SceneError("light should be a table with a name as its type")
-    kind = LIGHTS.get(table.get("type", "spot"))
-    known = list(kind.keys()) if kind else list(table)
-    for key in table:
-        if key not in known:
-            raise SceneError(unknown_key(key, known, "light"))
+    try:
+        return table | {key: str(real_path(source_of(name, folder)))}
+    except InputError:
+        return table  # whose own check says what is wrong with the name

@@ -321,11 +321,12 @@ def _label(settings: MapSettings) -> str:
 
 
 def _names(inputs: Sequence[Path]) -> list[str]:
-    """Name inputs by their stem where that tells them apart, else by their path."""
+    """Name inputs by their stem where that tells them apart, else by their path; in UTF-8, as the results."""
     stems = [path.stem for path in inputs]
-    return [
+    names = (
         stem if stems.count(stem) == 1 else path.as_posix() for path, stem in zip(inputs, stems, strict=True)
-    ]
+    )
+    return [name.encode(errors="backslashreplace").decode() for name in names]
 
 
 def _say_nothing(line: str) -> None:

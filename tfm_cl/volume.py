@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import source_of
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.colour import ColourSource, check_array, checked, read_colour
@@ -141,7 +142,7 @@ class Volume:
             Missing, damaged or unknown file, unknown grid (the message lists the names), level set, or a
             colour that is not one of this grid.
         """
-        path = Path(path)
+        path = source_of(path, error=VolumeError)
         described = volume_io.choose_grid(path, grid)
         return cls.of_grid(
             path,

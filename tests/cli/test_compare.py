@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
+from tfm_cl import image_io
+
 METRICS = {"ssim", "psnr", "rmse"}
 
 pytestmark = pytest.mark.usefixtures("images")
@@ -120,6 +122,57 @@ def test_pictures_that_cannot_be_compared(refused, folder, name, message):
     np.save("other.npy", np.zeros((5, 5, 4), np.float32))
     np.save("nan.npy", np.full((20, 30, 4), np.nan, np.float32))
     assert message in refused("compare", name, "reference.npy")
+
+
+def write_crop(name, pixels, crop=None):
+    """Write pixels of a frame of 30×20 as an EXR."""
+    x0, y0, x1, y1 = crop or (0, 0, 30, 20)
+    rgba = np.ascontiguousarray(pixels[y0:y1, x0:x1], np.float32)
+    image = image_io.Image(rgba=rgba, display_window=(30, 20), crop=crop)
+    image_io.save(name, image, pixel_type="float")
+
+
+def test_crops_are_compared_where_they_overlap(cli, images):
+    """Cut by hand from the same arrays, whose other pixels would give other numbers."""
+    test, reference = images
+    write_crop("test.exr", test, (2, 1, 22, 16))
+    write_crop("reference.exr", reference, (5, 0, 30, 14))
+    write_crop("full.exr", reference)
+    np.save("test_part.npy", test[1:14, 5:22].astype(np.float32))
+    np.save("reference_part.npy", reference[1:14, 5:22].astype(np.float32))
+    expected = cli("compare", "test_part.npy", "reference_part.npy", "--json").json
+    done = cli("compare", "test.exr", "reference.exr", "--json")
+    assert (done.code, done.json.pop("window")) == (0, [5, 1, 22, 14])
+    assert {key: done.json[key] for key in expected} == expected
+    note = "compared are the pixels 5,1,22,14, which both have"
+    assert done.json["note"].startswith(note)
+    assert done.err == f"tfm: note: {done.json['note']}\n"
+    assert cli("compare", "full.exr", "test.exr", "--json").json["window"] == [2, 1, 22, 16]
+    assert "note" not in cli("compare", "test.exr", "test.exr", "--json").json
+
+
+def test_crops_without_a_common_pixel(refused, images):
+    write_crop("left.exr", images[0], (0, 0, 10, 20))
+    write_crop("right.exr", images[1], (10, 0, 30, 20))
+    assert "there is no pixel in both: left.exr holds 0,0,10,20; right.exr holds" in refused(
+        "compare", "left.exr", "right.exr"
+    )
+
+
+def test_a_crop_of_another_frame_of_the_same_size(refused, images):
+    """As many pixels, but others."""
+    write_crop("crop.exr", images[0], (3, 3, 13, 13))
+    image_io.save("small.exr", image_io.Image(rgba=images[1][3:13, 3:13].astype(np.float32)))
+    assert "the full frames differ (crop.exr 30×20 and small.exr 10×10)" in refused(
+        "compare", "crop.exr", "small.exr"
+    )
+
+
+def test_a_crop_and_a_file_that_has_no_windows(cli, refused, images):
+    write_crop("crop.exr", images[0], (3, 3, 13, 13))
+    assert "30×20" in refused("compare", "crop.exr", "reference.npy")
+    np.save("part.npy", images[1][3:13, 3:13].astype(np.float32))
+    assert "part.npy does not say where its pixels lie" in cli("compare", "crop.exr", "part.npy").err
 
 
 def test_flip_where_it_is_installed(cli):

@@ -176,7 +176,7 @@ def test_the_printed_configuration_reproduces_the_picture(render, scene, folder,
     assert (folder / "a.npy").read_bytes() == (folder / "b.npy").read_bytes()
     assert pixels().max() > 0
     assert again.out == printed.out
-    assert again.err == ""
+    assert "chosen for" not in again.err
 
 
 def test_print_config_alone_renders_nothing(render, cloud, folder, monkeypatch):
@@ -193,6 +193,18 @@ def test_crop_is_those_pixels_of_the_frame(render, cloud):
     header = OpenEXR.File("b.exr").header()
     np.testing.assert_array_equal(header["dataWindow"], [(3, 1), (12, 7)])
     np.testing.assert_array_equal(header["displayWindow"], [(0, 0), (15, 8)])
+
+
+def test_layers_that_a_file_has_no_room_for_are_told(render, cloud):
+    done = render(cloud, "-o", "a.exr", "-o", "a.png", "-o", "a.npy", "--aov", "depth,samples")
+    notes = [line for line in done.err.splitlines() if "note" in line]
+    assert notes == [
+        f"tfm: note: a.{suffix}: has no room for layers, depth, samples are left out (.exr has)"
+        for suffix in ("png", "npy")
+    ]
+    assert "note" not in render(cloud, "-o", "a.png", "--aov", "depth", "-q").err
+    assert "note" not in render(cloud, "-o", "a.exr", "--aov", "depth").err
+    assert "note" not in render(cloud, "-o", "a.png").err
 
 
 def test_aovs_and_header_of_an_exr(render, cloud):

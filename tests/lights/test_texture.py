@@ -162,14 +162,14 @@ def test_unusable_files_are_one_line(tmp_path):
         ("text.png", "not a readable PNG"),
         ("a.jpg", "not a known image format '.jpg'; known: .exr .npy .png"),
         ("folder.png", "is not a file"),
-        ("nul\0.png", "embedded null byte"),
+        ("nul\0.png", "without control characters"),
     ):
         with pytest.raises(SceneError) as raised:
             spot(tmp_path / name).texture_image()
         assert message in str(raised.value)
         assert str(raised.value).startswith("light.texture")
         assert "\n" not in str(raised.value)
-    with pytest.raises(SceneError, match=r"light\.texture = 3: should be a valid string"):
+    with pytest.raises(SceneError, match=r"light\.texture = 3: should be the name of an image file"):
         tfm.SpotLight(from_=(0, 0, 1), to=(0, 0, 0), texture=3)
 
 

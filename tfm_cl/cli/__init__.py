@@ -99,7 +99,9 @@ def _run(arguments: Sequence[str] | None) -> int:
     except click.ClickException as error:
         code = _fail(_said(error), EXIT_WRONG_USE)
     except TfmError as error:
-        code = _fail(str(error), error.exit_code)
+        for line in error.args:
+            _fail(str(line), error.exit_code)
+        code = error.exit_code
     except MemoryError:
         code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)
     except (click.Abort, KeyboardInterrupt):

@@ -7,15 +7,17 @@ from typing import Any
 
 import click
 
+from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import ImageError
-from tfm_cl.image_io import load_image
+from tfm_cl.image_io import load_picture
+from tfm_cl.image_io.overlap import overlap
 
 LOWER_IS_BETTER = ("rmse", "flip")
 
 
 @click.command("compare")
-@click.argument("test", type=click.Path(path_type=Path))
-@click.argument("reference", type=click.Path(path_type=Path))
+@click.argument("test", type=SOURCE)
+@click.argument("reference", type=SOURCE)
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 @click.option("--flip", "with_flip", is_flag=True, help="FLIP too (needs pip install 'tfm_cl[flip]')")
 @click.option(
@@ -26,17 +28,24 @@ LOWER_IS_BETTER = ("rmse", "flip")
     help="exit with 1 when the metric is worse, as ssim=0.99 or lit.psnr=35; rmse and flip: when larger",
 )
 def command(test: Path, reference: Path, limits: tuple[str, ...], *, as_json: bool, with_flip: bool) -> int:
-    """Compare TEST with REFERENCE (.exr .png .npy): SSIM, PSNR, RMSE; full frame and where it is lit."""
+    """Compare TEST with REFERENCE (.exr .png .npy): SSIM, PSNR, RMSE; full frame and where it is lit.
+
+    Of crops, which EXR files place in the full frame, the pixels that both have.
+    """
     wanted = [_limit(text) for text in limits]
     # scikit-image takes its time to import.
     from tfm_cl import metrics  # noqa: PLC0415
 
-    images = load_image(test), load_image(reference)
+    common = overlap(load_picture(test), load_picture(reference), str(test), str(reference))
+    images = common.test, common.reference
     values: dict[str, Any] = metrics.compare(*images).to_dict()
     if with_flip or any(name == "flip" for name, _ in wanted):
         values["flip"] = metrics.flip(*images)
+    if common.note:
+        click.echo(f"tfm: note: {common.note}", err=True)
     if as_json:
-        print(json.dumps(values, indent=2))
+        placed = {"window": common.window, "note": common.note} if common.note else {}
+        print(json.dumps(values | placed, indent=2))
     else:
         for name, value in _flat(values).items():
             print(f"{name:10} {_number(value):.6g}")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl import volume_io
+from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import TfmError
 from tfm_cl.leaves import Leaves
 from tfm_cl.placement import density_scale_for
@@ -22,7 +23,7 @@ LANES = 16
 
 
 @click.command("info")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FILE", type=SOURCE)
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 def command(path: Path, *, as_json: bool) -> None:
     """List the grids of a volume file: size, place, values, memory on the device."""

@@ -9,6 +9,7 @@ import click
 
 from tfm_cl.bases import BASES
 from tfm_cl.bases.base import FITS, LOOKUPS, RANGES, TARGETS
+from tfm_cl.errors import Faults
 from tfm_cl.lights import LIGHTS, SpotLight
 from tfm_cl.model import Model
 from tfm_cl.scene_file import SECTIONS
@@ -204,8 +205,14 @@ def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., A
 
 
 def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[str, Any]]:
-    """Turn the flags given, then ``--set``, into pairs of a dotted scene key and a value."""
-    pairs = []
+    """Turn the flags given, then ``--set``, into pairs of a dotted scene key and a value.
+
+    Raises
+    ------
+    SceneError
+        One line for each that is not of its form.
+    """
+    pairs, faults = [], Faults()
     for option in SCENE_OPTIONS:
         value = given.get(option.parameter)
         if value is None:
@@ -214,13 +221,15 @@ def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[st
             try:
                 value = option.parse(value)
             except click.BadParameter as error:
-                raise click.UsageError(f"{option.flag}: {error.message}") from None
+                faults.add(f"{option.flag}: {error.message}")
+                continue
         pairs.append((option.key, value))
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or "." not in key:
-            raise click.UsageError(f"--set {setting}: should be SECTION.KEY=VALUE, as camera.fov=30")
+            faults.add(f"--set {setting}: should be SECTION.KEY=VALUE, as camera.fov=30")
         pairs.append((key.strip(), toml_value(text.strip())))
+    faults.raise_any()
     return pairs
 
 

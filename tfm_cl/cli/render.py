@@ -11,10 +11,11 @@ import click
 
 from tfm_cl import image_io
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, as_flags, overrides, scene_options
+from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
-from tfm_cl.files import check_writable, write_text
-from tfm_cl.scene_file import SceneFile, Values, to_toml
+from tfm_cl.files import check_writable, path_of, real_path, write_text
+from tfm_cl.scene_file import SceneFile, Values, scene_text, to_toml
 from tfm_cl.settings import ImageSettings
 
 if TYPE_CHECKING:
@@ -22,13 +23,13 @@ if TYPE_CHECKING:
 
 
 @click.command("render", cls=GroupedCommand)
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=SOURCE)
 @click.option(
     "-o",
     "outputs",
     metavar="OUT",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=TARGET,
     cls=GroupedOption,
     group="Output",
     help=".exr .png .npy, by extension; may be repeated",
@@ -70,20 +71,22 @@ def command(
     started = time.perf_counter()
     if not outputs and not print_config:
         raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
-    _check_writable(outputs, json_path)
+    json_file = None if json_path in {None, "-"} else path_of(str(json_path))
+    _check_writable(outputs, json_file)
     scene_file = SceneFile.read(source, overrides(given, settings))
-    read = scene_file.files()
-    _check_apart(outputs, (source, *(source.parent / name for name in read)))
+    _check_apart((*outputs, *([json_file] if json_file else [])), (source, *scene_file.files()))
     scene = scene_file.scene()
     resolved = scene_file.resolved(scene)
     chosen = scene_file.chosen(scene)
+    if not quiet:
+        _tell_left_out(outputs, scene_file.image)
     if chosen and not quiet:
         print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
     _warn(scene_file.warnings(scene), quiet=quiet)
     if verbose:
         print(to_toml(resolved | {"map": scene.map.resolved().to_dict()}), file=sys.stderr)
     if print_config:
-        print(to_toml(resolved), end="")
+        print(scene_text(resolved), end="")
     if not outputs:
         return
     load_seconds = time.perf_counter() - started
@@ -109,7 +112,7 @@ def command(
     if stats and not quiet:
         _print_stats(report)
     if json_path is not None:
-        _write_json(json_path, report)
+        _write_json(json_file, report)
 
 
 def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
@@ -127,18 +130,32 @@ def _used_map(asked: Values, result: "RenderResult") -> Values:
     return used.to_dict() | alpha
 
 
-def _check_writable(outputs: tuple[Path, ...], json_path: str | None) -> None:
+def _check_writable(outputs: tuple[Path, ...], json_file: Path | None) -> None:
     for path in outputs:
         image_io.check_writable(path)
-    if json_path not in {None, "-"}:
-        check_writable(Path(str(json_path)))
+    if json_file is not None:
+        check_writable(json_file)
 
 
 def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
-    """Refuse to replace what the picture is made from: both may be ``.npy``."""
+    """Refuse to replace what the picture is made from (both may be ``.npy``), or what was just written."""
+    taken = {real_path(source): "is the input itself" for source in inputs}
     for path in outputs:
-        if path.resolve() in {source.resolve() for source in inputs}:
-            raise click.UsageError(f"{path}: is the input itself; choose another name")
+        what = taken.setdefault(real_path(path), "")
+        if what:
+            raise click.UsageError(f"{path}: {what}; choose another name")
+        taken[real_path(path)] = "is written twice"
+
+
+def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
+    """Say which outputs are without the layers asked for."""
+    for path in outputs if image.aov else ():
+        if not image_io.holds_layers(path):
+            layers = ", ".join(image.aov)
+            print(
+                f"tfm: note: {path}: has no room for layers, {layers} are left out (.exr has)",
+                file=sys.stderr,
+            )
 
 
 def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:
@@ -152,12 +169,12 @@ def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSetting
         )
 
 
-def _write_json(path: str, report: Values) -> None:
+def _write_json(path: Path | None, report: Values) -> None:
     text = json.dumps(report, indent=2)
-    if path == "-":
+    if path is None:
         print(text)
     else:
-        write_text(Path(path), text + "\n")
+        write_text(path, text + "\n")
 
 
 def _print_stats(report: Values) -> None:

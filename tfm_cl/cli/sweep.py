@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, overrides, scene_options
+from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
 
@@ -31,13 +32,13 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
 
 
 @click.command("sweep", cls=GroupedCommand)
-@click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=SOURCE)
 @_option(
     "-o",
     "out",
     metavar="DIR",
     required=True,
-    type=click.Path(path_type=Path),
+    type=TARGET,
     help="folder of the results; an interrupted sweep goes on where it stopped",
 )
 @_option("--bases", default="dct,auto", show_default=True, metavar="NAME[,NAME]", help="bases of the maps")

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from tfm_cl import files
 from tfm_cl.errors import ImageError
-from tfm_cl.files import replacing
-from tfm_cl.image_io.image import Image
+from tfm_cl.files import check_readable, path_of, reason_of, replacing, source_of
+from tfm_cl.image_io.image import Image, Picture
 
 FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
 """Extension -> module of this package; imported when an image of that kind is read or written."""
@@ -26,7 +26,18 @@ MAX_PIXELS = 1 << 28
 
 PixelType = Literal["half", "float"]
 
-__all__ = ["FORMATS", "MAX_PIXELS", "Image", "WriteOptions", "check_writable", "load_image", "save"]
+__all__ = [
+    "FORMATS",
+    "MAX_PIXELS",
+    "Image",
+    "Picture",
+    "WriteOptions",
+    "check_writable",
+    "holds_layers",
+    "load_image",
+    "load_picture",
+    "save",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +59,15 @@ class WriteOptions:
 class ImageFormat(Protocol):
     """A module of this package that reads and writes one kind of file."""
 
+    HOLDS_LAYERS: bool
+    """Whether AOVs are written; else they are left out."""
+
     def write(self, path: Path, image: Image, options: WriteOptions) -> None:
         """Write to a file, empty so far; may leave half of it when it raises."""
         ...
 
-    def read(self, path: Path) -> NDArray[np.float32]:
-        """Read [H, W, 3 or 4], scene-linear; raises `ImageError` on damage."""
+    def read(self, path: Path) -> Picture:
+        """Read colours, scene-linear; raises `ImageError` on damage."""
         ...
 
 
@@ -80,7 +94,7 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
     ImageError
         Unknown extension, or the file cannot be written (the message says why).
     """
-    path = Path(path)
+    path = path_of(path, ImageError)
     options = WriteOptions(pixel_type=pixel_type, exposure=exposure)
     module = _format(path)
     with replacing(path, ImageError) as temporary:
@@ -93,22 +107,37 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
 def load_image(path: str | Path) -> NDArray[np.float32]:
     """Read an image: [H, W, 3], or [H, W, 4] where it has an alpha channel.
 
-    EXR and ``.npy`` are returned as they are (of an EXR the data window); a PNG is decoded from sRGB to
-    linear light, premultiplied.
+    EXR and ``.npy`` are returned as they are (of an EXR the data window of the layer that is the picture);
+    a PNG is decoded from sRGB to linear light, premultiplied.
+
+    Raises
+    ------
+    ImageError
+        As `load_picture`.
+    """
+    return load_picture(path).pixels
+
+
+def load_picture(path: str | Path) -> Picture:
+    """Read an image as `load_image`, and where an EXR says that it lies in the full frame.
 
     Raises
     ------
     ImageError
         Missing, damaged or unknown file, or one of more than `MAX_PIXELS`.
     """
-    path = Path(path)
+    path = source_of(path, error=ImageError)
     module = _format(path)
-    if not path.is_file():
-        raise ImageError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
+    check_readable(path, ImageError)
     try:
         return module.read(path)
     except (OSError, MemoryError) as error:
-        raise ImageError(f"{path}: cannot be read ({_reason(error)})") from error
+        raise ImageError(f"{path}: cannot be read ({reason_of(error)})") from error
+
+
+def holds_layers(path: str | Path) -> bool:
+    """Tell whether `save` writes AOVs to a file of that name, or leaves them out; raises `ImageError`."""
+    return _format(path_of(path, ImageError)).HOLDS_LAYERS
 
 
 def check_writable(path: str | Path) -> None:
@@ -119,7 +148,7 @@ def check_writable(path: str | Path) -> None:
     ImageError
         Unknown extension, no such directory, no right to write there, or a directory of that name.
     """
-    path = Path(path)
+    path = path_of(path, ImageError)
     _format(path)
     files.check_writable(path, ImageError)
 
@@ -131,8 +160,3 @@ def _format(path: Path) -> ImageFormat:
             f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
         )
     return cast("ImageFormat", importlib.import_module(f"{__name__}.{module_name}"))
-
-
-def _reason(error: BaseException) -> str:
-    strerror = getattr(error, "strerror", None)
-    return " ".join(str(strerror or error).split()) or type(error).__name__

@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError
 from tfm_cl.image_io import MAX_PIXELS, PixelType, WriteOptions
-from tfm_cl.image_io.image import Image, Metadata
+from tfm_cl.image_io.exr_layers import Part, beauty
+from tfm_cl.image_io.image import Image, Metadata, Picture, Window
 
+HOLDS_LAYERS = True
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Chromaticities: x and y of red, green, blue and white."""
 
@@ -67,19 +69,22 @@ def write(path: Path, image: Image, options: WriteOptions) -> None:
         raise ImageError("was not written completely; is the disk full?")
 
 
-def read(path: Path) -> NDArray[np.float32]:
-    """Read [H, W, 3], or [H, W, 4] where there is an alpha channel, of the data window.
+def read(path: Path) -> Picture:
+    """Read the colours of the data window; `beauty` says of which channels and part.
 
     Raises
     ------
     ImageError
-        Damaged, deep, or without the channels R, G and B.
+        Damaged, deep, or without channels that are the picture.
     """
-    pixels = _pixels(path)
-    missing = [name for name in "RGB" if name not in pixels]
-    if missing:
-        raise ImageError(f"{path}: has no channel {' '.join(missing)}; it has {' '.join(sorted(pixels))}")
-    return _stacked([pixels[name] for name in "RGBA" if name in pixels], path)
+    parts = _declared(path)
+    try:
+        layer = beauty(parts)
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from None
+    pixels = _pixels_of(path, parts)[layer.part]
+    part = parts[layer.part]
+    return Picture(_stacked([pixels[name] for name in layer.colours], path), part.window, part.frame)
 
 
 def read_aov(path: Path, name: str) -> NDArray[np.float32]:
@@ -125,7 +130,9 @@ def _write_file(
 ) -> dict[str, tuple[int, ...]]:
     """Write, and tell the shape of each channel that is then in the file."""
     try:
-        OpenEXR.File(header, dict(channels)).write(str(path))  # it changes the dict it is given
+        # A stream and not a name, which OpenEXR would only take in UTF-8.
+        with path.open("wb") as stream:
+            OpenEXR.File(header, dict(channels)).write(stream)  # it changes the dict it is given
     except (RuntimeError, ValueError, TypeError) as error:
         raise ImageError(f"OpenEXR cannot write it ({_line(error)})") from error
     suffixes = {2: ("",), 3: (".R", ".G", ".B")}
@@ -136,35 +143,60 @@ def _write_file(
 
 
 def _pixels(path: Path) -> dict[str, NDArray[Any]]:
-    """Read all channels of the first part."""
+    """Read all channels; of those of one name in several parts, the first."""
+    pixels: dict[str, NDArray[Any]] = {}
+    for part in reversed(_pixels_of(path, _declared(path))):
+        pixels |= part
+    return pixels
+
+
+def _declared(path: Path) -> list[Part]:
+    """Read the headers of all parts, and check that what they declare can be read."""
     try:
-        with _silence(), OpenEXR.File(str(path), header_only=True) as file:
-            parts = [_declared(part.header) for part in file.parts]
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
+            parts = [_part(part.header) for part in file.parts]
     except Exception as error:  # the binding raises whatever its C++ side does
         raise ImageError(f"{path}: not a readable EXR ({_line(error)})") from error
     if not parts:
         raise ImageError(f"{path}: damaged EXR (no part of it can be read)")
-    for width, height, channels, flat in parts:
-        if not flat:
+    for part in parts:
+        if not part.is_flat:
             raise ImageError(f"{path}: is a deep image, without one value for a pixel; flatten it first")
+        x0, y0, x1, y1 = part.window
+        width, height, channels = x1 - x0, y1 - y0, len(part.channels)
         values = width * height * channels
         if min(width, height) < 1 or width * height > MAX_PIXELS or values > path.stat().st_size * _MAX_RATIO:
             raise ImageError(
                 f"{path}: declares {width}×{height} pixels of {channels} channels; it is damaged"
             )
+    return parts
+
+
+def _part(header: dict[str, Any]) -> Part:
+    return Part(
+        str(header.get("name", "")),
+        {channel.name: max(channel.xSampling, channel.ySampling) > 1 for channel in header["channels"]},
+        _window(header["dataWindow"]),
+        _window(header["displayWindow"]),
+        header["type"] in {OpenEXR.scanlineimage, OpenEXR.tiledimage},
+    )
+
+
+def _pixels_of(path: Path, declared: list[Part]) -> list[dict[str, NDArray[Any]]]:
+    """Read all channels of all parts."""
     try:
-        with _silence(), OpenEXR.File(str(path), separate_channels=True) as file:
-            pixels = {name: channel.pixels for name, channel in file.channels().items()}
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, separate_channels=True) as file:
+            parts = [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
     except Exception as error:
         raise ImageError(f"{path}: damaged EXR ({_line(error)})") from error
-    return pixels
+    if [set(part) for part in parts] != [set(part.channels) for part in declared]:
+        raise ImageError(f"{path}: damaged EXR (not all that it declares can be read)")
+    return parts
 
 
-def _declared(header: dict[str, Any]) -> tuple[int, int, int, bool]:
-    """Width, height, number of channels, and whether every pixel has one value of each."""
-    (x0, y0), (x1, y1) = (tuple(map(int, corner)) for corner in header["dataWindow"])
-    flat = header["type"] in {OpenEXR.scanlineimage, OpenEXR.tiledimage}
-    return x1 - x0 + 1, y1 - y0 + 1, len(header["channels"]), flat
+def _window(corners: Any) -> Window:
+    (x0, y0), (x1, y1) = (tuple(map(int, corner)) for corner in corners)
+    return x0, y0, x1 + 1, y1 + 1  # EXR includes the last pixel
 
 
 def _stacked(channels: list[NDArray[Any]], path: Path) -> NDArray[np.float32]:

@@ -67,6 +67,30 @@ class Image:
         return self.crop or (0, 0, self.rgba.shape[1], self.rgba.shape[0])
 
 
+Window = tuple[int, int, int, int]
+"""(x0, y0, x1, y1), pixels, x1 and y1 excluded."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Colours that were read, and where they lie in the full frame."""
+
+    pixels: NDArray[np.float32]
+    """[H, W, 3], or [H, W, 4] where there is an alpha channel."""
+    window: Window | None = None
+    """Pixels of the full frame that these are (EXR's data window); None: the file does not say."""
+    frame: Window | None = None
+    """The full frame (EXR's display window), likewise."""
+
+    def part(self, window: Window) -> NDArray[np.float32]:
+        """Return the pixels of a window of the frame, which must be within these."""
+        if self.window is None:
+            raise ValueError("these pixels have no place in a frame")
+        left, top = self.window[:2]
+        x0, y0, x1, y1 = window
+        return self.pixels[y0 - top : y1 - top, x0 - left : x1 - left]
+
+
 def check_finite(values: NDArray[np.float32], what: str) -> None:
     """Refuse NaN and infinity.
 

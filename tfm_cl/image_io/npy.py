@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError
 from tfm_cl.image_io import MAX_PIXELS, WriteOptions
-from tfm_cl.image_io.image import Image
+from tfm_cl.image_io.image import Image, Picture
 from tfm_cl.volume_io.numpy_array import read_header
+
+HOLDS_LAYERS = False
 
 
 def write(path: Path, image: Image, _options: WriteOptions) -> None:
@@ -17,7 +18,7 @@ def write(path: Path, image: Image, _options: WriteOptions) -> None:
         np.save(stream, image.rgba.astype("<f4"), allow_pickle=False)
 
 
-def read(path: Path) -> NDArray[np.float32]:
+def read(path: Path) -> Picture:
     """Read an array [H, W, 3 or 4] of real numbers of any type.
 
     Raises
@@ -44,4 +45,4 @@ def read(path: Path) -> NDArray[np.float32]:
         values = np.frombuffer(stream.read(header.data_bytes), header.dtype)
     with np.errstate(over="ignore", invalid="ignore"):
         image = values.reshape(header.shape, order=header.order).astype(np.float32)
-    return np.ascontiguousarray(image)
+    return Picture(np.ascontiguousarray(image))

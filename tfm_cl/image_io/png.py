@@ -17,8 +17,9 @@ from PIL.PngImagePlugin import PngInfo
 
 from tfm_cl.errors import ImageError
 from tfm_cl.image_io import MAX_PIXELS, WriteOptions
-from tfm_cl.image_io.image import Image, check_finite
+from tfm_cl.image_io.image import Image, Picture, check_finite
 
+HOLDS_LAYERS = False
 _MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
 _RGB = 3
 _DAMAGE = (  # what Pillow's chunk parsers and zlib come upon
@@ -61,7 +62,7 @@ def png_bytes(rgb: NDArray[np.float32], exposure: float = 0.0) -> bytes:
     return stream.getvalue()
 
 
-def read(path: Path) -> NDArray[np.float32]:
+def read(path: Path) -> Picture:
     """Read [H, W, 3], or [H, W, 4] premultiplied where there is an alpha channel; in linear light.
 
     Raises
@@ -72,7 +73,7 @@ def read(path: Path) -> NDArray[np.float32]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of Pillow's own limit on pixels; ours is MAX_PIXELS
-            return _decode(path)
+            return Picture(_decode(path))
     except _DAMAGE as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise

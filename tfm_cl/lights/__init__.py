@@ -43,4 +43,4 @@ def parse_light(values: dict[str, Any]) -> Light:
     name = values.get("type", "spot")
     if not isinstance(name, str) or name not in LIGHTS:
         raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
-    return LIGHTS[name](**values)
+    return LIGHTS[name].from_table(values)

@@ -1,16 +1,15 @@
 """Images that colour a light: read, checked, reduced to what is needed, and kept."""
 
 import math
-import os
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator
+from pydantic import PlainValidator
 
 from tfm_cl.errors import ImageError, SceneError
+from tfm_cl.files import name_of, reason_of, source_of
 from tfm_cl.image_io import load_image
 from tfm_cl.model import LARGEST_COLOUR
 
@@ -20,11 +19,11 @@ KEPT = 4
 """Images kept for the next render (50 MiB each at most)."""
 
 
-def _path(value: Any) -> Any:
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
+def _name(value: Any) -> str:
+    return "" if value == "" else name_of(value, "an image file")
 
 
-ImagePath = Annotated[str, BeforeValidator(_path)]
+ImagePath = Annotated[str, PlainValidator(_name)]
 """Path of an image file; empty for none."""
 
 
@@ -58,7 +57,7 @@ def read(path: str) -> NDArray[np.float32]:
         No such file, not an image, or other values; one line that names the key and the file.
     """
     try:
-        image = load_image(Path(path))[..., :3]
+        image = load_image(path)[..., :3]
     except ImageError as error:
         raise SceneError(f"light.texture: {error}") from None
     wrong = ~(image >= 0) | np.isinf(image)
@@ -73,10 +72,9 @@ def read(path: str) -> NDArray[np.float32]:
 def stamp(path: str) -> tuple[int, int]:
     """Return what changes when a file does; raises `SceneError` when it is not there."""
     try:
-        status = os.stat(path)  # noqa: PTH116 - a Path says no more
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SceneError(f"light.texture = {path!r}: cannot be read ({reason})") from None
+        status = source_of(path, error=SceneError).stat()
+    except OSError as error:
+        raise SceneError(f"light.texture = {path!r}: cannot be read ({reason_of(error)})") from None
     return status.st_mtime_ns, status.st_size
 
 

@@ -42,7 +42,7 @@ def parse_solid(values: dict[str, Any]) -> Solid:
     if "mesh" in values and "shape" in values:
         raise SceneError("solid: has both mesh and shape; leave one of them out")
     if "mesh" in values:
-        return MeshSolid(**values)
+        return MeshSolid.from_table(values)
     if "shape" not in values:
         known = ["mesh", "shape", "albedo", "transform"]
         known += [key for cls in SOLIDS.values() for key in cls.keys() if key not in known]  # noqa: SIM118
@@ -53,4 +53,4 @@ def parse_solid(values: dict[str, Any]) -> Solid:
     shape = values["shape"]
     if not isinstance(shape, str) or shape not in SOLIDS:
         raise SceneError(f"solid.shape: {unknown_key(str(shape), list(SOLIDS)).replace('key', 'shape', 1)}")
-    return SOLIDS[shape](**values)
+    return SOLIDS[shape].from_table(values)

@@ -23,6 +23,7 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files import check_readable, is_file, real_path
 from tfm_cl.solids.base import DEFAULT_ALBEDO
 from tfm_cl.solids.gltf_limits import check_gltf
 from tfm_cl.solids.triangles import MAX_CORNERS, MAX_FACES, Triangles, checked
@@ -48,7 +49,7 @@ class _NeighbourResolver(FilePathResolver):
 
     def get(self, name: str) -> bytes:
         path = self.absolute(name)
-        if not path.is_file():
+        if not is_file(path):
             raise FileNotFoundError(f"it names '{name}', which is not there")
         with path.open("rb") as stream:
             data = stream.read(self._left + 1)
@@ -90,13 +91,7 @@ def read_mesh(path: Path, albedo: tuple[float, float, float] | None = None) -> T
 
 
 def _check_file(path: Path) -> None:
-    try:
-        is_file, there = path.is_file(), path.exists()
-        size = path.stat().st_size if is_file else 0
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({error.strerror or _reason(error)})") from error
-    if not is_file:
-        raise SceneError(f"{path}: {'is not a file' if there else 'no such file'}")
+    size = check_readable(path, SceneError)
     if size > MAX_BYTES:
         raise SceneError(f"{path}: {size:,} bytes; the limit for meshes is {MAX_BYTES:,}")
 
@@ -130,7 +125,7 @@ def _scene(stream: IO[bytes], extension: str, path: Path, *, colours: bool) -> S
     return load_scene(
         file_obj=stream,
         file_type=extension[1:],
-        resolver=_NeighbourResolver(str(path.resolve())),
+        resolver=_NeighbourResolver(str(real_path(path))),
         allow_remote=False,
         process=False,  # merges vertices: slow, and nothing to us
         **options,

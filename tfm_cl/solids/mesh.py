@@ -6,9 +6,10 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, InstanceOf
+from pydantic import Field, PlainValidator
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files import name_of, source_of
 from tfm_cl.solids.base import Albedo, Solid
 from tfm_cl.solids.triangles import Triangles, checked
 from tfm_cl.transform import IDENTITY
@@ -20,11 +21,7 @@ EXTENSIONS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 def _mesh(value: Any) -> str | Triangles:
     if isinstance(value, Triangles):
         return value
-    name = str(value) if isinstance(value, Path) else value
-    if not isinstance(name, str) or not name:
-        raise ValueError("should be the name of a file")
-    if not name.isprintable():
-        raise ValueError("should be a name without control characters")
+    name = name_of(value)
     if Path(name).suffix.lower() not in EXTENSIONS:
         raise ValueError(f"should be a file of a known kind: {' '.join(EXTENSIONS)}")
     return name
@@ -36,7 +33,7 @@ class MeshSolid(Solid):
     The file is read when it is first needed, once for each object.
     """
 
-    mesh: Annotated[str | InstanceOf[Triangles], BeforeValidator(_mesh)] = Field(
+    mesh: Annotated[str | Triangles, PlainValidator(_mesh)] = Field(
         description=f"file: {' '.join(EXTENSIONS)}"
     )
     albedo: Albedo | None = Field(
@@ -85,7 +82,7 @@ class MeshSolid(Solid):
             return self.mesh if self.albedo is None else self.mesh.painted(self.albedo)
         from tfm_cl.solids.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
 
-        return read_mesh(Path(self.mesh), self.albedo)
+        return read_mesh(source_of(self.mesh, error=SceneError), self.albedo)
 
     def load(self) -> Triangles:
         """Read the file, once; object space.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import check_readable
 from tfm_cl.leaves import MAX_LEAVES, Leaves
 from tfm_cl.volume_io.grid import Grid, VolumeFormat
 
@@ -61,9 +62,7 @@ def open_grids(path: Path) -> list[Grid]:
         raise VolumeError(
             f"{path}: not a known volume format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
         )
-    if not path.is_file():
-        what = "is not a file" if path.exists() else "no such file"
-        raise VolumeError(f"{path}: {what}")
+    check_readable(path, VolumeError)
     module: VolumeFormat = importlib.import_module(f"{__name__}.{module_name}")
     try:
         grids = module.open_grids(path)

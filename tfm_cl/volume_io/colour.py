@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tfm_cl import volume_io
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import source_of
 from tfm_cl.leaves import Index
 from tfm_cl.model import LARGEST_COLOUR
 from tfm_cl.volume_io import numpy_array
@@ -94,7 +95,7 @@ def read_colour(
         rgb = _read_three_grids(path, grid, source)
         return checked(rgb, f"{path}: the colour of the grids {', '.join(source)}", sanitize=sanitize)
     if is_file(source):
-        stored = numpy_array.open_colour(Path(source))
+        stored = numpy_array.open_colour(source_of(source, error=VolumeError))
     elif path.suffix.lower() == ".npz":
         stored = numpy_array.open_colour(path, str(source))
     else:

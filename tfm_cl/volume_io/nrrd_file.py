@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import is_file
 from tfm_cl.volume_io.grid import Grid, world_from_index_of
 from tfm_cl.volume_io.raw import ByteSource, read_voxels
 
@@ -218,7 +219,7 @@ def _data_file(header: Mapping[str, Any], header_bytes: int, path: Path) -> tupl
     if plain in {"", ".", ".."} or any(character in plain for character in "/\\:\0"):
         raise VolumeError(f"{path}: its data file {name[:80]!r} must be a plain name, beside the header")
     data_path = path.with_name(plain)
-    if not data_path.is_file():
+    if not is_file(data_path):
         raise VolumeError(f"{path}: its data file {plain[:80]!r} is not beside it")
     return data_path, 0
 

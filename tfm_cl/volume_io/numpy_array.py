@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import check_readable
 from tfm_cl.volume_io.grid import Grid, world_from_index_of
 from tfm_cl.volume_io.raw import read_voxels
 
@@ -177,8 +178,7 @@ def open_colour(path: Path, name: str | None = None) -> StoredColour:
     VolumeError
         Missing or damaged file, no such array, or one that is not of real numbers.
     """
-    if not path.is_file():
-        raise VolumeError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
+    check_readable(path, VolumeError)
     if path.suffix.lower() != ".npz":
         try:
             with path.open("rb") as stream:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.files import is_file
 from tfm_cl.volume_io.grid import Grid, world_from_index_of
 
 EXTENSIONS = (".raw",)
@@ -155,7 +156,7 @@ def read_voxels(
 
 def _read_sidecar(path: Path) -> tuple[Path, dict[str, Any]]:
     candidates = (path.with_name(path.name + ".json"), path.with_suffix(".json"))
-    sidecar = next((candidate for candidate in candidates if candidate.is_file()), None)
+    sidecar = next((candidate for candidate in candidates if is_file(candidate)), None)
     if sidecar is None:
         raise VolumeError(
             f"{path}: raw voxels need a description; write {candidates[0].name} beside it, for instance "
