@@ -416,7 +416,9 @@ def test_value_types(kind, compression, tmp_path):
 
 
 @pytest.mark.parametrize("compression", [MASK, MASK | BLOSC, ZIP])
-@pytest.mark.parametrize(("kind", "half"), [("vec3s", False), ("vec3s", True), ("vec3d", True), ("vec3i", False)])
+@pytest.mark.parametrize(
+    ("kind", "half"), [("vec3s", False), ("vec3s", True), ("vec3d", True), ("vec3i", False)]
+)
 def test_vectors_are_colours(kind, half, compression, tmp_path):
     tree = of_vectors(random_tree(background=1, compression=compression, half=half), kind)
     path = write(tmp_path, encode({"Cd": tree}))

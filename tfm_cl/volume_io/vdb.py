@@ -179,9 +179,7 @@ def open_grids(path: Path) -> list[Grid]:
     trees: dict[str, _Found | str] = {}
     described = {}
     for behind in reversed(range(count)):
-        unique_name, grid = _read_grid(
-            file, path, trees, archive, skip_leaves=behind > 0 and not has_offsets
-        )
+        unique_name, grid = _read_grid(file, path, trees, archive, skip_leaves=behind > 0 and not has_offsets)
         if unique_name in described:
             raise file.damaged(f"two grids have the unique name {shown(unique_name)}")
         described[unique_name] = grid
