@@ -7,8 +7,9 @@ Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)
 
 ``write`` describes its files as well. The description ``cloud.npz`` beside ``cloud.vdb`` holds ``grids``
 (JSON: name, class, background, active voxels of each grid) and per grid N ``N_matrix`` (4×4 world-from-index,
-column vectors) and, for grids that are not empty, ``N_low`` (index x, y, z) and ``N_values`` (float32 [z, y, x],
-of vectors [z, y, x, 3]): all leaves and active values and a margin of 24 voxels, as OpenVDB reads them.
+column vectors) and, for grids that are not empty, ``N_low`` (index x, y, z) and ``N_values`` (float32
+[z, y, x], of vectors [z, y, x, 3]): all leaves and active values and a margin of 24 voxels, as OpenVDB reads
+them.
 """
 
 import json

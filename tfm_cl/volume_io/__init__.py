@@ -106,7 +106,7 @@ def find_grid(path: Path, grids: list[Grid], name: str) -> Grid:
     Raises
     ------
     VolumeError
-        No grid has it, or the grids that share it are parts of one, of which none is the first.
+        No grid has it; the message lists the names.
     """
     for grid in grids:
         if grid.name == name:
@@ -116,15 +116,11 @@ def find_grid(path: Path, grids: list[Grid], name: str) -> Grid:
         raise VolumeError(
             f"{path}: no grid named {shown(name)}; it has {shown_names([grid.name for grid in grids])}"
         )
-    if sharing[0].part_of:
-        raise _several_parts(path, sharing)
     return _first_of(path, sharing, sharing)
 
 
 def _default_grid(path: Path, grids: list[Grid]) -> Grid:
-    whole = [grid for grid in grids if not grid.part_of]
-    if not whole:
-        raise _several_parts(path, grids)
+    whole = [grid for grid in grids if not grid.is_part]
     named = [grid for grid in whole if DEFAULT_NAME in (grid.name, grid.shared_name)]
     found = named or whole
     if len(found) > 1:
@@ -144,17 +140,10 @@ def _first_of(path: Path, found: list[Grid], sharing: list[Grid]) -> Grid:
         return first
     others = shown_names([grid.name for grid in sharing if grid is not first])
     note = (
-        f"{path}: {len(sharing)} grids are named {shown(str(first.shared_name))}; this is {shown(first.name)}, "
-        f"choose {others} with --grid"
+        f"{path}: {len(sharing)} grids are named {shown(str(first.shared_name))}; this is "
+        f"{shown(first.name)}, choose {others} with --grid"
     )
     return replace(first, notes=(*first.notes, note))
-
-
-def _several_parts(path: Path, parts: list[Grid]) -> VolumeError:
-    names = shown_names([grid.name for grid in parts])
-    return VolumeError(
-        f"{path}: {parts[0].part_of}, is not space and holds {len(parts)} volumes; choose one with --grid: {names}"
-    )
 
 
 def read_grid(path: Path, grid: Grid) -> NDArray[np.float32]:

@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Leaves
 
 LONGEST_SHOWN = 40
@@ -31,11 +32,8 @@ class Grid:
     """As stored, or with a number where grids share it (``density[1]``); may be empty."""
     shared_name: str | None = None
     """The name as stored, of a grid that shares it with others; they are told apart by numbers."""
-    part_of: str = ""
-    """Not empty: the grid is one of several along an axis that is not space, in words ("axis 0, a list").
-
-    It is rendered when it is named, not by default.
-    """
+    is_part: bool = False
+    """It is one of several along an axis that is not space: rendered when it is named, not by default."""
     grid_class: GridClass
     """``unknown`` is treated as a fog volume."""
     value_type: str
@@ -84,7 +82,13 @@ def shown_names(names: Sequence[str]) -> str:
 
 def coloured_where(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the density [z, y, x] of a grid that is a colour: 1 where it is not black, else 0."""
-    return (rgb != 0).any(axis=-1).astype(np.float32)
+    density: NDArray[np.float32] = (rgb != 0).any(axis=-1).astype(np.float32)
+    return density
+
+
+def refuse(path: Path, name: str, reason: str) -> NDArray[np.float32]:
+    """Serve as `Grid.read` of a grid that cannot be read."""
+    raise VolumeError(f"{path}: grid {shown(name)} cannot be read: {reason}")
 
 
 def with_distinct_names(grids: list[Grid]) -> list[Grid]:

@@ -59,23 +59,22 @@ from tfm_cl.volume_io.binary import (
     unblosc_into,
     unzip_into,
 )
-from tfm_cl.volume_io.grid import Grid, GridClass, shown, with_distinct_names
+from tfm_cl.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
 from tfm_cl.volume_io.tree import (
-    COMPONENTS,
     LEAF_VOXELS,
     LOWER_EDGE,
     ROOT_EDGE,
     UPPER_EDGE,
-    LeafBatch,
     VECTORS,
+    LeafBatch,
     Tiles,
     Tree,
     as_three,
     batches,
-    component,
     count_leaves,
     differs,
     fill_dense,
+    fill_vectors,
     gather_leaves,
     offset_transform,
     place_origins,
@@ -201,7 +200,7 @@ def _aligned(at: int, alignment: int) -> int:
 
 def _entries(edge: int) -> int:
     """Entries of the node whose children are ``edge`` voxels wide."""
-    return int(32**3) if edge == UPPER_EDGE else int(16**3)
+    return (32**3) if edge == UPPER_EDGE else (16**3)
 
 
 _LAYOUTS = {
@@ -310,7 +309,7 @@ def _check_version(file: Cursor, at: int) -> None:
     version = _version_at(file, at)
     if not _is_known(version):
         remedy = (
-            "it is newer than tfm_cl knows: update tfm_cl, or convert the original with an older nanovdb_convert"
+            "it is newer than tfm_cl knows: update tfm_cl, or convert with an older nanovdb_convert"
             if version[0] > _MAJOR
             else "convert the original again with a current nanovdb_convert"
         )
@@ -426,7 +425,7 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
     if layout.is_vector:
         return replace(
             described,
-            read=partial(_refuse, path, entry.name, VECTORS),
+            read=partial(refuse, path, entry.name, VECTORS),
             read_colour=partial(_read_vectors, path, entry, layout, shape),
             colour_background=as_three(topology.background),
             unsupported=VECTORS,
@@ -439,16 +438,12 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
     )
 
 
-def _refuse(path: Path, name: str, reason: str) -> NDArray[np.float32]:
-    raise VolumeError(f"{path}: grid {shown(name)} cannot be read: {reason}")
-
-
 def _unsupported(path: Path, entry: _Entry) -> Grid:
     """Describe a grid that can be listed only."""
     layout = _LAYOUTS.get(entry.grid_type)
     value_type = layout.name if layout else _UNSUPPORTED_TYPES.get(entry.grid_type, f"type {entry.grid_type}")
     reason = (
-        f"{value_type} values without the numbers they are indices of; write these as blind data, or a float grid"
+        f"{value_type} values without the numbers they are indices of; write these as blind data"
         if layout
         else f"{value_type} values; convert them to a grid of numbers first"
     )
@@ -459,7 +454,7 @@ def _unsupported(path: Path, entry: _Entry) -> Grid:
         shape=(0, 0, 0),
         world_from_index=np.eye(4),
         has_transform=False,
-        read=partial(_refuse, path, entry.name, reason),
+        read=partial(refuse, path, entry.name, reason),
         unsupported=reason,
     )
 
@@ -486,13 +481,8 @@ def _read_vectors(
     """Read a grid's vectors as `Grid.read_colour` promises them."""
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
-    rgb = np.empty((*shape, 3), np.float32)
-    for channel, name in enumerate(COMPONENTS):
-        leaves = walk_leaves(grid, layout, topology)
-        rgb[..., channel] = fill_dense(
-            *component(topology.tree, leaves, topology.background, name), shape, grid
-        )
-    return rgb
+    walk = partial(walk_leaves, grid, layout, topology)
+    return fill_vectors(topology.tree, topology.background, walk, shape, grid)
 
 
 def _find_channel(grid: Cursor) -> NDArray[Any] | None:
@@ -671,7 +661,7 @@ def _bits(grid: Cursor, at: NDArray[np.int64]) -> NDArray[np.uint8]:
 
 
 def _leaf_indices(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.uint64]:
-    """Indices [n, 512] of the voxels of leaves; 0, the background's, for inactive ones of an on-index grid."""
+    """Return the indices [n, 512] of voxels; 0, the background's, for inactive ones of an on-index grid."""
     first = _rows(grid, at + layout.leaf_values_at, 8).view("<u8")
     if layout.form == "index":
         return first + np.arange(LEAF_VOXELS, dtype=np.uint64)

@@ -9,7 +9,7 @@ places, each a *leaf* of 8³ voxels or a tile. Places and voxels are ordered wit
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,20 +76,6 @@ class Tree:
         high = np.max([origins.max(axis=0) + edge for origins, edge in cubes], axis=0)
         x, y, z = (high - low).tolist()
         return low, (z, y, x)
-
-
-def component(
-    tree: Tree, leaves: Iterable[LeafBatch], background: NDArray[Any], name: str
-) -> tuple[Tree, Iterator[LeafBatch]]:
-    """Take one component of a tree of vectors, whose values are of a structured type.
-
-    Returns
-    -------
-    The tree and its leaves, of numbers; its box is that of the vectors.
-    """
-    tiles = [Tiles(tiles.edge, tiles.origins, tiles.values[name]) for tiles in tree.tiles]
-    scalar = replace(tree, background=float(background[name][0]), tiles=tiles)
-    return scalar, (LeafBatch(batch.origins, batch.values[name]) for batch in leaves)
 
 
 def vector_type(number: str) -> np.dtype[Any]:
@@ -179,6 +165,42 @@ def fill_dense(
             x, y, z = ((batch.origins - low) // LOWER_EDGE).T
             blocks[z, :, y, :, x, :] = batch.values.transpose(0, 3, 2, 1)
     return dense
+
+
+def fill_vectors(
+    tree: Tree,
+    background: NDArray[Any],
+    walk: Callable[[], Iterable[LeafBatch]],
+    shape: tuple[int, int, int],
+    source: Cursor,
+) -> NDArray[np.float32]:
+    """Write a tree of vectors, whose values are of a `vector_type`, into a dense array.
+
+    Parameters
+    ----------
+    tree, shape
+        As for `fill_dense`.
+    background
+        [1], the vector of all space that no leaf or tile covers.
+    walk
+        Gives the voxels of all leaves; called for each component, so that no second array is needed.
+
+    Returns
+    -------
+    The vectors of `Tree.box`, float32 [z, y, x, 3].
+
+    Raises
+    ------
+    VolumeError
+        As `fill_dense` does.
+    """
+    vectors = np.empty((*shape, len(COMPONENTS)), np.float32)
+    for axis, name in enumerate(COMPONENTS):
+        tiles = [Tiles(tiles.edge, tiles.origins, tiles.values[name]) for tiles in tree.tiles]
+        numbers = replace(tree, background=float(background[name][0]), tiles=tiles)
+        leaves = (LeafBatch(batch.origins, batch.values[name]) for batch in walk())
+        vectors[..., axis] = fill_dense(numbers, leaves, shape, source)
+    return vectors
 
 
 def gather_leaves(

@@ -56,23 +56,22 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Leaves
 from tfm_cl.volume_io.binary import Cursor, map_file, unblosc, unzip
-from tfm_cl.volume_io.grid import Grid, GridClass, shown, with_distinct_names
+from tfm_cl.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
 from tfm_cl.volume_io.tree import (
-    COMPONENTS,
     LEAF_VOXELS,
     LOWER_EDGE,
     ROOT_EDGE,
     UPPER_EDGE,
-    LeafBatch,
     VECTORS,
+    LeafBatch,
     Tiles,
     Tree,
     as_three,
     batches,
-    component,
     count_leaves,
     differs,
     fill_dense,
+    fill_vectors,
     gather_leaves,
     offset_transform,
     place_origins,
@@ -313,7 +312,7 @@ def _read_grid(
     if found.stored.is_vector:
         return unique_name, replace(
             grid,
-            read=partial(_refuse, path, name, VECTORS),
+            read=partial(refuse, path, name, VECTORS),
             read_colour=partial(_read_vectors, path, found.stored, found.shape),
             colour_background=found.background,
             unsupported=VECTORS,
@@ -332,8 +331,9 @@ def _find_tree(file: Cursor, stored: StoredTree, *, skip_leaves: bool) -> _Found
     if skip_leaves:
         _skip_leaves(file, stored, topology)
     tree = topology.tree
+    low, shape = tree.box()
     background = as_three(topology.background)
-    return _Found(stored, *tree.box(), background, tree.active_voxels, count_leaves(tree))
+    return _Found(stored, low, shape, background, tree.active_voxels, count_leaves(tree))
 
 
 def _stored_tree(
@@ -361,13 +361,9 @@ def _unsupported(path: Path, name: str, value_type: str, reason: str, metadata: 
         shape=(0, 0, 0),
         world_from_index=np.eye(4),
         has_transform=False,
-        read=partial(_refuse, path, name, reason),
+        read=partial(refuse, path, name, reason),
         unsupported=reason,
     )
-
-
-def _refuse(path: Path, name: str, reason: str) -> NDArray[np.float32]:
-    raise VolumeError(f"{path}: grid {shown(name)} cannot be read: {reason}")
 
 
 def _grid_class(metadata: dict[str, bytes]) -> GridClass:
@@ -418,13 +414,8 @@ def _read_vectors(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -
     """Read a grid's vectors as `Grid.read_colour` promises them."""
     file = Cursor(map_file(path), str(path), stored.at)
     topology = walk_topology(file, stored)
-    rgb = np.empty((*shape, 3), np.float32)
-    for channel, name in enumerate(COMPONENTS):
-        leaves = walk_leaves(file, stored, topology)
-        rgb[..., channel] = fill_dense(
-            *component(topology.tree, leaves, topology.background, name), shape, file
-        )
-    return rgb
+    walk = partial(walk_leaves, file, stored, topology)
+    return fill_vectors(topology.tree, topology.background, walk, shape, file)
 
 
 # ------------------------------------------------------------------------------------------- the tree
@@ -453,7 +444,7 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
     tile_type = np.dtype([("origin", "<i4", 3), ("value", stored.value), ("active", "u1")])
     root = file.array(tile_type, tile_count, "root tiles")
     active_voxels = int(np.count_nonzero(root["active"])) * ROOT_EDGE**3
-    values = root["value"]
+    values: NDArray[Any] = root["value"]
     if stored.name == "mask":
         values, background = root["active"], np.zeros(1, np.uint8)
     kept = differs(values, background)
@@ -472,8 +463,8 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
     for edge in (UPPER_EDGE, LOWER_EDGE):
         at_edge = [tiles for branch in branches for tiles in branch.tiles if tiles.edge == edge]
         if at_edge:
-            origins, values = ([getattr(t, name) for t in at_edge] for name in ("origins", "values"))
-            tiles.append(Tiles(edge, np.concatenate(origins), np.concatenate(values)))
+            origins, constants = ([getattr(t, name) for t in at_edge] for name in ("origins", "values"))
+            tiles.append(Tiles(edge, np.concatenate(origins), np.concatenate(constants)))
     leaf_origins = [origins for branch in branches for origins in branch.leaf_origins]
     leaf_masks = [masks for branch in branches for masks in branch.leaf_masks]
     tree = Tree(
@@ -521,7 +512,7 @@ def _read_internal(
     """Read an upper or lower node without its children; returns their origins [n, 3]."""
     size = 32**3 if edge == UPPER_EDGE else 16**3
     has_child, active = (_bits(file.take(size // 8, "node mask")) for _ in range(2))
-    entries = np.flatnonzero(~has_child) if not stored.has_kinds else np.arange(size)
+    entries = np.arange(size) if stored.has_kinds else np.flatnonzero(~has_child)
     block = _read_block(file, stored, background, int(active.sum()), len(entries))
     values = np.zeros(size, stored.value)
     values[entries] = _unpack_blocks([block], active[None, entries], stored, file)[0]
@@ -643,11 +634,11 @@ def _read_block(file: Cursor, stored: StoredTree, background: NDArray[Any], acti
 def _negated(background: NDArray[Any], stored: StoredTree) -> NDArray[Any]:
     """Return what OpenVDB calls minus the background."""
     if stored.is_bool:
-        return np.logical_not(background).astype(stored.value)
-    if not stored.is_vector:
-        return np.negative(background)
-    numbers = background.view(stored.value["x"])
-    return np.negative(numbers).view(stored.value)
+        opposite: NDArray[Any] = np.logical_not(background).astype(stored.value)
+        return opposite
+    numbers = background.view(stored.value["x"]) if stored.is_vector else background
+    negated: NDArray[Any] = np.negative(numbers).view(stored.value)
+    return negated
 
 
 def _unpack_blocks(
