@@ -266,7 +266,8 @@ class Renderer:
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
-        return RenderResult(image, layers, stats, scene, crop, warnings)
+        notes = dict.fromkeys(note for volume in scene.volume.parts for note in volume.notes)
+        return RenderResult(image, layers, stats, scene, crop, (*notes, *warnings))
 
     def _add_lights(
         self,

@@ -36,6 +36,8 @@ FIXTURES = ("negative", "tiles", "half", "sphere", "several")
 REAL = ("wdas_cloud_sixteenth", "cortex_smoke", "cortex_sphere")
 
 ZIP, MASK, BLOSC = 1, 2, 4
+LONGEST_MESSAGE = 500
+"""Characters, whatever a file claims its names to be."""
 SMALL = 1 << 22
 """Voxels that a test reads of a file whose shape it cannot know."""
 
@@ -779,7 +781,9 @@ def flip_bits(content, trials, seed, tmp_path):
         damaged = content.copy()
         at = rng.choice(busy, 2) if trial % 2 else rng.integers(0, len(content), 2)
         damaged[at] ^= (1 << rng.integers(0, 8, 2)).astype(np.uint8)
-        noticed += bool(try_to_read(write(tmp_path, damaged.tobytes())))
+        message = try_to_read(write(tmp_path, damaged.tobytes()))
+        noticed += bool(message)
+        assert len(message) < LONGEST_MESSAGE
     return noticed
 
 
@@ -854,6 +858,27 @@ def test_other_files_are_refused(tmp_path):
     ]:
         with pytest.raises(VolumeError, match=words):
             open_grids(write(tmp_path, wrong))
+
+
+def test_damaged_names_are_cut_in_messages(tmp_path):
+    name = "\x1b" + "n" * 26_000
+    content = encode({name: random_tree(), "b": random_tree()})
+    at = content.index(text("Tree_float_5_4_3"))
+    for wrong in (
+        content[: len(content) // 2],
+        patched(content, at + len(text("Tree_float_5_4_3")) + 4, "3q", -1, -1, -1),
+        content.replace(text("b") + text("Tree_float_5_4_3") + text(""), text("b") + text(name) + text(name)),
+        encode({"a": random_tree()}).replace(
+            text("Tree_float_5_4_3"), text("Tree_" + "x" * 26_000 + "_5_4_3")
+        ),
+        encode({"a": random_tree()}).replace(text("TranslationMap"), text("y" * 26_000)),
+        encode({"a": random_tree()}).replace(text("name"), struct.pack("<I", 26_000) + b"name"),
+    ):
+        path = write(tmp_path, wrong)
+        with pytest.raises(VolumeError) as caught:
+            choose_grid(path)
+        assert len(str(caught.value)) < LONGEST_MESSAGE
+        assert "\x1b" not in str(caught.value)
 
 
 def test_same_unique_name_twice_is_refused(tmp_path):

@@ -54,6 +54,8 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
         "device_bytes": None,
         "renders": volume_io.refusal(grid) or "yes",
     }
+    if grid.background != 0.0:
+        shown["background"] = grid.background
     if min(grid.shape) < 1:
         return shown
     shown["bounds"] = bounds_of(grid.shape, grid.world_from_index).tolist()
@@ -61,6 +63,8 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
         return shown
     voxels = volume_io.read_stored(path, grid)
     measured, active, finite = _measured(voxels)
+    if grid.read_colour is not None:
+        measured, *_ = _measured(volume_io.read_vectors(path, grid))
     shown |= measured
     shown["device_bytes"] = _device_bytes(voxels)
     shown["active_voxels"] = active if grid.active_voxels is None else grid.active_voxels

@@ -30,12 +30,15 @@ FORMATS: dict[str, str] = {
 
 DEFAULT_NAME = "density"
 """Grid that is rendered when none is named."""
+COLOUR = "colour"
+"""Grid or array that is a colour, where none is named."""
 MAX_VOXELS = 1 << 31
 """Largest dense grid read into memory (8 GiB of float32)."""
 MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
 """Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
 
 __all__ = [
+    "COLOUR",
     "DEFAULT_NAME",
     "FORMATS",
     "MAX_BOX_EDGE",
@@ -47,6 +50,7 @@ __all__ = [
     "open_grids",
     "read_grid",
     "read_stored",
+    "read_vectors",
     "refusal",
     "too_large",
     "too_many_leaves",
@@ -164,8 +168,21 @@ def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
         raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
+def read_vectors(path: Path, grid: Grid) -> NDArray[np.float32]:
+    """Read a grid of three values a voxel as float32 [z, y, x, 3]."""
+    if grid.read_colour is None:
+        raise VolumeError(f"{path}: grid {shown(grid.name)} has one value a voxel, not three")
+    try:
+        return grid.read_colour()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
 def beyond_limits(grid: Grid) -> str:
     """Why a grid is too large to be read with `read_stored`; empty when it is not."""
+    if grid.read_colour is not None:
+        z, y, x = grid.shape
+        return too_large((z, y, 3 * x), sparse=False)
     return too_large(grid.shape, sparse=grid.read_leaves is not None) or too_many_leaves(grid.leaf_count)
 
 

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.volume_io import DEFAULT_NAME
+from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
 from tfm_cl.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
 from tfm_cl.volume_io.raw import ByteSource, read_voxels
 
@@ -234,7 +234,7 @@ def _grids_along(
     """Describe what an axis that is not space holds: a colour, or volumes; and each of them."""
     has_three = axes.volumes == len("rgb")
     is_colour = has_three and axes.kind.lower() in _COLOUR_KINDS
-    name = "colour" if is_colour else DEFAULT_NAME
+    name = COLOUR if is_colour else DEFAULT_NAME
     unsupported = ""
     if not is_colour:
         unsupported = (

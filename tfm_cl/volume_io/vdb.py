@@ -296,7 +296,7 @@ def _read_grid(
     name = unique_name.partition("\x1e")[0]
     if isinstance(world_from_tree, str) or isinstance(found, str):
         reason = found if isinstance(found, str) else str(world_from_tree)
-        value_type = tree_type.removeprefix("Tree_").partition("_")[0]
+        value_type = shown(tree_type.removeprefix("Tree_").partition("_")[0])[1:-1]
         return unique_name, _unsupported(path, name, value_type, reason, metadata)
     grid = Grid(
         name=name,
