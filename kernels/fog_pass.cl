@@ -33,7 +33,8 @@ TFM_INLINE Ints fog_seen(PARAMS params, Ray ray, __global const float4 *solid, P
 TFM_INLINE void fog_tint(PARAMS params, __global const float4 *texture, LightSample light, Floats *tint)
 {
 #if TFM_TEXTURE
-  texture_at(texture + params->first_texel, params->texture_size[0], params->texture_size[1], light.u, light.v, tint);
+  texture_at(texture + params->first_texel, params->texture_size[0], params->texture_size[1], light.texture_u,
+             light.texture_v, tint);
 #else
   (void)params;
   (void)texture;

@@ -1,8 +1,9 @@
 /* Explicit SIMD in plain OpenCL C: one work-item carries TFM_LANES rays, 1 on a GPU (whose hardware groups
-   work-items) and 8 or 16 on a CPU. The same source serves both: operators, ternaries and conversions mean the
-   same on scalars and vectors. Masks come from comparisons; combine them with & | !, choose with ?:.
+   work-items) and on a CPU as many as fit one of its registers: 4, 8 or 16. The same source serves all: operators,
+   ternaries and conversions mean the same on scalars and vectors. Functions neither take nor return a vector wider
+   than Floats: how it would be passed depends on what the compiler takes the processor for. Masks come from comparisons; combine them with & | !, choose with ?:.
    Built-in functions stay out of the hot loops: CPU drivers call them, spilling every register.
-   Requires: TFM_LANES 1, 8 or 16. TFM_NO_INLINE is for tools that interpret what the compiler makes. */
+   Requires: TFM_LANES 1, 4, 8 or 16. TFM_NO_INLINE is for tools that interpret what the compiler makes. */
 #ifndef TFM_LANES_H
 #define TFM_LANES_H
 
@@ -27,6 +28,19 @@ typedef int Ints;
 #define TILE_HEIGHT 1
 #define LANE_X 0
 #define LANE_Y 0
+#elif TFM_LANES == 4
+typedef float4 Floats;
+typedef int4 Ints;
+#define AS_FLOATS as_float4
+#define AS_INTS as_int4
+#define TO_FLOATS convert_float4
+#define TO_INTS convert_int4
+#define FOR_LANES(OP, a, b) (OP(a, b, s0), OP(a, b, s1), OP(a, b, s2), OP(a, b, s3))
+#define LANE(v, s) ((v).s)
+#define TILE_WIDTH 2
+#define TILE_HEIGHT 2
+#define LANE_X ((int4)(0, 1, 0, 1))
+#define LANE_Y ((int4)(0, 0, 1, 1))
 #elif TFM_LANES == 8
 typedef float8 Floats;
 typedef int8 Ints;
@@ -57,7 +71,7 @@ typedef int16 Ints;
 #define LANE_X ((int16)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3))
 #define LANE_Y ((int16)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3))
 #else
-#error "TFM_LANES must be 1, 8 or 16"
+#error "TFM_LANES must be 1, 4, 8 or 16"
 #endif
 
 /* The lanes as an array, for code outside the loops. */
@@ -112,18 +126,21 @@ TFM_INLINE Ints rounded_up(Floats x)
     return v;                             \
   }
 #else
-#if TFM_LANES == 16
-#define EIGHT_LANES(OP, v) OP((v).lo, (v).hi)
+#if TFM_LANES == 4
+#define FOUR_LANES(type, OP, v) const type##4 v4 = v
+#elif TFM_LANES == 8
+#define FOUR_LANES(type, OP, v) const type##4 v4 = OP((v).lo, (v).hi)
 #else
-#define EIGHT_LANES(OP, v) (v)
+#define FOUR_LANES(type, OP, v)          \
+  const type##8 v8 = OP((v).lo, (v).hi); \
+  const type##4 v4 = OP(v8.lo, v8.hi)
 #endif
-#define FOLD_LANES(name, lanes, type, OP)   \
-  TFM_INLINE type name(lanes v)             \
-  {                                         \
-    const type##8 v8 = EIGHT_LANES(OP, v);  \
-    const type##4 v4 = OP(v8.lo, v8.hi);    \
-    const type##2 v2 = OP(v4.lo, v4.hi);    \
-    return OP(v2.lo, v2.hi);                \
+#define FOLD_LANES(name, lanes, type, OP) \
+  TFM_INLINE type name(lanes v)           \
+  {                                       \
+    FOUR_LANES(type, OP, v);              \
+    const type##2 v2 = OP(v4.lo, v4.hi);  \
+    return OP(v2.lo, v2.hi);              \
   }
 #endif
 #define BITS_OF(a, b) ((a) | (b))
@@ -161,6 +178,13 @@ TFM_INLINE Floats gather_floats(__global const float *p, Ints i)
     const float2 pair = PAIR();          \
     first = pair.x;                      \
     second = pair.y;                     \
+  } while (0)
+#elif TFM_LANES == 4
+#define SPLIT_PAIRS(PAIR, first, second)                                \
+  do {                                                                  \
+    const float8 pairs = (float8)(PAIR(s0), PAIR(s1), PAIR(s2), PAIR(s3)); \
+    first = pairs.even;                                                 \
+    second = pairs.odd;                                                 \
   } while (0)
 #elif TFM_LANES == 8
 #define SPLIT_PAIRS(PAIR, first, second)                                                                      \

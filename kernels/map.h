@@ -73,21 +73,27 @@ BILINEAR(1)
 #if TFM_LANES > 1
 BILINEAR(2)
 BILINEAR(4)
+#endif
+#if TFM_LANES >= 8
 #if TFM_N_COEFF == 8
 /* Neighbours in x follow each other: both come in one load. */
 TFM_INLINE float8 bilinear8(__global const MapStorage *low, int dx, int dy, float fx, float fy)
 {
-  const float16 lower = DECODE(16, *(__global const Stored16 *)low);
-  const float16 upper = DECODE(16, *(__global const Stored16 *)(low + dy));
-  const float16 both = lower + fy * (upper - lower);
+  const Stored16 lower = *(__global const Stored16 *)low;
+  const Stored16 upper = *(__global const Stored16 *)(low + dy);
+  const float8 lower_left = DECODE(8, lower.lo), lower_right = DECODE(8, lower.hi);
+  const float8 left = lower_left + fy * (DECODE(8, upper.lo) - lower_left);
+  const float8 right = lower_right + fy * (DECODE(8, upper.hi) - lower_right);
   (void)dx;
-  return both.lo + fx * (both.hi - both.lo);
+  return left + fx * (right - left);
 }
 #else
 BILINEAR(8)
 #endif
+#endif
 
 /* Lanes' rows of k coefficients joined to vectors, then sorted by splitting even from odd places. */
+#if TFM_LANES > 1
 #if TFM_LANES == 16
 #define ROWS8(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7)), \
                   (Floats)(R(s8), R(s9)), (Floats)(R(sa), R(sb)), (Floats)(R(sc), R(sd)), (Floats)(R(se), R(sf))}
@@ -95,10 +101,13 @@ BILINEAR(8)
                   (Floats)(R(s8), R(s9), R(sa), R(sb)), (Floats)(R(sc), R(sd), R(se), R(sf))}
 #define ROWS2(R) {(Floats)(R(s0), R(s1), R(s2), R(s3), R(s4), R(s5), R(s6), R(s7)), \
                   (Floats)(R(s8), R(s9), R(sa), R(sb), R(sc), R(sd), R(se), R(sf))}
-#else
+#elif TFM_LANES == 8
 #define ROWS8(R) {R(s0), R(s1), R(s2), R(s3), R(s4), R(s5), R(s6), R(s7)}
 #define ROWS4(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7))}
 #define ROWS2(R) {(Floats)(R(s0), R(s1), R(s2), R(s3)), (Floats)(R(s4), R(s5), R(s6), R(s7))}
+#else
+#define ROWS4(R) {R(s0), R(s1), R(s2), R(s3)}
+#define ROWS2(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3))}
 #endif
 #define EVEN(a, b) ((Floats)((a).even, (b).even))
 #define ODD(a, b) ((Floats)((a).odd, (b).odd))
@@ -133,6 +142,7 @@ TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const 
 #define ROW4(s) bilinear4(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
 #define ROW2(s) bilinear2(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
 #define ROW1(p, i, s) bilinear1(TEXEL(s), dx, dy, LANE(at.fx, s), LANE(at.fy, s))
+#if TFM_LANES >= 8
   for (; j + 8 <= TFM_N_COEFF; j += 8) {
     const Floats r[8] = ROWS8(ROW8);
     const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), e2 = EVEN(r[4], r[5]), e3 = EVEN(r[6], r[7]);
@@ -148,13 +158,11 @@ TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const 
     c[j + 6] = ODD(eo0, eo1);
     c[j + 7] = ODD(oo0, oo1);
   }
-#if TFM_N_COEFF & 4
-  {
+#endif
+  for (; j + 4 <= TFM_N_COEFF; j += 4) {
     const Floats r[4] = ROWS4(ROW4);
     TRANSPOSE4(r, c[j], c[j + 1], c[j + 2], c[j + 3]);
-    j += 4;
   }
-#endif
 #if TFM_N_COEFF & 2
   {
     const Floats r[2] = ROWS2(ROW2);
@@ -219,6 +227,8 @@ TERMS(1)
 #if TFM_LANES > 1
 TERMS(2)
 TERMS(4)
+#endif
+#if TFM_LANES >= 8
 TERMS(8)
 #endif
 
@@ -241,17 +251,16 @@ TFM_INLINE Floats map_series(__global const MapStorage *map, __global const floa
 #define TERMS4(s) TERMS_OF(4, s)
 #define TERMS2(s) TERMS_OF(2, s)
 #define TERMS1(p, i, s) TERMS_OF(1, s)
+#if TFM_LANES >= 8
   for (; j + 8 <= TFM_N_COEFF; j += 8) {
     const Floats r[8] = ROWS8(TERMS8);
     sum += HALVED(HALVED(HALVED(r[0], r[1]), HALVED(r[2], r[3])), HALVED(HALVED(r[4], r[5]), HALVED(r[6], r[7])));
   }
-#if TFM_N_COEFF & 4
-  {
+#endif
+  for (; j + 4 <= TFM_N_COEFF; j += 4) {
     const Floats r[4] = ROWS4(TERMS4);
     sum += HALVED(HALVED(r[0], r[1]), HALVED(r[2], r[3]));
-    j += 4;
   }
-#endif
 #if TFM_N_COEFF & 2
   {
     const Floats r[2] = ROWS2(TERMS2);

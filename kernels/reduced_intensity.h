@@ -81,8 +81,8 @@ TFM_INLINE Floats light_optical_depth(PARAMS params, const Grid *grid, const Lig
 TFM_INLINE void light_tint(PARAMS params, const LightBuffers *buffers, LightSample light, Floats *tint)
 {
 #if TFM_TEXTURE
-  texture_at(buffers->texture + params->first_texel, params->texture_size[0], params->texture_size[1], light.u,
-             light.v, tint);
+  texture_at(buffers->texture + params->first_texel, params->texture_size[0], params->texture_size[1],
+             light.texture_u, light.texture_v, tint);
 #else
   (void)params;
   (void)buffers;

@@ -27,7 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache
@@ -382,7 +382,7 @@ def baseline_values(scene: tfm.Scene, lanes: int) -> dict[str, Any]:
     }
 
 
-def variations(scene: tfm.Scene, lanes: int) -> Iterator[Variation]:
+def variations(scene: tfm.Scene, lanes: int, possible: Iterable[int]) -> Iterator[Variation]:
     """Change each parameter of the baseline by itself; the baseline's own values are left out."""
     width, height = scene.camera.res
     for part in (0.25, 0.5, 1.5, 2.0):
@@ -398,7 +398,7 @@ def variations(scene: tfm.Scene, lanes: int) -> Iterator[Variation]:
     for kind in ("f16", "u8"):
         yield Variation("storage", kind, with_map(scene, storage=kind))
         yield Variation("voxels", kind, with_march(scene, voxels=kind))
-    for other in {1, 8, 16} - {lanes}:
+    for other in set(possible) - {lanes}:
         yield Variation("lanes", other, scene, lanes=other)
     yield Variation("skip_empty", value=False, scene=with_march(scene, skip_empty=False))
     for cutoff in (0.0, 1e-3):
@@ -822,7 +822,7 @@ class Bench:
         self._renderers: dict[int, tfm.Renderer] = {}
         launcher = Launcher(choose_device(options.device))
         self.machine = describe_machine(launcher)
-        self.lanes = launcher.lanes
+        self.lanes, self.lanes_possible = launcher.lanes, launcher.lanes_possible
         self._paths: list[Path] = options.volumes
         named = [path for path in self._paths if path.stem == "cumulus"]
         self._varied = (named or self._paths)[0]
@@ -926,7 +926,7 @@ class Bench:
 
     def _add_variations(self) -> None:
         path = self._varied
-        for variation in variations(self._scenes[path], self.lanes):
+        for variation in variations(self._scenes[path], self.lanes, self.lanes_possible):
             lanes = variation.lanes or self.lanes
             if lanes not in self.rooflines:
                 launcher = Launcher(choose_device(self._options.device), lanes=lanes)

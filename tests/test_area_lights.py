@@ -122,6 +122,10 @@ class Candle(Light):
     def footprint(self, distance):
         return distance
 
+    def fitted(self, bounds):
+        del bounds
+        return self
+
     def rays(self, positions):
         return positions, positions
 

@@ -106,7 +106,7 @@ class OnDevice:
         light = scene.lights[0]
         self.bricks = build_bricks(launcher, [volume.leaves], "the volume", voxels)
         self.centre = volume.bounds.mean(axis=0)
-        self.headers = ("basis/cosine.h", light.HEADER, scene.medium.phase.HEADER)
+        self.headers = ("basis/cosine.h", *light.headers, scene.medium.phase.HEADER)
         self.defines = map_variant(NO_MAP, light, self.bricks)[1]
         struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=self.bricks)
         self.params = launcher.upload("params", struct)

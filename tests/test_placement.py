@@ -9,7 +9,14 @@ from scenes import blobs, turned
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COLOUR
-from tfm_cl.placement import INTENSITY, OPTICAL_DEPTH, camera_for, density_scale_for, light_for
+from tfm_cl.placement import (
+    INTENSITY,
+    OPTICAL_DEPTH,
+    TOWARDS_CAMERA,
+    camera_for,
+    density_scale_for,
+    light_for,
+)
 
 
 def corner_blob():
@@ -56,6 +63,69 @@ def test_the_volume_fills_the_frame(volume, given):
     reach = max(np.abs(x).max(), np.abs(y).max())
     # The place is rounded to four digits of the volume's extent.
     assert reach == pytest.approx(1, abs=0.005)
+
+
+TURNS = {
+    "z up": (90, (1, 0, 0)),
+    "x up": (-90, (0, 0, 1)),
+    "-z up": (-90, (1, 0, 0)),
+    "y down": (180, (0, 0, 1)),
+    "tilted": (35, (1, 0, 0.5)),
+    "nearly y down": (180 - 1e-4, (0, 0, 1)),
+}
+"""The smallest rotation from y to another up: degrees and axis, which is across y."""
+
+
+@pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS.keys())
+@pytest.mark.parametrize("length", [1.0, 1e-9, 1e9])
+def test_camera_and_light_stand_in_the_frame_of_up(turn, length):
+    """Turn everything from y up to another up, and the picture stays the same."""
+    rotation = turned(*turn)[:3, :3]
+    cube = tfm.Volume(np.ones((6, 6, 6)), origin=(-3, -3, -3))  # around 0, of the same radius all around
+    upright, camera = camera_for(cube), camera_for(cube, up=tuple(length * rotation[:, 1]))
+    directions = [np.array(each.from_) / np.linalg.norm(each.from_) for each in (upright, camera)]
+    np.testing.assert_allclose(directions[1], rotation @ directions[0], atol=1e-4)  # four digits
+    lights = [np.array(light_for(cube, each).from_) for each in (upright, camera)]
+    np.testing.assert_allclose(lights[1], rotation @ lights[0], atol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["turned", "corner", "bare"])
+def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, renderer):
+    """Same voxels, with their y axis along z: same camera, light and picture in the other frame."""
+    volume, quarter = VOLUMES[name], np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+    z_up = volume.transformed(quarter)
+    camera, turned_camera = camera_for(volume, res=(32, 24)), camera_for(z_up, up=(0, 0, 1), res=(32, 24))
+    light, turned_light = light_for(volume, camera), light_for(z_up, turned_camera)
+
+    for one, other in ((camera, turned_camera), (light, turned_light)):
+        np.testing.assert_allclose(other.from_, quarter[:3, :3] @ one.from_, rtol=1e-12)
+        np.testing.assert_allclose(other.to, quarter[:3, :3] @ one.to, rtol=1e-12)
+    maps = tfm.MapSettings(basis="dct", density_weighting=10.0, res=32)
+    pictures = [
+        renderer.render(tfm.Scene(each, camera=seen, lights=[lit], map=maps), method="dual").image
+        for each, seen, lit in ((volume, camera, light), (z_up, turned_camera, turned_light))
+    ]
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "camera_from", "light_from"),
+    [
+        ("turned", (9.0847, -6.042, 11.9425), (-1.3262, 3.2907, 8.3091)),
+        ("corner", (7.7867, 1.006, 3.5834), (3.9443, 4.8933, 3.0298)),
+    ],
+)
+def test_with_y_up_places_stay_as_they_were(name, camera_from, light_from):
+    for up in ({}, {"up": (0, 1, 0)}, {"up": (0, 30, 0)}):
+        camera = camera_for(VOLUMES[name], **up)
+        assert camera.from_ == camera_from
+        assert light_for(VOLUMES[name], camera).from_ == light_from
+
+
+def test_up_along_the_usual_view_is_no_error():
+    camera = camera_for(VOLUMES["bare"], up=TOWARDS_CAMERA)
+    upwards = np.subtract(camera.from_, camera.to) @ TOWARDS_CAMERA
+    assert 0 < upwards / np.linalg.norm(np.subtract(camera.from_, camera.to)) < 0.3
 
 
 def test_keys_that_are_given_stay():

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,11 @@ from scenes import blobs
 import tfm_cl as tfm
 from tfm_cl.errors import TfmError
 from tfm_cl.params import fill
+from tfm_cl.placement import density_scale_for
 from tfm_cl.scene_file import SECTIONS, SceneFile, to_toml
 from tfm_cl.settings import ImageSettings
+
+SAMPLES = Path(__file__).resolve().parents[1] / "volumes"
 
 FULL = """
 [volume]
@@ -391,3 +395,72 @@ def test_a_damaged_scene_file_gives_a_scene_or_one_line(folder, start, length, n
     path = folder / "damaged.toml"
     path.write_text(FULL[:start] + new + FULL[start + length :], encoding="utf-8")
     check_one_line_or_a_scene(lambda: SceneFile.read(path))
+
+
+def without_density_scale(folder, peak, scene="", override=()):
+    """Write a scene file around a cloud without ``density_scale``; return what it is warned of."""
+    np.save(folder / "cloud.npy", peak * blobs())
+    (folder / "scene.toml").write_text(scene or '[volume]\nfile = "cloud.npy"')
+    file = SceneFile.read(folder / "scene.toml", override)
+    return file.warnings(file.scene())
+
+
+def sensible(peak):
+    return density_scale_for(tfm.Volume(peak * blobs()))
+
+
+@pytest.mark.parametrize("peak", [40.0, 0.01])
+def test_a_density_scale_that_is_far_from_sensible_is_told_with_the_value_of_auto(tmp_path, peak):
+    (told,) = without_density_scale(tmp_path, peak)
+    assert told == (
+        f'{tmp_path / "scene.toml"}: volume.density_scale is not given: 1 is used; "auto" would take '
+        f"{sensible(peak):g}: give one of them"
+    )
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.0, 1.8])
+def test_about_the_density_scale_of_auto_is_no_warning(tmp_path, factor):
+    assert without_density_scale(tmp_path, factor * sensible(1.0)) == ()
+
+
+@pytest.mark.parametrize("value", [1.0, 0.5, "auto"])
+def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
+    given = f'[volume]\nfile = "cloud.npy"\ndensity_scale = {value!r}'
+    assert without_density_scale(tmp_path, 40.0, given) == ()
+    assert without_density_scale(tmp_path, 40.0, override=[("volume.density_scale", value)]) == ()
+    given = tmp_path / "scene.toml"
+    file = SceneFile.read(given)
+    printed = tmp_path / "printed.toml"
+    printed.write_text(to_toml(file.resolved(file.scene())))
+    again = SceneFile.read(printed)
+    assert again.warnings(again.scene()) == ()
+
+
+@pytest.mark.parametrize(
+    ("sigma", "warned"),
+    [("1.0", True), ("100.0", True), ("0.02", False), ("0.0001", False), ("1e-320", False), ("0.0", False)],
+)
+def test_coefficients_may_say_what_the_density_scale_does_not(tmp_path, sigma, warned):
+    """Where sigma_t = 1 asks for a scale of about 0.02, "auto" would not make 0.0001 any better."""
+    scene = f'[volume]\nfile = "cloud.npy"\n[medium]\nsigma_s = {sigma}'
+    assert bool(without_density_scale(tmp_path, sensible(1.0) * 50, scene)) is warned
+
+
+def test_each_of_several_volumes_is_told_by_its_number(tmp_path):
+    table = '[[volume]]\nfile = "cloud.npy"\n'
+    told = without_density_scale(tmp_path, 40.0, f"{table}{table}density_scale = 2.0\n{table}")
+    assert [line.split(": ")[1].split()[0] for line in told] == [
+        "volume.0.density_scale",
+        "volume.2.density_scale",
+    ]
+
+
+def test_media_without_a_grid_have_no_density_scale_to_tell_of(tmp_path):
+    scene = '[volume]\nshape = "box"\ndensity = 1000.0'
+    assert without_density_scale(tmp_path, 1.0, scene) == ()
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(SAMPLES.glob("*.toml"))])
+def test_sample_scenes_are_not_warned(name):
+    file = SceneFile.read(SAMPLES / name)
+    assert file.warnings(file.scene()) == ()

@@ -32,7 +32,7 @@ BRICK_EDGE = 4
 """Cells along a brick's edge, as in ``kernels/volume.h``."""
 BLOCK_BRICKS = 2
 """Bricks along a block's edge."""
-MOST_SHARED = {1: 1, 8: 3, 16: 3}
+MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
 """Lanes -> cells along an axis within which a tile's lanes share reads, as in ``kernels/volume.h``."""
 VOXEL_BITS: dict[VoxelType, int] = {"f32": 32, "f16": 16, "u8": 8}
 MOST_POOLS = 8
@@ -156,10 +156,7 @@ def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxel
         When the records exceed the device's memory, or `MOST_POOLS` of its largest buffers.
     """
     counts = tuple(brick_count_of(leaves.shape) for leaves in volumes)
-    bricks = sum(map(math.prod, counts))
-    if bricks > MAX_INDEX:
-        raise DeviceMemoryError(f"{what} has {bricks:,} bricks; kernels index {MAX_INDEX:,}")
-    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * bricks)
+    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * check_count(volumes, what))
     slabs = [list(_slabs(launcher, leaves, count[2])) for leaves, count in zip(volumes, counts, strict=True)]
     flags = [
         np.concatenate([_occupied(launcher, slab, count) for slab in of_volume])
@@ -181,6 +178,20 @@ def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxel
             done += len(places)
     launcher.write(table, np.concatenate(tables))
     return grid
+
+
+def check_count(volumes: Sequence[Leaves], what: str) -> int:
+    """Count the bricks of volumes, also empty ones.
+
+    Raises
+    ------
+    DeviceMemoryError
+        More than kernels can index on any device.
+    """
+    bricks = sum(math.prod(brick_count_of(leaves.shape)) for leaves in volumes)
+    if bricks > MAX_INDEX:
+        raise DeviceMemoryError(f"{what} has {bricks:,} bricks; kernels index {MAX_INDEX:,}")
+    return bricks
 
 
 def _any_of_blocks(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

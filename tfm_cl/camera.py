@@ -37,7 +37,9 @@ class Camera(Model):
 
     from_: Vec3 = Field(alias="from", description="position, world units")
     to: Vec3 = Field(description="point looked at, world units")
-    up: Vec3 = Field((0.0, 1.0, 0.0), description="direction that is up in the image")
+    up: Vec3 = Field(
+        (0.0, 1.0, 0.0), description="direction that is up in the image, and for what is placed by itself"
+    )
     fov: float = Field(40.0, gt=0, lt=180, description="vertical full angle, degrees")
     res: Annotated[tuple[int, int], BeforeValidator(_resolution)] = Field(
         (1280, 720), description="width and height, pixels"

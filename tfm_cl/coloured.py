@@ -9,7 +9,7 @@ grey scene, and joined.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -67,7 +67,7 @@ def build_maps(renderer: Renderer, scene: Scene, progress: Progress | None = Non
 
 
 def render(
-    renderer: Renderer,
+    render_grey: Callable[..., RenderResult],
     scene: Scene,
     *,
     maps: list[TransmittanceMap] | None = None,
@@ -80,6 +80,8 @@ def render(
 
     Parameters
     ----------
+    render_grey
+        Renders a scene that is grey.
     maps
         From `build_maps`, in its order.
     """
@@ -91,7 +93,7 @@ def render(
     if maps is not None:
         _check_maps(scenes, maps)
     results = [
-        renderer.render(
+        render_grey(
             grey,
             maps=None if maps is None else maps[c :: len(CHANNELS)],
             method=method,
@@ -104,8 +106,9 @@ def render(
     stats = _joined_stats([result.stats for result in results], scene.map)
     stats.seconds["total"] = time.perf_counter() - started
     warnings = tuple(dict.fromkeys(chain.from_iterable(result.warnings for result in results)))
+    lit = any(result.lit for result in results)
     return RenderResult(
-        _joined_image(results), _joined_layers(results), stats, scene, results[0].crop, warnings
+        _joined_image(results), _joined_layers(results), stats, scene, results[0].crop, warnings, lit
     )
 
 

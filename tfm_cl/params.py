@@ -68,9 +68,11 @@ FIELDS = (
     Field("float", "max_stretch", 1, "longest projective step over the mean one"),
     Field("int", "paper_attenuation", 1, "1: algorithm 1 as printed, dimmed within the light's cone only"),
     Field("float", "cutoff", 1, "a camera ray ends where no colour has more transmittance left"),
-    Field("float", "world_from_light", 12, "3x4 row major, rigid; the light looks along +z"),
+    Field("float", "world_from_light", 12, "3x4 row major, rigid; the light's map looks along +z"),
     Field("float", "light_from_world", 12, "its inverse"),
     Field("float", "light_shape", 4, "parameters of the light's kind"),
+    Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
+    Field("float", "cone_from_light", 12, "3x4 row major, rotation to where a spot's axis is z"),
     Field("float", "light_intensity", 3, "RGB"),
     Field("float", "light_nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
     Field("float", "medium_half", 3, "homogeneous: half sizes of the box, or the radius first; middle at 0"),
@@ -146,6 +148,8 @@ def fill(
     params["world_from_light"] = device_from_light[:3].ravel()
     params["light_from_world"] = np.linalg.inv(device_from_light)[:3].ravel()
     params["light_shape"][: len(frame.shape)] = frame.shape
+    params["chart"] = frame.chart
+    params["cone_from_light"] = _rotation(frame.cone_from_light)
     params["light_intensity"] = light.intensity
     params["light_nearest_inverse"] = 1e6 / np.linalg.norm(np.diff(scene.volume.bounds, axis=0))
     if field is not None:
@@ -196,6 +200,8 @@ def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, in
     params["light_from_world"] = np.linalg.inv(device_from_light)[:, :3].reshape(-1, 12)
     for shape, frame in zip(params["light_shape"], frames, strict=True):
         shape[: len(frame.shape)] = frame.shape
+    params["chart"] = [frame.chart for frame in frames]
+    params["cone_from_light"] = [_rotation(frame.cone_from_light) for frame in frames]
     params["light_intensity"] = [light.intensity for light in lights]
     # A sun is in no medium, wherever its map begins.
     placed = np.array([light.lit_cone() is not None for light in lights])
@@ -206,6 +212,11 @@ def fill_homogeneous(scene: Scene, volume: Homogeneous, crop: tuple[int, int, in
         sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)
     params["light_nearest_inverse"] = 1e6 / np.maximum(sizes, SMALLEST_SIZE)
     return params
+
+
+def _rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """3×3 to 3×4 row by row, without a translation."""
+    return np.column_stack([matrix, np.zeros(3)]).ravel()
 
 
 def visible_depth(cutoff: float) -> float:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tfm_cl.volume import Volume
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
-"""From the volume to the camera: in front, a little to the right and above (y is up)."""
+"""From the volume to the camera: in front, a little to the right and above, where y is up."""
 TOWARDS_LIGHT = (-0.75, 0.9, 0.35)
 """From the volume to the light: above, to the left, slightly in front: shape by half shadow."""
 LIGHT_DISTANCE = 4.0
@@ -30,14 +30,18 @@ OPTICAL_DEPTH = 7.0
 
 
 def camera_for(volume: "Media", /, **given: Any) -> Camera:
-    """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame."""
+    """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
+
+    It stands in the frame of ``up``: where z is up, x is still to the right, and it looks along +y.
+    """
     if "from" in given and "to" in given:
         return Camera(**given)
     centre, radius = _sphere(volume)
     given.setdefault("to", _point(centre, radius))
     if "from" not in given:
+        towards = _from_y_up(given.get("up", (0, 1, 0))) @ TOWARDS_CAMERA
         # Any place serves to check the other keys and learn the angle of view.
-        camera = Camera(**{"up": (0, 1, 0), **given, "from": np.add(_vector(given["to"]), TOWARDS_CAMERA)})
+        camera = Camera(**{**given, "from": _vector(given["to"]) + towards})
         width, height = camera.res
         tangent = np.tan(np.radians(camera.fov) / 2)
         # Each corner of the bounds, in camera axes, has to stay within the frame's sides.
@@ -46,7 +50,7 @@ def camera_for(volume: "Media", /, **given: Any) -> Camera:
         with np.errstate(over="ignore"):  # an angle of nearly 0: as far away as can be
             distance = np.maximum(np.abs(right) * height / width, np.abs(up)) / tangent - forward
         away = min(float(distance.max()), LARGEST_COORDINATE)
-        given["from"] = _along(_vector(given["to"]), TOWARDS_CAMERA, away, radius)
+        given["from"] = _along(_vector(given["to"]), towards, away, radius)
     return Camera(**given)
 
 
@@ -118,8 +122,23 @@ def _vector(value: Any) -> np.ndarray:
     return vector if vector.shape == (3,) and (np.abs(vector) <= LARGEST_COORDINATE).all() else np.zeros(3)
 
 
-def _along(centre: np.ndarray, direction: Vec3 | np.ndarray, distance: float, extent: float) -> Vec3:
-    return _point(centre + distance * np.asarray(direction) / np.linalg.norm(direction), extent)
+def _from_y_up(up: Any) -> np.ndarray:
+    """Return the smallest rotation, 3×3, that takes +y to ``up``; none for what the camera will refuse."""
+    vector = _vector(up)
+    length = float(np.linalg.norm(vector))
+    if length == 0:
+        return np.eye(3)
+    x, y, z = vector / length
+    one_plus_y = 1 + y if y > 0 else (x * x + z * z) / (1 - y)  # which keeps its digits near -1
+    if one_plus_y == 0:
+        return np.diag([-1.0, -1.0, 1.0])  # of all half turns across y the one that stays in front
+    cross = np.array([[0, x, 0], [-x, 0, -z], [0, z, 0]])  # v ↦ (y × up) × v
+    rotation: np.ndarray = np.eye(3) + cross + cross @ cross / one_plus_y
+    return rotation
+
+
+def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Vec3:
+    return _point(centre + distance * direction / np.linalg.norm(direction), extent)
 
 
 def _point(position: np.ndarray, extent: float) -> Vec3:

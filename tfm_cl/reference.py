@@ -197,11 +197,7 @@ def _grids(scene: Scene) -> Grids:
 
 def _fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:
     """Return a light with a place for its map: its own, that of a map to compare with, or the scene's."""
-    if not light.needs_fitting:
-        return light
-    if like is not None and not like.light.needs_fitting:
-        return like.light
-    return light.fitted(_grids(scene).bounds)
+    return light.fitted(_grids(scene).occupied_bounds) if like is None else like.light
 
 
 def light_optical_depth(scene: Scene, light: Light, points: Floats) -> Floats:
@@ -388,7 +384,7 @@ def map_optical_depth(
     if like is None:
         scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
     model = map_model(scene, like)
-    rays, (_, distance, positions, _) = _light_rays(_fitted(scene, light, like), points)
+    rays, (_, distance, positions, *_) = _light_rays(_fitted(scene, light, like), points)
     begin, end = march_bounds(_grids(scene), *rays)
     hit, beyond = end > begin, np.zeros(len(points))
     if model.settings.range != "box":
@@ -420,9 +416,9 @@ def map_optical_depth(
 def unshadowed(volume: Grids, light: Light, points: Floats) -> Floats:
     """RGB that would arrive at points ``[rays, 3]`` that the light reaches, were there no medium."""
     nearest = 1e-6 * float(np.linalg.norm(np.subtract(*volume.bounds)))
-    light = light.fitted(volume.bounds) if light.needs_fitting else light
+    light = light.fitted(volume.occupied_bounds)
     arrival = light.arrival(points, nearest)
-    return arrival.strength[:, None] * light.intensity_at(arrival.position)
+    return arrival.strength[:, None] * light.intensity_at(arrival.texture)
 
 
 def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import coloured, fog
+from tfm_cl import coloured, diagnosis, fog
 from tfm_cl import params as parameters
 from tfm_cl.bricks import build_bricks
 from tfm_cl.device import choose_device
@@ -66,7 +66,7 @@ class Renderer:
     build_options
         Further OpenCL compiler options.
     lanes
-        Rays that a work-item carries, 1, 8 or 16; by default what suits the device.
+        Rays that a work-item carries, 1, 4, 8 or 16; by default what suits the device.
     largest_buffer
         Bytes that one device buffer may have; by default the device's limit.
     work_group
@@ -76,6 +76,8 @@ class Renderer:
     ------
     NoDeviceError
         No device, or none of that name.
+    DeviceError
+        Lanes that the device does not have.
     """
 
     def __init__(
@@ -156,8 +158,11 @@ class Renderer:
         if isinstance(scene.volume, Homogeneous):
             fog.check(scene)
         scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
-        bounds = scene.volume.bounds
-        return scene.replace(lights=tuple(light.fitted(bounds) for light in scene.lights))
+        # Without solids fog has no maps at all, and may have thousands of lights.
+        fits = bool(scene.solids) or not isinstance(scene.volume, Homogeneous)
+        bounds = scene.volume.occupied_bounds
+        fitted = (light.fitted(bounds) if fits or light.needs_fitting else light for light in scene.lights)
+        return scene.replace(lights=tuple(fitted))
 
     def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
         """Plan the maps of a scene of single lights."""
@@ -227,9 +232,26 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
+        if diagnosis.is_black(result.image):
+            why = diagnosis.why_black(result, self._visibility)
+            result = replace(result, warnings=(*result.warnings, why))
+        return result
+
+    def _render(
+        self,
+        scene: Scene,
+        *,
+        maps: list[TransmittanceMap] | None,
+        method: str | None,
+        crop: Crop | None,
+        aovs: Collection[str],
+        progress: Progress | None,
+    ) -> RenderResult:
+        """Render a scene, and ask nothing of the picture."""
         if scene.volume.colour is not None:
             return coloured.render(
-                self, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
+                self._render, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
             )
         progress = progress or _silent
         method = method or scene.march.method
@@ -251,7 +273,8 @@ class Renderer:
             fog.add_lights(*of_renderer, points, crop, gbuffer, frame, stats, progress)
         else:
             warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
-        image, layers = _resolve(self._view_pass.read(frame), gbuffer)
+        seen = self._view_pass.read(frame)
+        image, layers = _resolve(seen, gbuffer)
         if errors is not None:
             error = _resolve(self._view_pass.read(errors), gbuffer)[1]["light_transmittance"]
             layers["map_error"] = error.mean(axis=-1)
@@ -266,8 +289,9 @@ class Renderer:
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
+        lit = any(row[:, 3].any() for row in seen.light_seen)
         notes = dict.fromkeys(note for volume in scene.volume.parts for note in volume.notes)
-        return RenderResult(image, layers, stats, scene, crop, (*notes, *warnings))
+        return RenderResult(image, layers, stats, scene, crop, (*notes, *warnings), lit)
 
     def _add_lights(
         self,

@@ -99,7 +99,7 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     if is_auto(scene.map.res):
         of_map["res"] = (
             max(
-                map_res_for(scene.volume, part.fitted(scene.volume.bounds), scene.camera)
+                map_res_for(scene.volume, part.fitted(scene.volume.occupied_bounds), scene.camera)
                 for light in scene.lights
                 for part in light.parts()
             )

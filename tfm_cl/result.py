@@ -67,6 +67,8 @@ class RenderResult:
     """Pixels x0, y0, x1, y1 of the full frame that ``image`` holds."""
     warnings: tuple[str, ...] = ()
     """Things a user should know: one line each."""
+    lit: bool = True
+    """Whether the camera sees any of the medium where lights reach, were nothing in their way."""
 
     def save(
         self,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -312,9 +313,8 @@ class SceneFile:
     def chosen(self, scene: Scene) -> Values:
         """Return what was placed, scaled or counted by itself, by dotted key, to be fixed by hand."""
         values: Values = {}
-        for i, (settings, volume) in enumerate(zip(self.volumes, scene.volume.parts, strict=False)):
-            if isinstance(settings, VolumeSettings) and settings.density_scale == "auto":
-                number = f"{i}." if len(self.volumes) > 1 else ""
+        for number, settings, volume in self._grids(scene):
+            if settings.density_scale == "auto":
                 values[f"volume.{number}density_scale"] = volume.density_scale
         camera = scene.camera.to_dict()
         values |= {f"camera.{key}": camera[key] for key in ("from", "to") if key not in self.camera}
@@ -328,13 +328,29 @@ class SceneFile:
                 values[f"{section}.{key}"] = getattr(getattr(resolved, section), key)
         return values
 
+    def warnings(self, scene: Scene) -> tuple[str, ...]:
+        """Tell, one line each, what the file leaves out and most likely should not."""
+        return tuple(
+            f'{self.path}: volume.{number}density_scale is not given: 1 is used; "auto" would take '
+            f"{sensible:g}: give one of them"
+            for number, settings, volume in self._grids(scene)
+            if "density_scale" not in settings.model_fields_set
+            and _is_far_from_one(
+                sensible := placement.density_scale_for(volume), float(scene.medium.sigma_t.max())
+            )
+        )
+
+    def _grids(self, scene: Scene) -> Iterator[tuple[str, VolumeSettings, Volume]]:
+        """Yield each volume that is a grid, with its settings and what its keys' section is numbered with."""
+        for i, (settings, volume) in enumerate(zip(self.volumes, scene.volume.parts, strict=False)):
+            if isinstance(settings, VolumeSettings):
+                yield f"{i}." if len(self.volumes) > 1 else "", settings, volume
+
     def resolved(self, scene: Scene) -> Values:
         """Return every option as resolved, in the shape of a scene file that reproduces this run."""
         scene = scene.resolved()
         volumes = [
-            settings.resolved(self.path.parent, volume)
-            for settings, volume in zip(self.volumes, scene.volume.parts, strict=False)
-            if isinstance(settings, VolumeSettings)
+            settings.resolved(self.path.parent, volume) for _, settings, volume in self._grids(scene)
         ] or [settings.to_dict() for settings in self.volumes]
         return {
             "volume": volumes[0] if len(volumes) == 1 else volumes,
@@ -348,6 +364,23 @@ class SceneFile:
             "march": scene.march.to_dict(),
             "image": self.image.to_dict(),
         }
+
+
+FAR = 2.0
+"""Factor between two density scales that makes another picture."""
+
+
+def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
+    """Tell whether a density scale of 1 gives a much worse optical depth than ``sensible`` would.
+
+    ``sensible`` is for σ_t = 1. A medium of another σ_t may say by it what the density scale does not: then
+    both together would be worse.
+    """
+    if sigma_t <= 0:
+        return False
+    # Of logarithms, since a quotient may be beyond float64.
+    as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
+    return as_it_is >= math.log(FAR) and as_it_is > with_sensible
 
 
 NUMBERS = ("coeffs", "bytes", "max_error")

@@ -52,8 +52,7 @@ def bounds_of_lights(lights: Sequence[Light], camera: Camera, bounds: Floats) ->
     limits = np.empty((len(lights), 4))
     limits[:] = 0, 0, width, height
     if np.isfinite(bounds).all():
-        middle, half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
-        limits = _common(limits, _rectangles((middle + CORNERS * half)[None], np.ones((1, 8)), camera))
+        limits = _common(limits, box_on_screen(bounds, camera)[None])
     cones = [light.lit_cone() for light in lights]
     placed = np.array([i for i, cone in enumerate(cones) if cone is not None], dtype=np.intp)
     if len(placed):
@@ -78,6 +77,16 @@ def bounds_of_lights(lights: Sequence[Light], camera: Camera, bounds: Floats) ->
     empty = ~shown | (inside[:, 0] >= inside[:, 2]) | (inside[:, 1] >= inside[:, 3])
     inside[empty] = 0
     return inside
+
+
+def box_on_screen(bounds: Floats, camera: Camera) -> Floats:
+    """Return the rectangle x0, y0, x1, y1, pixels, around what a camera sees of a box [2, 3], world.
+
+    It may lie outside of the frame, and be infinite; x0 > x1 where the box is behind the camera.
+    """
+    middle, half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
+    rectangle: Floats = _rectangles((middle + CORNERS * half)[None], np.ones((1, 8)), camera)[0]
+    return rectangle
 
 
 class BlockLists(NamedTuple):

@@ -16,7 +16,7 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.colour import ColourSource, check_array, checked, read_colour
-from tfm_cl.volume_io.grid import coloured_where, shown, world_from_index_of
+from tfm_cl.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
 from tfm_cl.volume_io.values import ValueMap
 
 
@@ -153,15 +153,52 @@ class Volume:
             Missing, damaged or unknown file, unknown grid (the message lists the names), level set, or a
             colour that is not one of this grid.
         """
-        path, values = Path(path), ValueMap(offset, window)
-        values.check(str(path))
-        described = volume_io.choose_grid(path, grid)
-        label = f"{path}: grid {shown(described.name)}"
+        path = Path(path)
+        ValueMap(offset, window).check(str(path))
+        return cls.of_grid(
+            path,
+            volume_io.choose_grid(path, grid),
+            None,
+            colour=colour,
+            offset=offset,
+            window=window,
+            voxel_size=voxel_size,
+            origin=origin,
+            density_scale=density_scale,
+            sanitize=sanitize,
+        )
+
+    @classmethod
+    def of_grid(
+        cls,
+        path: Path,
+        described: Grid,
+        data: NDArray[np.float32] | Leaves | None,
+        *,
+        colour: ColourSource = None,
+        offset: float = 0.0,
+        window: tuple[float, float] | None = None,
+        voxel_size: float | tuple[float, float, float] | None = None,
+        origin: tuple[float, float, float] | None = None,
+        density_scale: float = 1.0,
+        sanitize: bool = False,
+    ) -> Volume:
+        """Make the volume of a grid of a file.
+
+        Parameters
+        ----------
+        data
+            What `volume_io.read_stored` read of it, which becomes the volume's own: an array is kept, and
+            nobody can write to it any more. None: it is read here.
+
+        All others, and errors, as of `load`.
+        """
+        values, label = ValueMap(offset, window), f"{path}: grid {shown(described.name)}"
         notes = described.notes
         rgb: NDArray[np.float32] | None
-        data: NDArray[np.float32] | Leaves
         if described.read_colour is None:
-            data = values.of_stored(volume_io.read_stored(path, described), label)
+            stored = volume_io.read_stored(path, described) if data is None else data
+            data = values.of_stored(stored, label)
             rgb, notes_of_colour = read_colour(path, described, colour, sanitize=sanitize)
             notes += notes_of_colour
         elif colour is None:
@@ -260,6 +297,13 @@ class Volume:
             return self.bounds
         low, high = (index[::-1] for index in box)
         return _world_box(self.world_from_index, [i - 1.0 for i in low], [i + 1.0 for i in high])
+
+    @property
+    def largest(self) -> float:
+        """Largest voxel, before ``density_scale``; of a coloured volume the largest in any channel."""
+        if self._colour is not None:
+            return max(channel.largest for channel in self.channels)
+        return float(self._voxels.stored.max())
 
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.

@@ -22,7 +22,16 @@ typedef struct {
   Floats distance; /* travelled, world */
   Floats u, v;     /* the ray's position in the map, [0, 1]^2 */
   Floats strength; /* falloff and edge: what the light's intensity is multiplied by, without the medium */
+  Floats texture_u, texture_v; /* position in the light's image, with TFM_TEXTURE */
 } LightSample;
+
+/* u of what the map cannot show. */
+#define CHART_OUTSIDE -1.0f
+
+TFM_INLINE Floats magnitude_of(Floats x)
+{
+  return AS_FLOATS(AS_INTS(x) & 0x7fffffff);
+}
 
 TFM_INLINE Floats light_falloff(PARAMS params, Floats inverse_distance)
 {

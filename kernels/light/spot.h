@@ -1,5 +1,7 @@
-/* Spot light: a cone from a point, mapped on the square around it.
-   light_shape = tan(half angle), half angle (radians), blend, 1 / reach. Light space: apex at 0, axis along +z. */
+/* Spot light: a cone from a point.
+   light_shape = tan(half angle), half angle (radians), blend, 1 / reach. Light space: apex at 0, the map's middle along
+   +z; the cone's axis is z of cone_from_light.
+   Includes expected before: its chart. */
 #ifndef TFM_LIGHT_SPOT_H
 #define TFM_LIGHT_SPOT_H
 
@@ -11,13 +13,17 @@ TFM_INLINE Vec3 spot_position(PARAMS params)
               floats(params->world_from_light[11]));
 }
 
+/* Where the axis is z. */
+TFM_INLINE Vec3 in_cone(PARAMS params, Vec3 light_space)
+{
+  return transform_vector(params->cone_from_light, light_space);
+}
+
 TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
 {
-  const float tangent = params->light_shape[0];
   Ray ray;
   ray.origin = spot_position(params);
-  ray.direction = unit3(transform_vector(
-      params->world_from_light, vec3((2.0f * u - 1.0f) * tangent, (2.0f * v - 1.0f) * tangent, floats(1.0f))));
+  ray.direction = unit3(transform_vector(params->world_from_light, chart_direction(params, u, v)));
   return ray;
 }
 
@@ -32,12 +38,12 @@ TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
 
 TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
 {
-  return greatest(transform_point(params->light_from_world, point).z, floats(0.0f));
+  return greatest(in_cone(params, transform_point(params->light_from_world, point)).z, floats(0.0f));
 }
 
 TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
 {
-  const Vec3 p = transform_point(params->light_from_world, point);
+  const Vec3 p = in_cone(params, transform_point(params->light_from_world, point));
   return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= params->light_shape[0] * p.z) &
          in_reach(params, dot3(p, p));
 }
@@ -47,7 +53,8 @@ TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
 TFM_INLINE Ints light_clip(PARAMS params, Ray world_ray, Interval *interval)
 {
   const float k2 = params->light_shape[0] * params->light_shape[0];
-  const Ray ray = transform_ray(params->light_from_world, world_ray);
+  const Ray light_space = transform_ray(params->light_from_world, world_ray);
+  const Ray ray = {in_cone(params, light_space.origin), in_cone(params, light_space.direction)};
   /* Measured from the point of the ray nearest to the apex, where the terms do not cancel. */
   const Vec3 d = ray.direction;
   const Floats shift = -dot3(ray.origin, d);
@@ -97,16 +104,26 @@ TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
   LightSample sample;
   sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   sample.distance = square * inverse;
-  /* Within the cone z is not much smaller than x and y. */
-  const Floats away = 1.0f / (apart ? p.z : floats(1.0f));
-  const float scale = 0.5f / params->light_shape[0];
-  const Floats x = p.x * away, y = p.y * away;
-  sample.u = 0.5f + x * scale;
-  sample.v = 0.5f + y * scale;
+  chart_position(params, p, &sample.u, &sample.v);
   sample.strength = light_falloff(params, inverse) * light_window(params, square);
-  if (params->light_shape[2] > 0.0f) {
-    const Floats off = x * x + y * y;
-    sample.strength *= spot_edge(params, off * reciprocal_sqrt(off));
+  sample.texture_u = sample.texture_v = floats(0.5f);
+#if TFM_TEXTURE
+  const int needs_angles = 1;
+#else
+  const int needs_angles = params->light_shape[2] > 0.0f;
+#endif
+  if (needs_angles) {
+    const Vec3 q = in_cone(params, p);
+    /* Within the cone z is not much smaller than x and y. */
+    const Floats away = 1.0f / (apart ? q.z : floats(1.0f));
+    const float scale = 0.5f / params->light_shape[0];
+    const Floats x = q.x * away, y = q.y * away;
+    sample.texture_u = 0.5f + x * scale;
+    sample.texture_v = 0.5f + y * scale;
+    if (params->light_shape[2] > 0.0f) {
+      const Floats off = x * x + y * y;
+      sample.strength *= spot_edge(params, off * reciprocal_sqrt(off));
+    }
   }
   return sample;
 }

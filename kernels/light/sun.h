@@ -60,6 +60,8 @@ TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
   sample.distance = p.z;
   sample.u = 0.5f + p.x * (0.5f / params->light_shape[0]);
   sample.v = 0.5f + p.y * (0.5f / params->light_shape[1]);
+  sample.texture_u = sample.u;
+  sample.texture_v = sample.v;
   sample.strength = floats(1.0f);
   return sample;
 }

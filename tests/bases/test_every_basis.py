@@ -44,12 +44,12 @@ def test_begin_and_far_end(renderer, any_basis):
     assert np.isfinite(found).all()
 
 
-def test_eight_lanes_give_the_same_map(device_name, any_basis):
+def test_lanes_give_the_same_map(device_name, any_basis):
     coeffs = 7 if 7 in any_basis.counts else 8
     scene = scene_of(slabs(14), basis=any_basis.name, coeffs=coeffs, range="auto")
     rays, v = light_rays(scene), np.linspace(0, 1, 30)
     found = []
-    for lanes in (1, 8):
+    for lanes in (1, None):
         with tfm.Renderer(device_name, build_options=("-Werror",), lanes=lanes) as renderer:
             found.append(transmittance(renderer.build_maps(scene)[0], rays, v))
 

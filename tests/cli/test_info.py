@@ -4,6 +4,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 from scenes import blobs
 
@@ -85,7 +86,9 @@ def test_a_grid_without_a_single_number(cli):
     np.save("nan.npy", np.full((2, 2, 2), np.nan))
     (grid,) = cli("info", "nan.npy", "--json").json["grids"]
     assert (grid["min"], grid["max"], grid["mean"], grid["not_finite"]) == (None, None, None, 8)
-    assert "nan" not in cli("info", "nan.npy").out.replace("nan.npy", "")
+    assert grid["renders"].startswith("8 densities are negative, infinite or NaN, the first nan at ")
+    figures = cli("info", "nan.npy").out.replace("nan.npy", "").replace(grid["renders"], "")
+    assert "nan" not in figures
 
 
 def test_several_grids_of_a_vdb(cli):
@@ -102,8 +105,8 @@ def test_several_grids_of_a_vdb(cli):
 
 @pytest.fixture(scope="module")
 def on_device(device_name):
-    """``on_device(path)`` is the memory that the volume takes on a device of 16 lanes."""
-    launcher = Launcher(choose_device(device_name), lanes=16)
+    """``on_device(path)`` is the memory that the volume takes on a CPU."""
+    launcher = Launcher(choose_device(device_name))
     return lambda path: build_bricks(launcher, [tfm.Volume.load(path).leaves], "the volume", "f32").nbytes
 
 
@@ -184,3 +187,54 @@ def test_a_file_name_beyond_ascii(cli, cloud, folder):
     shutil.copy(cloud, folder / "wolke – é.npy")
     done = cli("info", "wolke – é.npy", "--json")
     assert json.loads(done.out)["file"] == "wolke – é.npy"
+
+
+def of_voxels(value, **others):
+    density = np.zeros((12, 12, 12))
+    density[3:9, 3:9, 3:9] = value
+    return {"density": density, **others}
+
+
+COLOUR = np.ones((12, 12, 12, 3), np.float32)
+VOLUMES = {
+    "good": of_voxels(1.0),
+    "faint": of_voxels(1e-26),
+    "strong": of_voxels(3e38),
+    "coloured": of_voxels(1.0, colour=COLOUR),
+    "negative": of_voxels(-1.0),
+    "not a number": of_voxels(np.nan),
+    "infinite": of_voxels(np.inf),
+    "beyond float32": of_voxels(1e60),
+    "zero": of_voxels(0.0),
+    "below float32": of_voxels(1e-60),
+    "denormal": of_voxels(1e-40),
+    "least": of_voxels(2e-45),
+    "colour of 0": of_voxels(1.0, colour=0 * COLOUR),
+    "negative colour": of_voxels(1.0, colour=-COLOUR),
+    "colour of another shape": of_voxels(1.0, colour=COLOUR[1:]),
+    "flat voxels": of_voxels(1.0, world_from_index=np.diag([1.0, 1, 0, 1])),
+    "huge voxels": of_voxels(1.0, voxel_size=1e30),
+    "beyond coordinates": of_voxels(1.0, voxel_size=5e14),
+    "far away": of_voxels(1.0, origin=(1e14, 0, 0)),
+    "tiny voxels": of_voxels(1.0, voxel_size=1e-30),
+}
+
+
+@pytest.mark.parametrize("arrays", VOLUMES.values(), ids=VOLUMES)
+def test_info_says_what_render_says(cli, tiny, arrays):
+    np.savez("v.npz", **arrays)
+    (grid,) = cli("info", "v.npz", "--json").json["grids"]
+    done = cli("render", "v.npz", "-o", "v.png", *tiny)
+    shows = done.code == 0 and np.asarray(PIL.Image.open("v.png")).max() > 0
+    assert (grid["renders"] == "yes") is bool(shows)
+    if not shows:
+        said = grid["renders"].removeprefix("the picture is black: ")
+        assert said in done.err
+
+
+def test_more_bricks_than_any_device_indexes_do_not_render(cli, monkeypatch):
+    np.save("v.npy", np.ones((3, 3, 3)))
+    monkeypatch.setattr("tfm_cl.bricks.MAX_INDEX", 7)
+    (grid,) = cli("info", "v.npy", "--json").json["grids"]
+    assert grid["renders"] == "the volume has 8 bricks; kernels index 7"
+    assert grid["device_bytes"] is None

@@ -114,6 +114,7 @@ KEYS = [
 SCENE = """
 [volume]
 file = "smoke.npz"
+density_scale = 1.5
 grid = "density"
 [camera]
 from = [1, 2, 30]

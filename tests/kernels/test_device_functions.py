@@ -28,7 +28,7 @@ class Device:
         self.scene = scene or make_scene()
         light = self.scene.lights[0]
         self.bricks = build_bricks(launcher, [self.scene.volume.leaves], "the volume", "f32")
-        self.headers = (BASES["dct"].header, light.HEADER, self.scene.medium.phase.HEADER)
+        self.headers = (BASES["dct"].header, *light.headers, self.scene.medium.phase.HEADER)
         self.defines = {"TFM_N_COEFF": coeffs, "TFM_STORAGE_BITS": storage_bits, **self.bricks.defines}
         self.defines |= map_variant(NO_MAP, light, self.bricks)[1] | self.defines
         struct = parameters.fill(

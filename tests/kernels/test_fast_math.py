@@ -6,7 +6,7 @@ from tolerances import EXPONENT, FAST_MATH, FLOAT32, STEP
 
 from tfm_cl import reference
 
-HEADERS = ("basis/cosine.h", "light/spot.h", "phase/isotropic.h")
+HEADERS = ("basis/cosine.h", "light/chart/perspective.h", "light/spot.h", "phase/isotropic.h")
 DEFINES = {
     "TFM_N_COEFF": 4,
     "TFM_STORAGE_BITS": 32,

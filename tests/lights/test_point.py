@@ -6,17 +6,22 @@ from tolerances import ROUNDED
 
 from tfm_cl.errors import SceneError
 from tfm_cl.lights import PointLight
-from tfm_cl.lights.point import BORDER, direction_of, unfolded
+from tfm_cl.lights.charts import BORDER, COARSEST, Octahedron
 from tfm_cl.lights.texture import look_up
 
 STRETCH = 3.0
 """Radians a unit of the square is at most: in the middle of a face, 1/√3 from the centre and tilted by it."""
 
 LIGHT = PointLight(from_=(0.3, -0.2, 0.5))
+CHART = Octahedron.whole()
 
 
 def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def direction_of(square):
+    return unit(CHART.lifted(square))
 
 
 def texel_directions(res):
@@ -55,7 +60,7 @@ def test_there_and_back(rng):
 
 def test_places_in_the_square_are_those_of_their_rays(rng):
     square = rng.uniform(-1, 1, (5000, 2))
-    np.testing.assert_allclose(unfolded(direction_of(square)), square, atol=ROUNDED)
+    np.testing.assert_allclose(CHART.plane(direction_of(square)), square, atol=ROUNDED)
 
 
 @pytest.mark.parametrize("res", [16, 32, 33, 100, 512])
@@ -120,9 +125,8 @@ def test_without_its_border_the_map_would_have_a_seam(rng):
     mirrored = directions * (-1, 1, 1)
     close = np.abs(directions[:, 0]) < 1e-5
 
-    jumps = [
-        np.abs(look_up(image, (1 + unfolded(directions)) / 2) - look_up(image, (1 + unfolded(mirrored)) / 2))
-    ]
+    without = [look_up(image, (1 + CHART.plane(each)) / 2) for each in (directions, mirrored)]
+    jumps = [np.abs(np.subtract(*without))]
     with_border = texel_directions(res) @ [1.0, -0.7, 0.4]
     places = [LIGHT.arrival(np.asarray(LIGHT.from_) + d).position for d in (directions, mirrored)]
     jumps.append(np.abs(np.subtract(*(look_up(with_border[::-1, :, None], place) for place in places))))
@@ -153,10 +157,15 @@ def test_a_sphere_of_light_is_its_points():
     assert len({part.map_key() for part in parts}) == 64
 
 
-def test_the_footprint_is_the_mean_width_of_texels():
+def test_the_footprint_is_that_of_the_widest_texels(rng):
     light, res = PointLight(from_=(0, 0, 0)), 64
-    inner = (1 - 2 * BORDER) * res
-    assert (light.footprint(3) / res) ** 2 == pytest.approx(4 * np.pi * 9 / inner**2)
+    # Root of the solid angle that a piece of the square shows.
+    square, step = rng.uniform(-1, 1, (20000, 2)), 1e-4
+    across, up = (direction_of(square + shift) - direction_of(square) for shift in ((step, 0), (0, step)))
+    widest = np.sqrt(np.linalg.norm(np.cross(across, up), axis=1).max()) / step
+    texel = 2 / (1 - 2 * BORDER) / res
+    assert light.footprint(3) / res == pytest.approx(3 * widest * texel, rel=0.01)
+    assert widest == pytest.approx(COARSEST, rel=0.01)
 
 
 @pytest.mark.parametrize(

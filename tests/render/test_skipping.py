@@ -15,7 +15,9 @@ from tolerances import LANES, PASS, SKIPPING
 
 import tfm_cl as tfm
 from tfm_cl import reference
+from tfm_cl.device import choose_device
 from tfm_cl.leaves import Leaves
+from tfm_cl.passes.launch import Launcher
 
 METHODS = ["tfm", "dual"]
 SAMPLINGS = ["projective", "world"]
@@ -352,30 +354,49 @@ def by_lanes(device_name):
         renderer.close()
 
 
-def check_lanes(by_lanes, scene):
-    expected = by_lanes(1).render(scene)
-    assert expected.image[..., :3].max() > 1e-3
-    for lanes in (8, 16):
-        result = by_lanes(lanes).render(scene)
-        check_equal(result, expected, LANES)
-    return expected
+@pytest.fixture(scope="module")
+def lanes_possible(device_name):
+    return Launcher(choose_device(device_name)).lanes_possible
+
+
+@pytest.fixture
+def check_lanes(by_lanes, lanes_possible):
+    """``check_lanes(scene)`` returns what one lane sees, once all others have seen the same."""
+
+    def check(scene):
+        expected = by_lanes(1).render(scene)
+        assert expected.image[..., :3].max() > 1e-3
+        for lanes in lanes_possible:
+            check_equal(by_lanes(lanes).render(scene), expected, LANES)
+        return expected
+
+    return check
+
+
+def test_lanes_that_the_device_does_not_have_are_refused(device_name, lanes_possible):
+    with pytest.raises(tfm.DeviceError, match=r"lanes = 5: expected one of 1, "):
+        tfm.Renderer(device_name, lanes=5)
+    wider = {4, 8, 16}.difference(lanes_possible)
+    for lanes in wider:
+        with pytest.raises(tfm.DeviceError, match=rf"lanes = {lanes}: expected one of 1, "):
+            tfm.Renderer(device_name, lanes=lanes)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_lanes_agree(by_lanes, method):
+def test_lanes_agree(check_lanes, method):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(97, 61))
     scene = scene_of(GAPPY["balls"], steps=40, light_steps=30, march={"method": method})
 
-    check_lanes(by_lanes, scene.replace(camera=camera))
+    check_lanes(scene.replace(camera=camera))
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("fov", [4, 38])
-def test_all_samples_are_taken_without_skipping(by_lanes, fov, method):
+def test_all_samples_are_taken_without_skipping(by_lanes, lanes_possible, fov, method):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=fov, res=(24, 18))
     scene = without_skipping(scene_of(GAPPY["balls"], march={"method": method}).replace(camera=camera))
 
-    counts = [by_lanes(lanes).render(scene).aovs["samples"] for lanes in (1, 16)]
+    counts = [by_lanes(lanes).render(scene).aovs["samples"] for lanes in (1, lanes_possible[-1])]
 
     # Each part of a ray is marched in whole steps: rounding may add one; and a ray that grazes the cone
     # or the bounds may hit them with one rounding and miss with the other.
@@ -386,7 +407,7 @@ def test_all_samples_are_taken_without_skipping(by_lanes, fov, method):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("storage", "coeffs"), STORED)
-def test_lanes_agree_whatever_the_map(by_lanes, storage, coeffs):
+def test_lanes_agree_whatever_the_map(by_lanes, check_lanes, storage, coeffs):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(97, 61))
     scene = scene_of(GAPPY["balls"], steps=40).replace(
         camera=camera,
@@ -396,7 +417,7 @@ def test_lanes_agree_whatever_the_map(by_lanes, storage, coeffs):
         medium=tfm.Medium(sigma_s=0.9, sigma_a=0.2),
     )
 
-    expected = check_lanes(by_lanes, scene)
+    expected = check_lanes(scene)
 
     # Storage in fewer bits, as in tests/passes: α times the rounding of f.
     exact = by_lanes(1).render(scene.replace(map=scene.map.replace(storage="f32"))).image
@@ -552,7 +573,7 @@ def sparse_scenes(draw):
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-def test_16_lanes_that_skip_see_what_1_lane_sees_that_does_not(by_lanes, scene):
-    result, expected = by_lanes(16).render(scene), by_lanes(1).render(without_skipping(scene))
+def test_most_lanes_that_skip_see_what_1_lane_sees_that_does_not(by_lanes, lanes_possible, scene):
+    result, expected = by_lanes(lanes_possible[-1]).render(scene), by_lanes(1).render(without_skipping(scene))
 
     check_equal(result, expected, LANES)

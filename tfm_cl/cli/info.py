@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl import volume_io
-from tfm_cl.errors import VolumeError
+from tfm_cl.errors import TfmError
 from tfm_cl.leaves import Leaves
-from tfm_cl.volume import bounds_of
+from tfm_cl.placement import density_scale_for
+from tfm_cl.scene import Scene
+from tfm_cl.volume import Volume, bounds_of
 from tfm_cl.volume_io.grid import Grid
+from tfm_cl.volume_io.grid import shown as shown_name
 
 LANES = 16
 """Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
@@ -66,12 +69,30 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
     if grid.read_colour is not None:
         measured, *_ = _measured(volume_io.read_vectors(path, grid))
     shown |= measured
-    shown["device_bytes"] = _device_bytes(voxels)
+    shown["device_bytes"], refused = _on_device(voxels)
+    if shown["renders"] == "yes":
+        shown["renders"] = refused or _fault(path, grid, voxels) or "yes"
     shown["active_voxels"] = active if grid.active_voxels is None else grid.active_voxels
     shown["active_share"] = shown["active_voxels"] / (x * y * z)
     if finite < x * y * z:
         shown["not_finite"] = x * y * z - finite
     return shown
+
+
+def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
+    """Why `tfm render` without options refuses a grid, or makes a black picture of it; empty for neither.
+
+    It does what `tfm render` does before it needs a device. The voxels become a volume's own.
+    """
+    try:
+        volume = Volume.of_grid(path, grid, voxels)
+        scene = Scene(volume.with_density_scale(density_scale_for(volume))).resolved()
+    except TfmError as error:
+        return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
+    from tfm_cl.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
+
+    reason = without_density(volume) or too_thin(scene.volume, scene.medium)
+    return reason and f"the picture is black: {reason}"
 
 
 def _measured(voxels: NDArray[np.float32] | Leaves) -> tuple[dict[str, float | None], int, int]:
@@ -90,15 +111,16 @@ def _measured(voxels: NDArray[np.float32] | Leaves) -> tuple[dict[str, float | N
     return {name: value if count else None for name, value in named}, nonzero, count
 
 
-def _device_bytes(voxels: NDArray[np.float32] | Leaves) -> int | None:
-    """Size of the bricks of float32 voxels on a device of `LANES`; None for more leaves than can be."""
-    from tfm_cl.bricks import device_bytes  # noqa: PLC0415 - the help of `tfm info` needs no OpenCL
+def _on_device(voxels: NDArray[np.float32] | Leaves) -> tuple[int | None, str]:
+    """Size of the bricks of float32 voxels on a device of `LANES`, or None and why no device takes them."""
+    from tfm_cl.bricks import check_count, device_bytes  # noqa: PLC0415 - the help of `tfm info` needs no OpenCL
 
     try:
         leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)
-    except VolumeError:
-        return None
-    return device_bytes(leaves, LANES, "f32")
+        check_count([leaves], "the volume")
+    except TfmError as error:
+        return None, str(error)
+    return device_bytes(leaves, LANES, "f32"), ""
 
 
 def _shown(value: Any) -> str:

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,7 @@ def command(
     chosen = scene_file.chosen(scene)
     if chosen and not quiet:
         print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
+    _warn(scene_file.warnings(scene), quiet=quiet)
     if verbose:
         print(to_toml(resolved | {"map": scene.map.resolved().to_dict()}), file=sys.stderr)
     if print_config:
@@ -86,14 +88,16 @@ def command(
     load_seconds = time.perf_counter() - started
 
     # Imported here: printing a configuration needs no OpenCL.
+    from tfm_cl.diagnosis import too_dark  # noqa: PLC0415
     from tfm_cl.renderer import Renderer  # noqa: PLC0415
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
         result = renderer.render(
             scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
         )
-    for warning in () if quiet else result.warnings:
-        print(f"tfm: warning: {warning}", file=sys.stderr)
+    _warn(result.warnings, quiet=quiet)
+    if any(path.suffix.lower() == ".png" for path in outputs):
+        _warn(filter(None, [too_dark(result, scene_file.image.exposure)]), quiet=quiet)
     resolved["map"] = _used_map(resolved["map"], result)
 
     rendered = time.perf_counter()
@@ -105,6 +109,11 @@ def command(
         _print_stats(report)
     if json_path is not None:
         _write_json(json_path, report)
+
+
+def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
+    for warning in () if quiet else warnings:
+        print(f"tfm: warning: {warning}", file=sys.stderr)
 
 
 def _used_map(asked: Values, result: "RenderResult") -> Values:

@@ -1,7 +1,7 @@
 """What a light is to the rest of the project."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
@@ -23,12 +23,16 @@ TINY = 1e-100
 
 @dataclass(frozen=True)
 class LightFrame:
-    """Where a light's map lies in the world, as the kernels need it."""
+    """Where a light and its map lie in the world, as the kernels need it."""
 
     world_from_light: NDArray[np.float64]
-    """4×4 with orthonormal axes: x right, y up, z where the light looks."""
+    """4×4 with orthonormal axes: x right, y up, z where the map looks."""
     shape: tuple[float, ...]
     """Up to four numbers that the light's kernel header finds in ``params->light_shape``."""
+    chart: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
+    """The window of its chart, `tfm_cl.lights.charts.Chart.window`, for lights that have one."""
+    cone_from_light: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    """3×3, rotation to where a spot's axis is z."""
 
 
 class Arrival(NamedTuple):
@@ -42,6 +46,8 @@ class Arrival(NamedTuple):
     """[points, 2]: u, v in the map; beyond [0, 1] where the map does not reach."""
     strength: Floats
     """[points]: falloff and edge, what the intensity is multiplied by without medium, solids and texture."""
+    texture: Floats
+    """[points, 2]: u, v in the light's image, for lights that have one."""
 
 
 class LitCone(NamedTuple):
@@ -66,6 +72,11 @@ class Light(Model):
     HEADER: ClassVar[str]
     """Kernel header, below ``kernels/``, with the functions that ``kernels/light/README.md`` names."""
 
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Kernel headers, in order: its chart's, if any, and its own."""
+        return (self.HEADER,)
+
     type: str = Field(description="kind of light")
     intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB; its unit depends on falloff")
     falloff: Literal["none", "inverse-square"] = Field(
@@ -86,7 +97,10 @@ class Light(Model):
 
     @abstractmethod
     def footprint(self, distance: float) -> float:
-        """Width of what the map covers at a distance from the light's origin, world units."""
+        """Width of the map at a distance from the light's origin if all texels were as wide as the widest.
+
+        World units.
+        """
 
     @abstractmethod
     def rays(self, positions: Floats) -> tuple[Floats, Floats]:
@@ -132,9 +146,9 @@ class Light(Model):
         """Return a cone, or a ball, that all the light lies in; None where it may go anywhere."""
         return None
 
-    def fitted(self, bounds: Floats) -> Self:  # noqa: ARG002 - a sun's
-        """Fit the map to the medium's bounds, [2, 3]; only lights without a place of their own need it."""
-        return self
+    @abstractmethod
+    def fitted(self, bounds: Floats) -> Self:
+        """Return the light with its map fitted to what it lights of the medium: of a box, [2, 3]."""
 
     @property
     def needs_fitting(self) -> bool:
@@ -158,7 +172,7 @@ class Light(Model):
         return None
 
     def intensity_at(self, positions: Floats) -> Floats:
-        """Intensity times texture at map positions u, v: [points, 2] to [points, RGB]."""
+        """Intensity times texture at the image's positions u, v: [points, 2] to [points, RGB]."""
         from tfm_cl.lights.texture import look_up  # noqa: PLC0415 - it reads files; few lights do
 
         intensity = np.broadcast_to(np.asarray(self.intensity), (len(positions), 3))
@@ -186,7 +200,8 @@ class Light(Model):
     def map_key(self) -> tuple[object, ...]:
         """All of the light that its transmittance map depends on: not its colour."""
         frame = self.frame()
-        return (self.type, frame.world_from_light.tobytes(), frame.shape)
+        cone = frame.cone_from_light.tobytes()
+        return (self.headers, frame.world_from_light.tobytes(), frame.shape, frame.chart, cone)
 
 
 Reach = Annotated[float | None, number_or_none(SHORTEST_REACH, LARGEST_COORDINATE)]

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import ClassVar, Literal, NoReturn
+from typing import ClassVar, Literal, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,11 @@ class EnvironmentLight(Light):
     def frame(self) -> LightFrame:
         """Raise: only its parts have maps."""
         self._refuse()
+
+    def fitted(self, bounds: Floats) -> Self:
+        """Return itself: only its parts have maps."""
+        del bounds
+        return self
 
     def footprint(self, distance: float) -> float:
         """Raise: only its parts have maps."""

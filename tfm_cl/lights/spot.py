@@ -8,23 +8,25 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from tfm_cl.lights.area import MOST_SAMPLES, disk_points
-from tfm_cl.lights.base import TINY, Arrival, Floats, Light, LightFrame, LitCone, Reach, ball_interval, facing
+from tfm_cl.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval, facing
+from tfm_cl.lights.fitting import Cone
+from tfm_cl.lights.placed import PlacedLight
 from tfm_cl.lights.texture import ImagePath, texture_for
 from tfm_cl.model import LARGEST_COORDINATE, Vec3, check_different
 from tfm_cl.transform import turned
 
 
-class SpotLight(Light):
-    """A cone of light from a point; its map is the square around the cone (TFM section 4).
+class SpotLight(PlacedLight):
+    """A cone of light from a point (TFM section 4).
 
     With a ``radius`` it comes from a disk instead, of which `parts` makes points. A ``texture`` is thrown
-    through that square: upright and not mirrored for who stands behind the light and looks along it.
+    through the square around the cone: upright and not mirrored for who stands behind the light and looks
+    along it.
     """
 
     HEADER: ClassVar[str] = "light/spot.h"
 
     type: Literal["spot"] = "spot"
-    from_: Vec3 = Field(alias="from", description="position, world units")
     to: Vec3 = Field(description="point on the axis, world units")
     cone: float = Field(25.0, gt=0, lt=90, description="half angle, degrees")
     blend: float = Field(
@@ -32,11 +34,6 @@ class SpotLight(Light):
         ge=0,
         le=1,
         description="part of the half angle over which the edge softens (smoothstep); 0 is a hard edge",
-    )
-    reach: Reach = Field(
-        None,
-        description="distance beyond which the light is dark, world units: it fades smoothly to there; left "
-        "out: it has no end",
     )
     radius: float = Field(
         0.0,
@@ -60,20 +57,28 @@ class SpotLight(Light):
             raise ValueError(f"radius = {self.radius:g}: the disk should lie within {LARGEST_COORDINATE:g}")
         return self
 
-    def frame(self) -> LightFrame:
-        """Apex at the origin, axis along z; shape = tan(cone), cone, blend, 1 / reach (0 without)."""
-        cone = np.radians(self.cone)
-        end = 0.0 if self.reach is None else 1 / self.reach
-        return LightFrame(facing(self.from_, self.to), (float(np.tan(cone)), float(cone), self.blend, end))
+    @property
+    def _slope(self) -> float:
+        """Tangent of the half angle."""
+        return math.tan(math.radians(self.cone))
+
+    @property
+    def _world_from_cone(self) -> Floats:
+        """4×4: apex at the origin, axis along z, x horizontal."""
+        return facing(self.from_, self.to)
+
+    def cone_of_light(self) -> Cone:
+        """As `PlacedLight.cone_of_light`."""
+        return Cone(self._world_from_cone[:3, :3], self._slope)
+
+    def _shape(self) -> tuple[float, float, float]:
+        """tan(cone), cone, blend."""
+        return self._slope, math.radians(self.cone), self.blend
 
     def lit_cone(self) -> LitCone:
         """Return the cone."""
         reach = math.inf if self.reach is None else self.reach
-        return LitCone(facing(self.from_, self.to), math.tan(math.radians(self.cone)), reach)
-
-    def footprint(self, distance: float) -> float:
-        """Width of the cone there."""
-        return 2 * distance * float(np.tan(np.radians(self.cone)))
+        return LitCone(self._world_from_cone, self._slope, reach)
 
     def parts(self) -> tuple[Light, ...]:
         """Itself, or with a ``radius`` its ``samples`` points.
@@ -83,7 +88,7 @@ class SpotLight(Light):
         """
         if self.radius == 0:
             return (self,)
-        right, up = self.frame().world_from_light[:3, :2].T
+        right, up = self._world_from_cone[:3, :2].T
         offsets = self.radius * disk_points(self.samples) @ np.stack([right, up])
         part = {"intensity": np.divide(self.intensity, self.samples), "radius": 0.0}
         return tuple(self.replace(from_=self.from_ + offset, **part) for offset in offsets)
@@ -92,39 +97,29 @@ class SpotLight(Light):
         """As `Light.texture_image`; what is transparent in the image is dark."""
         return texture_for(self.texture, self.intensity)
 
-    def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """All from the apex."""
-        matrix = self.frame().world_from_light
-        x, y = ((2 * positions - 1) * np.tan(np.radians(self.cone))).T[:, :, None]
-        directions = x * matrix[:3, 0] + y * matrix[:3, 1] + matrix[:3, 2]
-        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-        return np.broadcast_to(matrix[:3, 3], directions.shape), directions
-
-    def begins(self, points: Floats) -> Floats:
-        """At the apex."""
-        return np.broadcast_to(np.asarray(self.from_), points.shape)
-
     def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
         """As `Light.arrival`."""
         offset, local = self._from_apex(points)
         distance = np.linalg.norm(offset, axis=-1)
-        edge = np.maximum(np.maximum(local[:, 2:], TINY) * np.tan(np.radians(self.cone)), TINY)
+        edge = np.maximum(np.maximum(local[:, 2:], TINY) * self._slope, TINY)
         strength = self.falloff_at(distance, nearest) * self.window_at(distance)
         if self.blend > 0:
             cone, angle = np.radians(self.cone), np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
             x = np.clip((cone - angle) / (cone * self.blend), 0, 1)
             strength *= x * x * (3 - 2 * x)
         return Arrival(
-            offset / np.maximum(distance, TINY)[:, None], distance, (local[:, :2] / edge + 1) / 2, strength
+            offset / np.maximum(distance, TINY)[:, None],
+            distance,
+            self.map_positions(offset),
+            strength,
+            (local[:, :2] / edge + 1) / 2,
         )
 
     def reaches(self, points: Floats) -> NDArray[np.bool_]:
         """In the cone."""
         x, y, z = self._from_apex(points)[1].T
-        inside: NDArray[np.bool_] = (z > 0) & (np.hypot(x, y) <= np.tan(np.radians(self.cone)) * z)
-        if self.reach is not None:
-            inside &= np.sqrt(x * x + y * y + z * z) < self.reach
-        return inside
+        inside: NDArray[np.bool_] = (z > 0) & (np.hypot(x, y) <= self._slope * z)
+        return inside & self.within_reach(np.sqrt(x * x + y * y + z * z))
 
     def projective_depth(self, points: Floats) -> Floats:
         """Along the axis."""
@@ -132,7 +127,7 @@ class SpotLight(Light):
 
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """In the solid cone."""
-        slope, axes = np.tan(np.radians(self.cone)), self.frame().world_from_light[:3, :3]
+        slope, axes = self._slope, self._world_from_cone[:3, :3]
         origin, direction = self._from_apex(origins)[1], turned(directions, axes)
         # From the ray's point nearest to the apex the roots keep their digits however far the camera is.
         nearest = -(origin * direction).sum(axis=-1)
@@ -163,7 +158,7 @@ class SpotLight(Light):
         return np.where(hit, begin, 0), np.where(hit, end, 0)
 
     def _from_apex(self, points: Floats) -> tuple[Floats, Floats]:
-        """Points relative to the apex, in the world's axes and in the light's."""
-        matrix = self.frame().world_from_light
+        """Points relative to the apex, in the world's axes and in the cone's."""
+        matrix = self._world_from_cone
         offset = points - matrix[:3, 3]
         return offset, turned(offset, matrix[:3, :3])

@@ -97,11 +97,13 @@ class SunLight(Light):
         frame = self.frame()
         axes, origin = frame.world_from_light[:3, :3], frame.world_from_light[:3, 3]
         local = turned(points - origin, axes)
+        position = (local[:, :2] / frame.shape + 1) / 2
         return Arrival(
             np.broadcast_to(axes[:, 2], points.shape),
             local[:, 2],
-            (local[:, :2] / frame.shape + 1) / 2,
+            position,
             self.falloff_at(local[:, 2], nearest),
+            position,
         )
 
     def source_distance(self, points: Floats) -> Floats:

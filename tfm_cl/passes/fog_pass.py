@@ -20,22 +20,22 @@ BLOCK = 16
 class FogVariant:
     """What the kernels must know of the lights of a launch when they are compiled."""
 
-    header: str
-    """Of the lights' kind."""
+    headers: tuple[str, ...]
+    """Of the lights' kind and chart."""
     inverse_square: bool
     textured: bool
 
     @classmethod
     def of(cls, light: Light) -> "FogVariant":
         """Return the one of a light."""
-        return cls(light.HEADER, light.falloff == "inverse-square", light.texture_image() is not None)
+        return cls(light.headers, light.falloff == "inverse-square", light.texture_image() is not None)
 
     def compiled(
         self, scene: Scene, volume: Homogeneous, shadow_filter: int
     ) -> tuple[tuple[str, ...], dict[str, int]]:
         """Headers and macros."""
         grey = len(set(scene.medium.sigma_t.tolist())) == 1 and not self.textured
-        return (self.header, scene.medium.phase.HEADER), {
+        return (*self.headers, scene.medium.phase.HEADER), {
             "TFM_INVERSE_SQUARE": int(self.inverse_square),
             "TFM_TEXTURE": int(self.textured),
             "TFM_CHANNELS": 1 if grey else 3,

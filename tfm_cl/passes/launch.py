@@ -30,7 +30,7 @@ check their bounds."""
 GPU_TILES = (8, 8)
 """Work-group of texels and pixels where a work-item carries one."""
 
-TILE = {1: (1, 1), 8: (4, 2), 16: (4, 4)}
+TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
 """Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/lanes.h``."""
 
 
@@ -44,30 +44,31 @@ def float4(x: float, y: float, z: float, w: float) -> Any:
     return cltypes.make_float4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
 
 
-def lanes_of(context: cl.Context) -> int:
-    """Rays a work-item carries: a CPU's vector width, or 1 where the hardware groups work-items itself.
-
-    The width is that of the code which the driver's compiler makes, not the processor's: PoCL 3.0 with
-    LLVM 14 compiles for a Zen 3 on its successors, and calls to built-in functions of wider vectors then
-    disagree with the callers about registers.
-    """
-    (device,) = context.devices
-    if not device.type & cl.device_type.CPU:
-        return 1
-    (name,) = build(context, LANES_PROBE, ("-cl-std=CL1.2",)).kernel_names.split(";")
-    return int(name.removeprefix("lanes_"))
-
-
 LANES_PROBE = """
 #if defined(__AVX512F__)
 __kernel void lanes_16(void) {}
-#elif defined(__AVX__) || !defined(__x86_64__)
+#elif defined(__AVX__)
 __kernel void lanes_8(void) {}
 #else
-__kernel void lanes_1(void) {}
+__kernel void lanes_4(void) {}
 #endif
 """
-"""Its kernel's name tells how many floats fit a register."""
+"""Its kernel's name tells how many floats fit a register of what a CPU's driver compiles for."""
+
+
+def lanes_of(context: cl.Context) -> tuple[int, ...]:
+    """Rays that a work-item may carry on the context's device; the last is what suits it best.
+
+    On a CPU as many as fit a register of the code that the driver's compiler makes, which need not be the
+    processor's: PoCL 3.0 compiles for a Zen 3 on its successors, and links built-in functions for AVX-512;
+    callers and functions of wider vectors then disagree about where these are. Hardware that groups
+    work-items itself takes any number, best one.
+    """
+    (device,) = context.devices
+    if not device.type & cl.device_type.CPU:
+        return (*sorted(TILE, reverse=True),)
+    (name,) = build(context, LANES_PROBE, ("-cl-std=CL1.2",)).kernel_names.split(";")
+    return tuple(lanes for lanes in TILE if lanes <= int(name.removeprefix("lanes_")))
 
 
 class Launcher:
@@ -80,11 +81,16 @@ class Launcher:
     options
         Further compiler options.
     lanes
-        Rays a work-item carries, 1, 8 or 16; by default what suits the device.
+        Rays a work-item carries, 1, 4, 8 or 16; by default what suits the device.
     largest_buffer
         Bytes; by default the device's limit.
     work_group
         Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
+
+    Raises
+    ------
+    DeviceError
+        Lanes that the device does not have.
     """
 
     def __init__(
@@ -99,7 +105,11 @@ class Launcher:
         self.device = device
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-        self.lanes = lanes or lanes_of(self.context)
+        self.lanes_possible = lanes_of(self.context)
+        self.lanes = self.lanes_possible[-1] if lanes is None else lanes
+        if self.lanes not in self.lanes_possible:
+            possible = ", ".join(map(str, sorted(self.lanes_possible)))
+            raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
         self.kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]

@@ -41,7 +41,7 @@ def map_variant(
 
     ``clipped``: solids end its rays.
     """
-    headers = (BASES[settings.basis].header, light.HEADER)
+    headers = (BASES[settings.basis].header, *light.headers)
     defines = {
         "TFM_N_COEFF": settings.coeffs,
         "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage],

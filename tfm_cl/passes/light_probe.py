@@ -179,7 +179,7 @@ class LightProbe:
             "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
             "TFM_SHADOW": int(clipped),
         } | bricks.defines
-        return self._launcher.kernels.kernel(name, "light_probe.cl", (light.HEADER,), defines)
+        return self._launcher.kernels.kernel(name, "light_probe.cl", light.headers, defines)
 
 
 def _over_neighbours(values: NDArray[np.floating], choose: np.ufunc) -> NDArray[np.floating]:

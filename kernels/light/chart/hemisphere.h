@@ -1,0 +1,26 @@
+/* Directions before the light on half an octahedron, |x| + |y| + z = 1, seen along z: a square that stands on its
+   corner, turned by an eighth; chart = scale and offset, u then v. The same in float64: tfm_cl/lights/charts.py. */
+#ifndef TFM_LIGHT_CHART_H
+#define TFM_LIGHT_CHART_H
+
+#include "../sample.h"
+
+/* A direction, of any length, of light space. */
+TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
+{
+  const Floats sum = (u - params->chart[2]) * (1.0f / params->chart[0]);
+  const Floats difference = (v - params->chart[3]) * (1.0f / params->chart[1]);
+  const Floats x = 0.5f * (sum + difference), y = 0.5f * (sum - difference);
+  return vec3(x, y, 1.0f - magnitude_of(x) - magnitude_of(y));
+}
+
+TFM_INLINE void chart_position(PARAMS params, Vec3 p, Floats *u, Floats *v)
+{
+  const Floats size = magnitude_of(p.x) + magnitude_of(p.y) + p.z;
+  const Ints ahead = (p.z >= 0.0f) & (size > 0.0f);
+  const Floats shrink = 1.0f / (ahead ? size : floats(1.0f));
+  *u = ahead ? params->chart[2] + params->chart[0] * ((p.x + p.y) * shrink) : floats(CHART_OUTSIDE);
+  *v = params->chart[3] + params->chart[1] * ((p.x - p.y) * shrink);
+}
+
+#endif

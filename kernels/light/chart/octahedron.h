@@ -1,0 +1,50 @@
+/* All directions on an octahedron, |x| + |y| + |z| = 1, unfolded into the square [-1, 1]^2 with a border; chart = scale
+   and offset, u then v. The inner diamond is z >= 0 and the corners are z < 0. The border holds the rays from across
+   the seam, so that no look-up meets one. Engelhardt, Dachsbacher, "Octahedron Environment Maps", 2008.
+   The same in float64: tfm_cl/lights/charts.py. */
+#ifndef TFM_LIGHT_CHART_H
+#define TFM_LIGHT_CHART_H
+
+#include "../sample.h"
+
+/* Beyond the side x = +-1 the square goes on as itself, turned by half a turn about the side's middle. */
+TFM_INLINE void octahedron_wrap(Floats *x, Floats *y)
+{
+  const Ints high = *x > 1.0f, low = *x < -1.0f;
+  *x = high ? 2.0f - *x : low ? -2.0f - *x : *x;
+  *y = (high | low) ? -*y : *y;
+}
+
+/* Between the corners (z < 0) and where the lower half would lie if it were seen from above; its own inverse. */
+TFM_INLINE void octahedron_fold(Ints lower, Floats *x, Floats *y)
+{
+  const Floats across = 1.0f - magnitude_of(*y), along = 1.0f - magnitude_of(*x);
+  const Floats folded_x = *x < 0.0f ? -across : across, folded_y = *y < 0.0f ? -along : along;
+  *x = lower ? folded_x : *x;
+  *y = lower ? folded_y : *y;
+}
+
+/* A direction, of any length, of light space. */
+TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
+{
+  Floats x = (u - params->chart[2]) * (1.0f / params->chart[0]);
+  Floats y = (v - params->chart[3]) * (1.0f / params->chart[1]);
+  octahedron_wrap(&x, &y);
+  octahedron_wrap(&y, &x);
+  const Floats z = 1.0f - magnitude_of(x) - magnitude_of(y);
+  octahedron_fold(z < 0.0f, &x, &y);
+  return vec3(x, y, z);
+}
+
+/* At the light itself any direction serves. */
+TFM_INLINE void chart_position(PARAMS params, Vec3 p, Floats *u, Floats *v)
+{
+  const Floats taxicab = magnitude_of(p.x) + magnitude_of(p.y) + magnitude_of(p.z);
+  const Floats shrink = 1.0f / (taxicab > 0.0f ? taxicab : floats(1.0f));
+  Floats x = p.x * shrink, y = p.y * shrink;
+  octahedron_fold(p.z < 0.0f, &x, &y);
+  *u = params->chart[2] + params->chart[0] * x;
+  *v = params->chart[3] + params->chart[1] * y;
+}
+
+#endif

@@ -1,0 +1,67 @@
+"""Every kernel compiled by Clang for CPUs that are not at hand, with as many lanes as their registers have.
+
+Clang warns where a vector is passed or returned by value that is wider than a register: how depends on what
+it takes the processor for, and the driver's built-in functions may have been compiled for another.
+"""
+
+import os
+import shutil
+import subprocess
+
+import pytest
+from oracles.kernel_variants import PROGRAMS, kernel_variants
+
+from tfm_cl.program import kernels_dir, source
+
+TARGETS = {
+    "x86-64-v2": ("--target=x86_64-linux-gnu", "-march=x86-64-v2"),
+    "x86-64-v3": ("--target=x86_64-linux-gnu", "-march=x86-64-v3"),
+    "x86-64-v4": ("--target=x86_64-linux-gnu", "-march=x86-64-v4"),
+    "aarch64": ("--target=aarch64-linux-gnu",),
+}
+WIDEST = {"x86-64-v2": 4, "x86-64-v3": 8, "x86-64-v4": 16, "aarch64": 4}
+"""Floats of a register: the lanes that `tfm_cl.passes.launch.lanes_of` prefers there."""
+LANGUAGE = (
+    *("-x", "cl", "-cl-std=CL1.2", "-cl-no-stdinc", "-Xclang", "-finclude-default-header"),
+    *("-Wall", "-Wextra", "-Werror", "-emit-llvm", "-c", "-o", "/dev/null"),
+)
+
+CASES = [
+    pytest.param(target, lanes, marks=() if lanes == WIDEST[target] else pytest.mark.slow)
+    for target in TARGETS
+    for lanes in (1, 4, 8, 16)
+    if lanes <= WIDEST[target]
+]
+
+
+@pytest.fixture(scope="module")
+def complaints():
+    """``complaints(target, text)`` is what Clang has to say of a program."""
+    clang = shutil.which(os.environ.get("TFM_CLANG", "clang"))
+    if clang is None:
+        pytest.skip("no compiler for other CPUs: install clang, or set TFM_CLANG")
+
+    def of(target, text):
+        command = [clang, *TARGETS[target], *LANGUAGE, "-I", str(kernels_dir()), "-"]
+        done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=120, check=False)
+        return done.stderr
+
+    return of
+
+
+@pytest.mark.parametrize("entry", PROGRAMS)
+@pytest.mark.parametrize(("target", "lanes"), CASES)
+def test_compiles_without_a_warning(target, lanes, entry, complaints):
+    for label, file, headers, defines in kernel_variants(lanes):
+        if file == entry:
+            assert complaints(target, source(file, headers, defines)) == "", label
+
+
+@pytest.mark.parametrize(("target", "too_wide"), [("x86-64-v2", 8), ("x86-64-v3", 16)])
+def test_vectors_wider_than_a_register_are_found(target, too_wide, complaints):
+    program = f"""
+    static float{too_wide} twice(float{too_wide} x) {{ return x + x; }}
+    __kernel void planted(__global float{too_wide} *x) {{ x[0] = twice(x[0]); }}
+    """
+
+    assert "changes the ABI" in complaints(target, program)
