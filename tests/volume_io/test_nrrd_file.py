@@ -590,3 +590,37 @@ def test_flips_and_truncations_never_raise_anything_else(tmp_path, data, encodin
     tracemalloc.stop()
     assert refused > 50
     assert peak < 32 << 20
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "encoding"), [("RGB-color", 0, "gzip"), ("list", 1, "raw"), ("RGB-color", 2, "hex")]
+)
+def test_damaged_axes_and_lists_never_raise_anything_else(tmp_path, volumes, kind, place, encoding):
+    array = arranged(volumes, place)
+    names = split(tmp_path, array, 1, encoding)
+    directions = ["(1,0,0)", "(0,1,0)", "(0,0,1)"]
+    directions.insert(place, "none")
+    fields = {"space_directions": " ".join(directions), "spacings": "1 nan 1 1", "space": "scanner-xyz"}
+    text = "LIST 3\n" + "\n".join(names)
+    path = write_axes(tmp_path, array, kind, place, encoding, **fields, data_file=text)
+    sound, rng, refused = path.read_bytes()[: -len(encoded(array, encoding))], np.random.default_rng(5), 0
+    path.write_bytes(sound)
+    assert choose_grid(path, f"{'colour' if kind == 'RGB-color' else 'density'}[1]").read() is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for trial in range(150):
+            damaged = bytearray(sound)
+            for _ in range(1 + trial % 2):
+                damaged[rng.integers(len(damaged))] = rng.choice(list(b"0123456789 ()\n:,-%x"))
+            path.write_bytes(damaged[: rng.integers(len(damaged))] if trial % 5 == 0 else damaged)
+            try:
+                for grid in open_grids(path):
+                    if not grid.unsupported:
+                        grid.read()
+                    if grid.read_colour is not None:
+                        grid.read_colour()
+            except VolumeError as error:
+                refused += 1
+                assert "\n" not in str(error)
+                assert len(str(error)) < 500
+    assert refused > 40
