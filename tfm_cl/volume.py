@@ -515,8 +515,8 @@ def _not_densities(wrong: NotDensities, label: str) -> VolumeError:
     z, y, x = wrong.first
     return VolumeError(
         f"{label}: {wrong.total} densities are negative, infinite or NaN, the first "
-        f"{wrong.value:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true, or shift a "
-        "file's values with --set volume.offset=X"
+        f"{wrong.value:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true, or shift "
+        "a file's values with --set volume.offset=X"
     )
 
 

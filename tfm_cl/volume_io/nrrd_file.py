@@ -131,19 +131,24 @@ class _Header(NamedTuple):
         return values
 
     def vectors(self, field: str) -> list[NDArray[np.float64] | None]:
-        """Read vectors ``(1,0,0)``, or ``none``; no vectors where the field is missing."""
+        """Read vectors ``(1,0,0)``, or ``none``; no vectors where the field is missing.
+
+        Some writers say ``(nan,nan,nan)`` for ``none``.
+        """
         text = self.fields.get(field, "")
-        parts = re.findall(r"none|\([^()]*\)", text, re.IGNORECASE)
+        pattern = re.compile(r"none|\(([^()]*)\)", re.IGNORECASE)
         try:
-            found = [
-                None if part[0] != "(" else np.array(part[1:-1].split(","), np.float64) for part in parts
+            numbers = [
+                np.array((match[1] or "nan").split(","), np.float64) for match in pattern.finditer(text)
             ]
         except ValueError:
-            found = []
-        rest = re.sub(r"none|\([^()]*\)", "", text, flags=re.IGNORECASE)
-        dimensions = {len(vector) for vector in found if vector is not None}
-        finite = all(np.isfinite(vector).all() for vector in found if vector is not None)
-        if rest.strip() or len(dimensions) > 1 or not finite or (text and not found):
+            numbers = []
+        found = [None if np.isnan(vector).all() else vector for vector in numbers]
+        vectors = [vector for vector in found if vector is not None]
+        is_sound = len({len(vector) for vector in vectors}) <= 1 and all(
+            np.isfinite(v).all() for v in vectors
+        )
+        if not is_sound or pattern.sub("", text).strip() or (text and not found):
             raise self.damaged(f"{field} is finite vectors '(x,y,z)' or 'none'; got {shown(text)}")
         return found
 
