@@ -86,6 +86,16 @@ def coloured_where(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     return density
 
 
+def as_colour(grid: Grid, read_colour: Callable[[], NDArray[np.float32]]) -> Grid:
+    """Describe the colour that three channels like ``grid`` make."""
+    return replace(
+        grid,
+        value_type=f"3 × {grid.value_type}",
+        read=lambda: coloured_where(read_colour()),
+        read_colour=read_colour,
+    )
+
+
 def refuse(path: Path, name: str, reason: str) -> NDArray[np.float32]:
     """Serve as `Grid.read` of a grid that cannot be read."""
     raise VolumeError(f"{path}: grid {shown(name)} cannot be read: {reason}")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
-from tfm_cl.volume_io.grid import Grid, coloured_where, world_from_index_of
+from tfm_cl.volume_io.grid import Grid, as_colour, world_from_index_of
 from tfm_cl.volume_io.raw import read_voxels
 
 EXTENSIONS = (".vol",)
@@ -87,15 +87,8 @@ def open_grids(path: Path) -> list[Grid]:
         for channel in range(channels)
     ]
     if has_colour:
-        whole = replace(
-            grids[0],
-            name=COLOUR,
-            is_part=False,
-            value_type=f"{channels} × {dtype.name}",
-            read=partial(_read_density, path, dtype, (z, y, x)),
-            read_colour=partial(_read_colour, path, dtype, (z, y, x)),
-        )
-        grids.insert(0, whole)
+        whole = replace(grids[0], name=COLOUR, is_part=False)
+        grids.insert(0, as_colour(whole, partial(_read_colour, path, dtype, (z, y, x))))
     return grids
 
 
@@ -113,10 +106,6 @@ def _read_colour(path: Path, dtype: np.dtype[Any], shape: tuple[int, int, int]) 
     rgb = _read(path, dtype, (z, y, 3 * x), 1, 0)
     rgb.resize((z, y, x, 3), refcheck=False)  # not a view: see `read_voxels`
     return rgb
-
-
-def _read_density(path: Path, dtype: np.dtype[Any], shape: tuple[int, int, int]) -> NDArray[np.float32]:
-    return coloured_where(_read_colour(path, dtype, shape))
 
 
 def _read(

@@ -27,7 +27,7 @@ import math
 import re
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Self
@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
-from tfm_cl.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
+from tfm_cl.volume_io.grid import Grid, as_colour, refuse, shown, world_from_index_of
 from tfm_cl.volume_io.raw import ByteSource, read_voxels
 
 EXTENSIONS = (".nrrd", ".nhdr")
@@ -221,77 +221,55 @@ def open_grids(path: Path) -> list[Grid]:
     elif not encoding:
         known = " ".join(sorted(set(_ENCODINGS.values())))
         unsupported = f"encoding {shown(header.fields['encoding'])}; known: {known}"
-    value_type = np.dtype(_DTYPES[type_name]).name if type_name in _DTYPES else shown(type_name)[1:-1]
-    if unsupported or isinstance(axes, str):
-        placement = world_from_index_of((1, 1, 1), (0, 0, 0)), False
-        read = partial(_refuse, path, unsupported)
-        return [_grid(DEFAULT_NAME, value_type, (0, 0, 0), placement, read, unsupported=unsupported)]
-    data = _locate(header, encoding, _dtype(header, type_name, encoding), axes)
-    placement = _placement(header, axes)
-    if axes.other is None:
-        return [_grid(DEFAULT_NAME, value_type, axes.shape, placement, partial(_read, data, 0))]
-    return _grids_along(axes, value_type, placement, data)
-
-
-def _grids_along(
-    axes: _Axes, value_type: str, placement: tuple[NDArray[np.float64], bool], data: _Data
-) -> list[Grid]:
-    """Describe what an axis that is not space holds: a colour, or volumes; and each of them."""
-    has_three = axes.volumes == len("rgb")
-    is_colour = has_three and axes.kind.lower() in _COLOUR_KINDS
-    name = COLOUR if is_colour else DEFAULT_NAME
-    unsupported = ""
-    if not is_colour:
-        unsupported = (
-            f"axis {axes.other}, of kind {shown(axes.kind)}, is not space: it holds {axes.volumes} volumes; "
-            f"choose one with --grid, '{name}[0]' to '{name}[{axes.volumes - 1}]'"
-        )
-        if has_three:
-            unsupported += ", or give the file as the colour of another volume, --set volume.colour=FILE"
-    whole = _grid(
-        name,
-        f"{axes.volumes} × {value_type}",
-        axes.shape,
-        placement,
-        partial(_refuse, data.header, unsupported) if unsupported else partial(_read_density, data),
-        read_colour=partial(_read_colour, data) if has_three else None,
+    described = Grid(
+        name=DEFAULT_NAME,
+        grid_class="unknown",
+        value_type=np.dtype(_DTYPES[type_name]).name if type_name in _DTYPES else shown(type_name)[1:-1],
+        shape=(0, 0, 0),
+        world_from_index=world_from_index_of((1, 1, 1), (0, 0, 0)),
+        has_transform=False,
+        read=partial(refuse, path, DEFAULT_NAME, unsupported),
         unsupported=unsupported,
     )
+    if unsupported or isinstance(axes, str):
+        return [described]
+    data = _locate(header, encoding, _dtype(header, type_name, encoding), axes)
+    world_from_index, has_transform = _placement(header, axes)
+    described = replace(
+        described,
+        shape=axes.shape,
+        world_from_index=world_from_index,
+        has_transform=has_transform,
+        read=partial(_read, data, 0),
+    )
+    return [described] if axes.other is None else _grids_along(described, data)
+
+
+def _grids_along(described: Grid, data: _Data) -> list[Grid]:
+    """Describe what an axis that is not space holds: a colour, or volumes like one; and each of them."""
+    axes = data.axes
+    has_three = axes.volumes == len("rgb")
+    if has_three and axes.kind.lower() in _COLOUR_KINDS:
+        whole = as_colour(replace(described, name=COLOUR), partial(_read_colour, data))
+    else:
+        reason = (
+            f"axis {axes.other}, of kind {shown(axes.kind)}, is not space: it holds {axes.volumes} volumes; "
+            f"choose one with --grid, '{DEFAULT_NAME}[0]' to '{DEFAULT_NAME}[{axes.volumes - 1}]'"
+        )
+        if has_three:
+            reason += ", or give the file as the colour of another volume, --set volume.colour=FILE"
+        whole = replace(
+            described,
+            value_type=f"{axes.volumes} × {described.value_type}",
+            read=partial(refuse, data.header, DEFAULT_NAME, reason),
+            read_colour=partial(_read_colour, data) if has_three else None,
+            unsupported=reason,
+        )
     parts = (
-        _grid(f"{name}[{n}]", value_type, axes.shape, placement, partial(_read, data, n), is_part=True)
+        replace(described, name=f"{whole.name}[{n}]", is_part=True, read=partial(_read, data, n))
         for n in range(axes.volumes)
     )
     return [whole, *parts]
-
-
-def _grid(
-    name: str,
-    value_type: str,
-    shape: tuple[int, int, int],
-    placement: tuple[NDArray[np.float64], bool],
-    read: Callable[[], NDArray[np.float32]],
-    *,
-    is_part: bool = False,
-    read_colour: Callable[[], NDArray[np.float32]] | None = None,
-    unsupported: str = "",
-) -> Grid:
-    world_from_index, has_transform = placement
-    return Grid(
-        name=name,
-        is_part=is_part,
-        grid_class="unknown",
-        value_type=value_type,
-        shape=shape,
-        world_from_index=world_from_index,
-        has_transform=has_transform,
-        read=read,
-        read_colour=read_colour,
-        unsupported=unsupported,
-    )
-
-
-def _refuse(path: Path, reason: str) -> NDArray[np.float32]:
-    raise VolumeError(f"{path}: cannot be read: {reason}")
 
 
 # ---------------------------------------------------------------------------------------------- header
@@ -596,10 +574,6 @@ def _read_colour(data: _Data) -> NDArray[np.float32]:
         source.finish()
     rgb = np.moveaxis(values, 1, -1).reshape(*axes.shape, axes.volumes)
     return np.ascontiguousarray(rgb)
-
-
-def _read_density(data: _Data) -> NDArray[np.float32]:
-    return coloured_where(_read_colour(data))
 
 
 class _Source:
