@@ -471,6 +471,8 @@ def test_newer_versions(tmp_path, magic):
         ({"byte_skip": 1}, "too few"),
         ({"line_skip": 10**17}, "lines to skip"),
         ({"line_skip": 10**18}, "line skip is a whole number"),
+        ({"line_skip": -1}, "line skip is ≥ 0"),
+        ({"data_file": "%d " * 100_000}, "data file is a name; got 299,999 characters"),
         ({"spacings": "1 1"}, "spacings is a number for each axis"),
         ({"spacings": "1 1 one"}, "spacings is a number for each axis"),
         ({"spacings": "1 1 inf"}, "spacings must be finite"),

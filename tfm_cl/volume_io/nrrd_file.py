@@ -83,6 +83,7 @@ _AXES = 3
 _MAX_AXES = 16  # of the format itself
 _MAX_VOLUMES = 1024
 _MAX_FILES = 1 << 16
+_MAX_NAME = 4096  # characters of a path
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_SKIP_BYTES = 1 << 20  # within compressed data, where a skip must be decompressed
 _MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
@@ -447,7 +448,9 @@ def _locate(header: _Header, encoding: str, dtype: np.dtype[Any], axes: _Axes) -
     names = _data_files(header, axes)
     paths = tuple(_beside(header, name) for name in names) or (header.path,)
     start = 0 if names else header.size
-    skip = header.number("byte skip", 0)
+    lines, skip = header.number("line skip", 0), header.number("byte skip", 0)
+    if lines < 0:
+        raise header.damaged(f"line skip is ≥ 0; got {lines}")
     compressed = encoding in {"gzip", "bzip2"}
     if skip < -1 or (skip == -1 and encoding != "raw"):
         raise VolumeError(f"{header.path}: byte skip must be ≥ 0 here, or -1 for raw data; got {skip}")
@@ -459,7 +462,7 @@ def _locate(header: _Header, encoding: str, dtype: np.dtype[Any], axes: _Axes) -
         file_bytes = path.stat().st_size
         with path.open("rb") as stream:
             stream.seek(start)
-            offset = _skip_lines(stream, header.number("line skip", 0), path)
+            offset = _skip_lines(stream, lines, path)
         if skip == -1:
             offset = max(offset, file_bytes - voxels * dtype.itemsize)
         elif not compressed:
@@ -490,8 +493,10 @@ def _data_files(header: _Header, axes: _Axes) -> list[str]:
     text = header.fields.get("data file")
     if text is None:
         return []
+    if len(text) > _MAX_NAME:
+        raise header.damaged(f"data file is a name; got {len(text):,} characters: {shown(text)}")
     pattern = re.fullmatch(
-        r"(.*?%0?\d{0,2}d.*?)\s+(-?\d{1,9})\s+(-?\d{1,9})\s+([+-]?\d{1,9})(?:\s+(\d{1,2}))?", text
+        r"(.*?%0?\d{0,2}[diu].*?)\s+(-?\d{1,9})\s+(-?\d{1,9})\s+([+-]?\d{1,9})(?:\s+(\d{1,2}))?", text
     )
     if pattern is not None and pattern[1].count("%") == 1:
         first, last, step = (int(pattern[n]) for n in (2, 3, 4))
