@@ -496,6 +496,17 @@ def test_a_grid_of_vectors_of_a_tree():
             Volume.load(SEVERAL, "density[0]", colour=name)
 
 
+def test_a_colour_of_a_grid_that_is_flat(tmp_path, rgb, data):
+    """What cannot be inverted is told in words, whatever is asked for first."""
+    flat = np.diag([1.0, 0.0, 1.0, 1.0])
+    np.savez(tmp_path / "a.npz", density=data, r=data, world_from_index=flat)
+    with pytest.raises(VolumeError, match="does not have its voxels where|cannot be inverted"):
+        Volume.load(tmp_path / "a.npz", "density", colour=["r", "r", "r"])
+    write_nrrd(tmp_path / "a.nrrd", rgb)
+    with pytest.raises(VolumeError, match="'colour' is a colour by itself, not a channel"):
+        Volume.load(tmp_path / "a.nrrd", "colour[0]", colour=["colour", "colour[1]", "colour[2]"])
+
+
 def test_a_name_shared_by_channels_is_noted():
     volume = Volume.load(SEVERAL, "mask", colour=["density", "density", "density[1]"])
     (note,) = volume.notes

@@ -725,7 +725,7 @@ def flip_bits(kind, codec, trials, seed, tmp_path):
         damaged = np.frombuffer(original, np.uint8).copy()
         # Most bytes are empty tables or voxels: aim at the others, and at the headers and nodes.
         busy = np.flatnonzero(damaged)
-        aims = [busy[busy < nodes], busy, np.arange(1000), np.arange(len(damaged))]
+        aims = [busy[busy < nodes], busy, 1000, len(damaged)]
         at = rng.choice(aims[trial // 2 % 4], 2)
         damaged[at] ^= (1 << rng.integers(0, 8, 2)).astype(np.uint8)
         content = encode([("a", damaged.tobytes())], codec=codec) if trial % 2 else damaged.tobytes()

@@ -153,6 +153,8 @@ def _read_three_grids(
     notes: list[str] = []
     for channel, name in enumerate(names):
         part = volume_io.choose_grid(path, name)
+        if part.read_colour is not None:
+            raise VolumeError(f"{path}: grid {shown(name)} is a colour by itself, not a channel of one")
         of_grid, of_part = _common(grid, part, f"{path}: grid {shown(name)}, a channel of the colour,")
         rgb[..., channel] = part.background
         rgb[..., channel][of_grid] = volume_io.read_grid(path, part)[of_part]
@@ -173,7 +175,7 @@ def _common(grid: Grid, part: Grid, label: str) -> tuple[tuple[slice, ...], tupl
         raise VolumeError(f"{label} has the shape {list(part.shape)}; expected {list(grid.shape)}")
     grid_from_part = np.eye(4)
     if part.has_transform and grid.has_transform:
-        grid_from_part = np.linalg.inv(grid.world_from_index) @ part.world_from_index
+        grid_from_part = _relative(grid, part)
     offset = np.rint(grid_from_part[:3, 3])
     aligned = np.eye(4)
     aligned[:3, 3] = offset
@@ -185,6 +187,16 @@ def _common(grid: Grid, part: Grid, label: str) -> tuple[tuple[slice, ...], tupl
     common = [_overlap(*sides) for sides in zip(grid.shape, part.shape, offset[::-1], strict=True)]
     of_grid, of_part = zip(*common, strict=True)
     return of_grid, of_part
+
+
+def _relative(grid: Grid, part: Grid) -> NDArray[np.float64]:
+    """Index in a grid from index in another, 4×4; NaN where there is no such thing."""
+    try:
+        with np.errstate(all="ignore"):
+            relative: NDArray[np.float64] = np.linalg.inv(grid.world_from_index) @ part.world_from_index
+    except np.linalg.LinAlgError:
+        return np.full((4, 4), np.nan)
+    return relative if np.isfinite(relative).all() else np.full((4, 4), np.nan)
 
 
 def _overlap(size: int, other_size: int, offset: float) -> tuple[slice, slice]:
