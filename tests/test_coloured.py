@@ -500,7 +500,7 @@ def test_a_colour_of_a_grid_that_is_flat(tmp_path, rgb, data):
     """What cannot be inverted is told in words, whatever is asked for first."""
     flat = np.diag([1.0, 0.0, 1.0, 1.0])
     np.savez(tmp_path / "a.npz", density=data, r=data, world_from_index=flat)
-    with pytest.raises(VolumeError, match="does not have its voxels where|cannot be inverted"):
+    with pytest.raises(VolumeError, match="does not have its voxels where"):
         Volume.load(tmp_path / "a.npz", "density", colour=["r", "r", "r"])
     write_nrrd(tmp_path / "a.nrrd", rgb)
     with pytest.raises(VolumeError, match="'colour' is a colour by itself, not a channel"):

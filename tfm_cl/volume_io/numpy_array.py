@@ -78,7 +78,7 @@ class ArrayHeader(NamedTuple):
         shape = f"({', '.join(map(str, self.shape[:_MOST_AXES]))}{', …' * (len(self.shape) > _MOST_AXES)})"
         if self.shape[_AXES:] == (3,):
             return f"an array of shape {shape}, {_NO_VOLUME}"
-        return f"an array of shape {shape}; a volume is [z, y, x]: save one of it"
+        return f"an array of shape {shape}; a volume is [z, y, x]: save one of its parts"
 
     @property
     def volume_shape(self) -> tuple[int, int, int] | None:

@@ -130,16 +130,20 @@ class Layout:
         """Whether a value is three numbers."""
         return self.value.names is not None
 
+    @property
+    def _alignment(self) -> int:
+        """Bytes that the place of a value is a multiple of."""
+        return self.value["x"].itemsize if self.is_vector else self.value.itemsize
+
     def _behind(self, at: int, *, values: int) -> int:
         """First byte behind values and two statistics that follow ``at``."""
-        alignment = self.value["x"].itemsize if self.is_vector else self.value.itemsize
-        end = _aligned(at, alignment) + values * self.value.itemsize
+        end = _aligned(at, self._alignment) + values * self.value.itemsize
         return _aligned(end, self.statistic) + 2 * self.statistic
 
     @property
     def background_at(self) -> int:
         """Byte of the root where the background lies."""
-        return self._behind(28, values=0) - 2 * self.statistic
+        return _aligned(28, self._alignment)
 
     @property
     def root_size(self) -> int:
@@ -149,8 +153,7 @@ class Layout:
     @property
     def root_tile(self) -> np.dtype[Any]:
         """One tile of the root."""
-        alignment = self.value["x"].itemsize if self.is_vector else self.value.itemsize
-        value_at = _aligned(20, alignment)
+        value_at = _aligned(20, self._alignment)
         return np.dtype(
             {
                 "names": ["key", "child", "active", "value"],
