@@ -84,7 +84,12 @@ def test_what_is_no_number_stays_an_error(tmp_path):
     [
         ({"offset": np.nan}, "offset is a finite number, at most 1e[+]25; got nan"),
         ({"offset": -1e26}, "offset is a finite number"),
-        ({"window": (1, 1)}, r"window is two numbers \[low, high\], low < high; got \[1, 1\]"),
+        ({"window": (1, 1)}, r"window is two numbers \[low, high\], low < high; got \(1, 1\)"),
+        ({"window": 5}, "window is two numbers"),
+        ({"window": (0, 1, 2)}, "window is two numbers"),
+        ({"window": ("low", "high")}, "window is two numbers"),
+        ({"offset": "much"}, "offset is a finite number"),
+        ({"offset": 10**400}, "offset is a finite number"),
         ({"window": (2, 1)}, "window is two numbers"),
         ({"window": (0, np.inf)}, "window is two numbers"),
         ({"window": (np.nan, 1)}, "window is two numbers"),
@@ -106,6 +111,8 @@ def test_impossible_numbers(tmp_path, values, message):
         "window = [1, 1]",
         "window = 5",
         "window = [0, inf]",
+        f"offset = {10**400}",
+        f"window = [0, {10**400}]",
     ],
 )
 def test_impossible_numbers_in_a_scene(tmp_path, text):

@@ -1,7 +1,8 @@
 """From the values that a file stores to densities: an offset and a window, as CT data need them."""
 
 import math
-from typing import NamedTuple
+import reprlib
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,11 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.leaves import Leaves
 from tfm_cl.model import LARGEST_COLOUR
 from tfm_cl.volume_io import too_large
+
+
+def _is_number(value: Any) -> bool:
+    is_real = isinstance(value, int | float | np.integer | np.floating)
+    return is_real and bool(-LARGEST_COLOUR <= value <= LARGEST_COLOUR)  # NaN is not
 
 
 class ValueMap(NamedTuple):
@@ -26,15 +32,19 @@ class ValueMap(NamedTuple):
 
     def check(self, label: str) -> None:
         """Raise `VolumeError` when the numbers are not finite, too large, or no window."""
-        if not abs(self.offset) <= LARGEST_COLOUR:  # NaN is not
+        if not _is_number(self.offset):
             raise VolumeError(
-                f"{label}: offset is a finite number, at most {LARGEST_COLOUR:g}; got {self.offset}"
+                f"{label}: offset is a finite number, at most {LARGEST_COLOUR:g}; got "
+                f"{reprlib.repr(self.offset)}"
             )
-        if self.window is None:
-            return
-        low, high = self.window
-        if not -LARGEST_COLOUR <= low < high <= LARGEST_COLOUR or np.float32(low) == np.float32(high):
-            raise VolumeError(f"{label}: window is two numbers [low, high], low < high; got [{low}, {high}]")
+        match self.window:
+            case None:
+                return
+            case [low, high] if _is_number(low) and _is_number(high) and np.float32(low) < np.float32(high):
+                return
+        raise VolumeError(
+            f"{label}: window is two numbers [low, high], low < high; got {reprlib.repr(self.window)}"
+        )
 
     @property
     def is_identity(self) -> bool:
