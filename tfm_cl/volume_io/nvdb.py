@@ -537,7 +537,8 @@ def walk_topology(grid: Cursor, layout: Layout) -> Topology:
     channel = _find_channel(grid) if layout.form in ("index", "on-index") else None
     background = _looked_up(background, channel, grid)
     walk = _Walk(grid, layout, background, channel)
-    walk.add_tiles(ROOT_EDGE, origins, entries["value"], entries["active"], ~has_child)
+    at_root = np.zeros(3, np.int64)
+    walk.add_tiles(ROOT_EDGE, at_root, origins, entries["value"], entries["active"], ~has_child)
     walk.active_voxels += int(np.count_nonzero(entries["active"][~has_child])) * ROOT_EDGE**3
     upper_at = root_at + entries["child"][has_child]
     lower_at, lower_origins = walk.below(upper_at, origins[has_child], UPPER_EDGE)
@@ -588,17 +589,21 @@ class _Walk:
     def add_tiles(
         self,
         edge: int,
-        origins: NDArray[np.int64],
+        origin: NDArray[np.int64],
+        of_entries: NDArray[np.int64],
         values: NDArray[Any],
         active: NDArray[Any],
         is_tile: NDArray[np.bool_],
     ) -> None:
-        """Keep the tiles that differ from the background; entries that are none hold no values."""
+        """Keep the tiles that differ from the background; entries that are none hold no values.
+
+        A tile lies at ``origin``, its node's, and its place in it, one of ``of_entries``.
+        """
         chosen = np.flatnonzero(is_tile)
         values = active[chosen].astype(np.uint8) if self.layout.form == "mask" else values[chosen]
         values = _looked_up(values, self.channel, self.grid)
         kept = differs(values, self.background)
-        self.tiles.append(Tiles(edge, origins[chosen[kept]], values[kept]))
+        self.tiles.append(Tiles(edge, origin + of_entries[chosen[kept]], values[kept]))
 
     def below(
         self, nodes_at: NDArray[np.int64], origins: NDArray[np.int64], edge: int
@@ -619,7 +624,7 @@ class _Walk:
             children_origins.append(origin + of_entries[places])
             is_tile = has_child == 0
             self.active_voxels += int(np.count_nonzero(active[is_tile])) * edge**3
-            self.add_tiles(edge, origin + of_entries, table["value"], active, is_tile)
+            self.add_tiles(edge, origin, of_entries, table["value"], active, is_tile)
         return np.concatenate(children_at), np.concatenate(children_origins)
 
     def count_active(self, leaves_at: NDArray[np.int64]) -> None:
