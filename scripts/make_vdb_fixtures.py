@@ -7,8 +7,9 @@ Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)
 
 ``write`` describes its files as well. The description ``cloud.npz`` beside ``cloud.vdb`` holds ``grids``
 (JSON: name, class, background, active voxels of each grid) and per grid N ``N_matrix`` (4×4 world-from-index,
-column vectors) and, for scalar grids that are not empty, ``N_low`` (index x, y, z) and ``N_values`` (float32
-[z, y, x]): all leaves and active values and a margin of 24 voxels, as OpenVDB reads them.
+column vectors) and, for grids that are not empty, ``N_low`` (index x, y, z) and ``N_values`` (float32
+[z, y, x], of vectors [z, y, x, 3]): all leaves and active values and a margin of 24 voxels, as OpenVDB reads
+them.
 """
 
 import json
@@ -135,8 +136,8 @@ def describe(path: Path, save: Callable[..., None] = np.savez) -> None:
     for index, grid in enumerate(grids):
         arrays[f"{index}_matrix"] = matrix_of(grid.transform)
         fact = {"name": grid.name, "class": grid.gridClass, "active": grid.activeVoxelCount()}
-        if grid.valueTypeName in ("float", "bool"):
-            fact["background"] = float(grid.background)
+        if grid.valueTypeName in ("float", "bool", "vec3s"):
+            fact["background"] = np.asarray(grid.background, float).tolist()
             if grid.leafCount() or grid.activeVoxelCount():
                 arrays[f"{index}_low"], arrays[f"{index}_values"] = dense(grid)
         facts.append(fact)
@@ -153,13 +154,14 @@ def matrix_of(transform: Any) -> np.ndarray[Any, Any]:
 
 
 def dense(grid: Any) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Low corner (x, y, z) and float32 [z, y, x] of the box around all leaves and active values."""
+    """Low corner (x, y, z) and float32 [z, y, x(, 3)] of the box around all leaves and active values."""
     boxes = np.array([grid.evalLeafBoundingBox(), grid.evalActiveVoxelBoundingBox()])
     low = boxes[:, 0].min(axis=0) - MARGIN
     shape = boxes[:, 1].max(axis=0) + MARGIN + 1 - low
-    values = np.empty(shape, bool if grid.valueTypeName == "bool" else np.float32)
+    components = [3] if grid.valueTypeName == "vec3s" else []
+    values = np.empty([*shape, *components], bool if grid.valueTypeName == "bool" else np.float32)
     grid.copyToArray(values, ijk=tuple(int(i) for i in low))
-    return low, values.transpose(2, 1, 0).astype(np.float32)
+    return low, values.swapaxes(0, 2).astype(np.float32)
 
 
 if __name__ == "__main__":

@@ -475,11 +475,85 @@ def test_three_grids_of_a_tree():
     np.testing.assert_array_equal(volume.colour[..., 0], grids["mask"].read())
     np.testing.assert_array_equal(volume.colour[..., 1], grids["density[0]"].read())
     assert (volume.colour[..., 2] == 0).all()  # it lies beside the other: the trees' boxes differ
-    for name, message in (("shared", "does not have its voxels where"), ("velocity", "vec3s values")):
+    for name, message in (("shared", "does not have its voxels where"), ("velocity", "vectors are no")):
         with pytest.raises(VolumeError, match=message):
             Volume.load(SEVERAL, "density[0]", colour=["mask", "mask", name])
-    with pytest.raises(VolumeError, match=r"only \.npz files have arrays by name"):
-        Volume.load(SEVERAL, "density[0]", colour="velocity")
+
+
+def test_a_grid_of_vectors_of_a_tree():
+    """Its box is another than the density's, and its background fills what is beside it."""
+    vectors = {grid.name: grid for grid in volume_io.open_grids(SEVERAL)}["velocity"]
+    volume = Volume.load(SEVERAL, "density[0]", colour="velocity")
+    np.testing.assert_array_equal(volume.colour, vectors.read_colour())
+    np.testing.assert_array_equal(volume.colour[0, 0, 0], [1, 2, 3])
+    beside = Volume.load(SEVERAL, "density[1]", colour="velocity")
+    np.testing.assert_array_equal(beside.colour, np.zeros((8, 8, 8, 3)))
+    for name, message in (
+        ("mask", r"grid 'mask', of bool values, is no colour .*\['r', 'g', 'b'\]"),
+        ("Cd", "no grid named 'Cd'; it has 'density"),
+    ):
+        with pytest.raises(VolumeError, match=message):
+            Volume.load(SEVERAL, "density[0]", colour=name)
+
+
+def test_a_colour_of_a_grid_that_is_flat(tmp_path, rgb, data):
+    """What cannot be inverted is told in words, whatever is asked for first."""
+    flat = np.diag([1.0, 0.0, 1.0, 1.0])
+    np.savez(tmp_path / "a.npz", density=data, r=data, world_from_index=flat)
+    with pytest.raises(VolumeError, match="does not have its voxels where"):
+        Volume.load(tmp_path / "a.npz", "density", colour=["r", "r", "r"])
+    write_nrrd(tmp_path / "a.nrrd", rgb)
+    with pytest.raises(VolumeError, match="'colour' is a colour by itself, not a channel"):
+        Volume.load(tmp_path / "a.nrrd", "colour[0]", colour=["colour", "colour[1]", "colour[2]"])
+
+
+def test_a_name_shared_by_channels_is_noted():
+    volume = Volume.load(SEVERAL, "mask", colour=["density", "density", "density[1]"])
+    (note,) = volume.notes
+    assert "2 grids are named 'density'; this is 'density[0]'" in note
+    assert volume.with_density_scale(2).notes == volume.notes
+
+
+def write_nrrd(path, array, kinds="RGB-color space space space"):
+    """``array`` is [z, y, x], or [z, y, x, 3]."""
+    sizes = " ".join(map(str, array.shape[::-1]))
+    header = (
+        f"NRRD0004\ntype: float\ndimension: {array.ndim}\nsizes: {sizes}\nendian: little\nencoding: raw\n"
+    )
+    header += f"kinds: {kinds}\n\n" if array.ndim == 4 else "\n"
+    path.write_bytes(header.encode() + np.asarray(array, "<f4").tobytes())
+
+
+@pytest.mark.parametrize("kinds", ["RGB-color space space space", "vector space space space"])
+def test_the_colour_may_be_a_file_of_any_format(tmp_path, data, rgb, kinds):
+    np.save(tmp_path / "a.npy", data)
+    write_nrrd(tmp_path / "colour.nrrd", rgb, kinds)
+    volume = Volume.load(tmp_path / "a.npy", colour=tmp_path / "colour.nrrd")
+    np.testing.assert_array_equal(volume.data, data)
+    np.testing.assert_array_equal(volume.colour, rgb)
+    write_nrrd(tmp_path / "other.nrrd", rgb[:, :2])
+    write_nrrd(tmp_path / "grey.nrrd", data)
+    for name, message in (
+        (
+            "other.nrrd",
+            r"other\.nrrd: grid 'colour', the colour, has the shape \[2, 2, 4\]; expected \[2, 3, 4\]",
+        ),
+        ("grey.nrrd", "grey.nrrd: has no grid of three values a voxel .*its grids: 'density'"),
+    ):
+        with pytest.raises(VolumeError, match=message):
+            Volume.load(tmp_path / "a.npy", colour=tmp_path / name)
+
+
+def test_a_file_that_is_a_colour_takes_no_other(tmp_path, rgb):
+    write_nrrd(tmp_path / "a.nrrd", rgb)
+    np.testing.assert_array_equal(Volume.load(tmp_path / "a.nrrd").colour, rgb)
+    for source in (False, "colour", tmp_path / "a.nrrd"):
+        with pytest.raises(VolumeError, match="is a colour by itself; leave out colour"):
+            Volume.load(tmp_path / "a.nrrd", colour=source)
+    write_nrrd(tmp_path / "a.nrrd", -rgb - 1)
+    with pytest.raises(VolumeError, match="holds 72 numbers that are not from 0"):
+        Volume.load(tmp_path / "a.nrrd")
+    assert Volume.load(tmp_path / "a.nrrd", sanitize=True).colour.max() == 0
 
 
 @pytest.mark.parametrize("offset", [-20, -6, -5, -2, 0, 3, 7, 8, 1e15])

@@ -28,6 +28,8 @@ voxel_size = [0.1, 0.2, 0.3]
 origin = [1, 2, 3]
 transform = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 2, 7, 0, 0, 0, 1]
 sanitize = true
+offset = 0.0
+window = [0.0, 1.0]
 colour = false
 
 [medium]

@@ -14,7 +14,7 @@ from scenes import blobs
 from tfm_cl import program
 from tfm_cl.program import KernelLibrary, fingerprint, kernels_dir
 
-LIBRARIES = {"matplotlib", "plotly", "nrrd", "numcodecs", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
+LIBRARIES = {"matplotlib", "plotly", "numcodecs", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
 """Imported where they are used, and by nothing below."""
 
 SECOND = 10**9

@@ -331,7 +331,8 @@ class Renderer:
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
         warnings += take_notes()
         lit = any(row[:, 3].any() for row in seen.light_seen)
-        return RenderResult(image, layers, stats, scene, crop, warnings, lit)
+        notes = dict.fromkeys(note for volume in scene.volume.parts for note in volume.notes)
+        return RenderResult(image, layers, stats, scene, crop, (*notes, *warnings), lit)
 
     def _add_lights(
         self,

@@ -27,7 +27,6 @@ from tfm_cl.solids import Solid, parse_solid
 from tfm_cl.transform import Transform
 from tfm_cl.volume import Volume
 from tfm_cl.volume_io import colour as colour_io
-from tfm_cl.volume_io.numpy_array import COLOUR
 from tfm_cl.volumes import MOST_VOLUMES, joined
 
 MAX_BYTES = 1 << 20
@@ -49,11 +48,26 @@ def _colour_source(value: Any) -> Any:
     if value is None or value is False:
         return value
     names = [value] if isinstance(value, str) else value
-    what = "an array or of a .npy or .npz file, three names of grids ['r', 'g', 'b'], or false"
+    what = (
+        "an array, of a grid of vectors or of a file with one, three names of grids ['r', 'g', 'b'], or false"
+    )
     if not isinstance(names, list | tuple) or len(names) != (1 if isinstance(value, str) else 3):
         raise ValueError(f"should be the name of {what}")
     checked = tuple(name_of(name, what) for name in names)
     return value if isinstance(value, str) else checked
+
+
+def _window(value: Any) -> Any:
+    if value is None:
+        return value
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 2  # noqa: PLR2004 - low and high
+        or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in value)
+        or not -LARGEST_COLOUR <= value[0] < value[1] <= LARGEST_COLOUR
+    ):
+        raise ValueError("should be two numbers [low, high], low < high")
+    return float(value[0]), float(value[1])
 
 
 class VolumeSettings(Model):
@@ -67,9 +81,22 @@ class VolumeSettings(Model):
         Field(
             None,
             description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
-            "same npz, a .npy or .npz file (relative to the scene file), or three grids of the same file; "
-            "false: none; left out: the array 'colour' of an npz, if any",
+            "same npz, a grid of vectors of the same file ('Cd'), a file with such an array or grid "
+            "(relative to the scene file), or three grids of the same file; false: none; left out: the array "
+            "'colour' of an npz, if any",
         )
+    )
+    offset: float = Field(
+        0.0,
+        ge=-LARGEST_COLOUR,
+        le=LARGEST_COLOUR,
+        description="added to each value of the grid, for instance 1000 to a CT in Hounsfield units; what is "
+        "then below 0 becomes 0",
+    )
+    window: Annotated[tuple[float, float] | None, BeforeValidator(_window)] = Field(
+        None,
+        description="low,high: of the values of the grid (after the offset) these become 0 and 1, those "
+        "between in proportion, others the nearer of the two",
     )
     density_scale: Annotated[float | Literal["auto"], number_or_auto(0, LARGEST_COLOUR)] = Field(
         1.0,
@@ -96,6 +123,8 @@ class VolumeSettings(Model):
             source_of(self.file, folder),
             self.grid,
             colour=self._colour_in(folder),
+            offset=self.offset,
+            window=self.window,
             voxel_size=self.voxel_size,
             origin=self.origin,
             sanitize=self.sanitize,
@@ -115,8 +144,8 @@ class VolumeSettings(Model):
         colour = self._colour_in(folder)
         if isinstance(colour, Path):
             colour = str(real_path(colour))
-        elif colour is None and volume.colour is not None:
-            colour = COLOUR
+        elif colour is None and volume.colour is not None and self.file.lower().endswith(".npz"):
+            colour = volume_io.COLOUR
         return self.to_dict() | {
             "file": str(real_path(source_of(self.file, folder))),
             "grid": volume.name or None,

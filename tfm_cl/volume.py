@@ -17,7 +17,8 @@ from tfm_cl.files import source_of
 from tfm_cl.leaves import Index, Leaves, NotDensities
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.volume_io.colour import ColourSource, check_array, checked, read_colour
-from tfm_cl.volume_io.grid import Grid, world_from_index_of
+from tfm_cl.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
+from tfm_cl.volume_io.values import ValueMap
 
 
 class Volume:
@@ -66,6 +67,8 @@ class Volume:
     """
 
     world_from_index: NDArray[np.float64]
+    notes: tuple[str, ...]
+    """What a user should know of how it was read from its file: sentences for warnings."""
 
     def __init__(
         self,
@@ -82,6 +85,7 @@ class Volume:
     ) -> None:
         self.name = name
         self.source = source
+        self.notes = ()
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
         if isinstance(data, Leaves):
             self._voxels = _Voxels(_as_density_leaves(data, self.label, sanitize=sanitize))
@@ -112,6 +116,8 @@ class Volume:
         grid: str | None = None,
         *,
         colour: ColourSource = None,
+        offset: float = 0.0,
+        window: tuple[float, float] | None = None,
         voxel_size: float | tuple[float, float, float] | None = None,
         origin: tuple[float, float, float] | None = None,
         density_scale: float = 1.0,
@@ -126,11 +132,17 @@ class Volume:
         path
             ``.vdb .nvdb .npy .npz .vol .nrrd .nhdr .raw`` (with a ``.json`` beside it).
         grid
-            Name of the grid; by default ``density``, or the file's only grid.
+            Name of the grid; by default ``density``, or the file's only grid. Of grids that share a name
+            it means the first, ``name[1]`` the second; likewise the volumes of a list in a NRRD file.
         colour
-            The name of an array ``[z, y, x, 3]`` of the same ``.npz``; a ``.npy`` or ``.npz`` file with
-            such an array; or three names of scalar grids of the same file, for red, green and blue. By
-            default the array ``colour`` of an ``.npz``, where it has one of four axes; False: none.
+            The name of an array ``[z, y, x, 3]`` of the same ``.npz``, or of a grid of vectors of the same
+            file; a file with such an array or grid; or three names of scalar grids of the same file, for
+            red, green and blue. By default the array ``colour`` of an ``.npz``, where it has one of four
+            axes; False: none. Files that hold nothing but a colour (``.vol`` and NRRD files of three
+            channels) are coloured volumes by themselves: their ``data`` is 1 where they are not black.
+        offset, window
+            `ValueMap`: offset is added to each stored value, and what is below 0 becomes 0; a window
+            (low, high) of these sums becomes 0 to 1.
         voxel_size, origin
             For files without a transform, as in the constructor.
         density_scale, sanitize
@@ -143,12 +155,14 @@ class Volume:
             colour that is not one of this grid.
         """
         path = source_of(path, error=VolumeError)
-        described = volume_io.choose_grid(path, grid)
+        ValueMap(offset, window).check(str(path))
         return cls.of_grid(
             path,
-            described,
-            volume_io.read_stored(path, described),
+            volume_io.choose_grid(path, grid),
+            None,
             colour=colour,
+            offset=offset,
+            window=window,
             voxel_size=voxel_size,
             origin=origin,
             density_scale=density_scale,
@@ -160,9 +174,11 @@ class Volume:
         cls,
         path: Path,
         described: Grid,
-        data: NDArray[np.float32] | Leaves,
+        data: NDArray[np.float32] | Leaves | None,
         *,
         colour: ColourSource = None,
+        offset: float = 0.0,
+        window: tuple[float, float] | None = None,
         voxel_size: float | tuple[float, float, float] | None = None,
         origin: tuple[float, float, float] | None = None,
         density_scale: float = 1.0,
@@ -174,19 +190,38 @@ class Volume:
         ----------
         data
             What `volume_io.read_stored` read of it, which becomes the volume's own: an array is kept, and
-            nobody can write to it any more.
+            nobody can write to it any more. None: it is read here.
 
         All others, and errors, as of `load`.
         """
+        values, label = ValueMap(offset, window), f"{path}: grid {shown(described.name)}"
+        notes = described.notes
+        rgb: NDArray[np.float32] | None
+        if described.read_colour is None:
+            stored = volume_io.read_stored(path, described) if data is None else data
+            data = values.of_stored(stored, label)
+            rgb, notes_of_colour = read_colour(path, described, colour, sanitize=sanitize)
+            notes += notes_of_colour
+        elif colour is None:
+            rgb = values.of_array(volume_io.read_vectors(path, described))
+            rgb = checked(rgb, label, sanitize=sanitize)
+            data = coloured_where(rgb)
+        else:
+            raise VolumeError(
+                f"{label} is a colour by itself; leave out colour, or choose one of its channels with --grid"
+            )
         if isinstance(data, np.ndarray):
-            data.flags.writeable = False
-        rgb = read_colour(path, described, colour, sanitize=sanitize)
+            data.flags.writeable = False  # nobody else has it: the volume can keep it without a copy
+        if described.is_box_of_stored and (note := values.note(described.background, label)):
+            notes += (note,)
         placed: dict[str, Any] = {"voxel_size": voxel_size, "origin": origin, "colour": rgb}
         if described.has_transform:
             placed["world_from_index"] = described.world_from_index
-        return cls(
+        volume = cls(
             data, **placed, density_scale=density_scale, name=described.name, source=path, sanitize=sanitize
         )
+        volume.notes = notes
+        return volume
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -348,7 +383,7 @@ class Volume:
         """What messages call it."""
         if self.source is None:
             return self.name or "array"
-        return f"{self.source}: grid '{self.name}'" if self.name else str(self.source)
+        return f"{self.source}: grid {shown(self.name)}" if self.name else str(self.source)
 
 
 class _Voxels:
@@ -500,7 +535,8 @@ def _not_densities(wrong: NotDensities, label: str) -> VolumeError:
     z, y, x = wrong.first
     return VolumeError(
         f"{label}: {wrong.total} densities are negative, infinite or NaN, the first "
-        f"{wrong.value:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true"
+        f"{wrong.value:g} at [z={z}, y={y}, x={x}]; set them to 0 with --set volume.sanitize=true, or shift "
+        "a file's values with --set volume.offset=X"
     )
 
 

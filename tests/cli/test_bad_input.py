@@ -275,7 +275,7 @@ def test_a_density_that_is_none(bad, folder, value):
     ("array", "message"),
     [
         (np.ones((3, 3)), "(3, 3)"),
-        (np.ones((3, 3, 3, 1)), "(3, 3, 3, 1)"),
+        (np.ones((3, 3, 3, 2)), "(3, 3, 3, 2)"),
         (np.ones((3, 0, 3)), "is empty"),
         (np.ones((3, 3, 3), complex), "complex128"),
         (np.full((3, 3, 3), "a"), "not real numbers"),

@@ -77,7 +77,6 @@ def test_unknown_names_list_the_known_ones(archive):
     ("fields", "message"),
     [
         ({"grid_class": "level set"}, "is a level set .*sdfToFogVolume"),
-        ({"background": 0.5}, "has the background 0.5"),
         ({"unsupported": "vec3s values"}, "cannot be rendered: vec3s values"),
         (
             {"shape": (2048, 2048, 2048)},
@@ -91,6 +90,71 @@ def test_grids_that_are_no_density(described, fields, message):
     for name in (None, "density"):
         with pytest.raises(VolumeError, match=f"a.vdb: grid 'density' {message}"):
             choose_grid(path, name)
+
+
+def test_a_colour_too_large_for_three_dense_channels(described):
+    fields = {"shape": (1024, 1024, 1024), "read_colour": lambda: None}
+    with pytest.raises(VolumeError, match="spans 3072×1024×1024"):
+        choose_grid(described(fields))
+
+
+def test_a_background_does_not_hinder(described):
+    assert choose_grid(described({"background": 0.5})).background == 0.5
+
+
+def shared(name, count, **fields):
+    return [{"name": f"{name}[{number}]", "shared_name": name} | fields for number in range(count)]
+
+
+@pytest.mark.parametrize("asked", ["density", None])
+def test_a_shared_name_takes_the_first_and_says_so(described, asked):
+    path = described({"name": "heat"}, *shared("density", 3))
+    grid = choose_grid(path, asked)
+    assert grid.name == "density[0]"
+    (note,) = grid.notes
+    assert note == (
+        f"{path}: 3 grids are named 'density'; this is 'density[0]', choose 'density[1]', 'density[2]' "
+        "with --grid"
+    )
+    for number in range(3):
+        grid = choose_grid(path, f"density[{number}]")
+        assert (grid.name, grid.notes) == (f"density[{number}]", ())
+
+
+def test_the_first_of_a_shared_name_that_can_be_rendered_is_the_default(described):
+    path = described(*shared("density", 1, grid_class="level set"), *shared("density", 2)[1:])
+    assert choose_grid(path).name == "density[1]"
+    with pytest.raises(VolumeError, match=r"grid 'density\[0\]' is a level set"):
+        choose_grid(path, "density")
+
+
+def test_other_shared_names_are_listed(described):
+    path = described(*shared("smoke", 2))
+    with pytest.raises(VolumeError, match=r"several grids \('smoke\[0\]', 'smoke\[1\]'\)"):
+        choose_grid(path)
+    assert choose_grid(path, "smoke").name == "smoke[0]"
+
+
+def test_grids_of_one_value_come_before_colours(described):
+    colour = {"name": "colour", "read_colour": lambda: None}
+    parts = [{"name": f"colour[{number}]", "is_part": True} for number in range(3)]
+    assert choose_grid(described(colour, {"name": "smoke"})).name == "smoke"
+    assert choose_grid(described(colour, *parts)).name == "colour"
+    assert choose_grid(described(colour, *parts), "colour[1]").name == "colour[1]"
+
+
+def test_long_names_and_many_are_cut_in_messages(described):
+    name = "\x1b" + "n" * 20_000
+    path = described({"name": name}, *({"name": f"grid {number}"} for number in range(500)))
+    for asked in (None, "no" * 10_000):
+        with pytest.raises(VolumeError) as caught:
+            choose_grid(path, asked)
+        assert "\x1b" not in str(caught.value)
+        assert "and 489 more" in str(caught.value)
+        assert len(str(caught.value)) < 700
+    with pytest.raises(VolumeError) as caught:
+        choose_grid(described({"name": name, "shape": (0, 0, 0)}))
+    assert len(str(caught.value)) < 300
 
 
 def test_the_largest_grid_is_accepted(described):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.volume import Volume
 from tfm_cl.volume_io import choose_grid, open_grids, read_grid
 
 BOX = (-1.0, 0.0, 2.0, 1.0, 6.0, 3.0)
@@ -68,18 +69,36 @@ def test_box_places_the_voxels(tmp_path, data):
 
 def test_channels_are_grids(tmp_path):
     data = np.random.default_rng(3).random((2, 3, 4, 3), np.float32)
-    path = write(tmp_path, vol(data))
-    assert [grid.name for grid in open_grids(path)] == ["channel0", "channel1", "channel2"]
-    for channel in range(3):
+    path = write(tmp_path, vol(data[..., :2]))
+    assert [grid.name for grid in open_grids(path)] == ["channel0", "channel1"]
+    for channel in range(2):
         np.testing.assert_array_equal(load(path, f"channel{channel}"), data[..., channel])
     with pytest.raises(VolumeError, match="choose one with --grid"):
         choose_grid(path)
 
 
+@pytest.mark.parametrize(("encoding", "scale"), [(1, 1), (2, 1), (3, 255)])
+def test_three_channels_are_a_colour(tmp_path, encoding, scale):
+    data = np.random.default_rng(3).integers(0, 255, (2, 3, 4, 3)).astype(np.float32)
+    data[1, 1, 1] = 0
+    path = write(tmp_path, vol(data, encoding))
+    grids = open_grids(path)
+    assert [grid.name for grid in grids] == ["colour", "channel0", "channel1", "channel2"]
+    assert grids[0].value_type == f"3 × {np.dtype(FORMATS[encoding]).name}"
+    for channel in range(3):
+        np.testing.assert_array_equal(load(path, f"channel{channel}"), data[..., channel] / np.float32(scale))
+    volume = Volume.load(path)
+    np.testing.assert_array_equal(volume.colour, data / np.float32(scale))
+    np.testing.assert_array_equal(volume.data, data.any(axis=-1))
+    np.testing.assert_array_equal(volume.channels[1].data, data[..., 1] / np.float32(scale))
+    np.testing.assert_array_equal(volume.bounds, Volume.load(path, "channel0").bounds)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "version 2"),
+        ({"version": 2}, "version 2 .*save it again with a current Mitsuba"),
+        ({"version": 4}, "version 4 .*update tfm_cl, or save it as version 3"),
         ({"encoding": 4}, "directions"),
         ({"encoding": 9}, "encoding 9"),
         ({"sizes": (0, 3, 2)}, "0×3×2"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.volume import Volume
 from tfm_cl.volume_io import choose_grid, open_grids, read_grid
 
 SHAPE = (2, 3, 4)
@@ -144,7 +145,10 @@ def test_pickles_are_never_loaded(tmp_path):
     ("array", "message"),
     [
         (np.zeros((3, 4)), r"shape \(3, 4\)"),
-        (np.zeros((1, 2, 3, 4)), r"shape \(1, 2, 3, 4\)"),
+        (np.zeros((2, 2, 3, 4)), r"shape \(2, 2, 3, 4\); a volume is \[z, y, x\]"),
+        (np.zeros((2, 2, 3, 3)), r"shape \(2, 2, 3, 3\), a colour; give it beside a volume .*volume\.colour"),
+        (np.zeros((1, 2, 3, 1)), r"shape \(1, 2, 3, 1\); a volume is"),  # which one is left out?
+        (np.zeros((1,) * 30), r"shape \(1, 1, 1, 1, 1, 1, 1, 1, …\); a volume is"),
         (np.zeros(SHAPE, np.complex64), "complex64"),
         (np.zeros(SHAPE, "S3"), "bytes24"),
         (np.zeros(SHAPE, [("a", "f4")]), "not real numbers"),
@@ -157,6 +161,42 @@ def test_other_arrays_are_described_but_refused(tmp_path, array, message, suffix
     (np.save if suffix == ".npy" else np.savez)(path, array)
     with pytest.raises(VolumeError, match=message):
         choose_grid(path)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize(
+    "shape", [(1, 2, 3, 4), (2, 3, 4, 1), (2, 1, 3, 4), (1, 1, 2, 3, 4), (1, 2, 3, 4, 1), (1, 1, 3, 4)]
+)
+def test_axes_of_one_sample_are_left_out(tmp_path, shape, order, suffix):
+    data = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    path = tmp_path / f"a{suffix}"
+    (np.save if suffix == ".npy" else np.savez)(path, np.asarray(data, order=order))
+    grid = choose_grid(path)
+    kept = [size for size in shape if size > 1]
+    assert grid.shape == tuple([1] * (3 - len(kept)) + kept)
+    np.testing.assert_array_equal(grid.read(), data.reshape(grid.shape))
+
+
+def test_the_colour_of_a_flat_volume_is_no_volume(tmp_path):
+    smoke, colour = np.ones((1, 4, 5), np.float32), np.full((1, 4, 5, 3), 2, np.float32)
+    np.savez(tmp_path / "a.npz", smoke=smoke, colour=colour)
+    volume = Volume.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(volume.data, smoke)
+    np.testing.assert_array_equal(volume.colour, colour)
+
+
+def test_newer_versions_of_the_format(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones(SHAPE))
+    content = path.read_bytes()
+    for version, message in (
+        (b"\3\0", "3.0; it is for structured"),
+        (b"\4\0", "4.0; .*update tfm_cl, or save"),
+    ):
+        path.write_bytes(content[:6] + version + content[8:])
+        with pytest.raises(VolumeError, match=f"version {message}"):
+            open_grids(path)
 
 
 def test_archive_without_arrays(tmp_path):

@@ -17,6 +17,7 @@ from tfm_cl.placement import density_scale_for
 from tfm_cl.scene import Scene
 from tfm_cl.volume import Volume, bounds_of
 from tfm_cl.volume_io.grid import Grid
+from tfm_cl.volume_io.grid import shown as shown_name
 
 LANES = 16
 """Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
@@ -57,6 +58,8 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
         "device_bytes": None,
         "renders": volume_io.refusal(grid) or "yes",
     }
+    if grid.background != 0.0:
+        shown["background"] = grid.background
     if min(grid.shape) < 1:
         return shown
     shown["bounds"] = bounds_of(grid.shape, grid.world_from_index).tolist()
@@ -64,6 +67,8 @@ def describe(path: Path, grid: Grid) -> dict[str, Any]:
         return shown
     voxels = volume_io.read_stored(path, grid)
     measured, active, finite = _measured(voxels)
+    if grid.read_colour is not None:
+        measured, *_ = _measured(volume_io.read_vectors(path, grid))
     shown |= measured
     shown["device_bytes"], refused = _on_device(voxels)
     if shown["renders"] == "yes":
@@ -84,7 +89,7 @@ def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
         volume = Volume.of_grid(path, grid, voxels)
         scene = Scene(volume.with_density_scale(density_scale_for(volume))).resolved()
     except TfmError as error:
-        return str(error).removeprefix(f"{path}: ").removeprefix(f"grid '{grid.name}': ")
+        return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
     from tfm_cl.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
 
     reason = without_density(volume) or too_thin(scene.volume, scene.medium)

@@ -6,6 +6,7 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 
 import importlib
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import check_readable
 from tfm_cl.leaves import MAX_LEAVES, Leaves
-from tfm_cl.volume_io.grid import Grid, VolumeFormat
+from tfm_cl.volume_io.grid import Grid, VolumeFormat, shown, shown_names
 
 FORMATS: dict[str, str] = {
     ".vdb": "vdb",
@@ -28,21 +29,29 @@ FORMATS: dict[str, str] = {
 }
 """Extension -> module of this package; imported when a file of that kind is opened."""
 
+DEFAULT_NAME = "density"
+"""Grid that is rendered when none is named."""
+COLOUR = "colour"
+"""Grid or array that is a colour, where none is named."""
 MAX_VOXELS = 1 << 31
 """Largest dense grid read into memory (8 GiB of float32)."""
 MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
 """Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
 
 __all__ = [
+    "COLOUR",
+    "DEFAULT_NAME",
     "FORMATS",
     "MAX_BOX_EDGE",
     "MAX_BOX_VOXELS",
     "MAX_VOXELS",
     "beyond_limits",
     "choose_grid",
+    "find_grid",
     "open_grids",
     "read_grid",
     "read_stored",
+    "read_vectors",
     "refusal",
     "too_large",
     "too_many_leaves",
@@ -76,6 +85,10 @@ def open_grids(path: Path) -> list[Grid]:
 def choose_grid(path: Path, name: str | None = None) -> Grid:
     """Find the grid to render: the one named, else ``density``, else the file's only fog volume.
 
+    Where grids share a name it means the first of them, as in OpenVDB; a note of the grid says so, and
+    ``name[1]`` means the second. Of grids of one value a voxel and of three (colours), the former are
+    preferred.
+
     Raises
     ------
     VolumeError
@@ -83,21 +96,57 @@ def choose_grid(path: Path, name: str | None = None) -> Grid:
         a type that cannot be a density.
     """
     grids = open_grids(path)
-    names = ", ".join(repr(grid.name) for grid in grids)
-    if name is not None:
-        found = [grid for grid in grids if grid.name == name]
-        if not found:
-            raise VolumeError(f"{path}: no grid named '{name}'; it has {names}")
-    else:
-        found = [grid for grid in grids if grid.name == "density"] or grids
-        if len(found) > 1:
-            found = [grid for grid in grids if refusal(grid) == ""]
-        if len(found) != 1:
-            raise VolumeError(f"{path}: several grids ({names}); choose one with --grid NAME")
-    reason = refusal(found[0])
+    grid = _default_grid(path, grids) if name is None else find_grid(path, grids, name)
+    reason = refusal(grid)
     if reason:
-        raise VolumeError(f"{path}: grid '{found[0].name}' {reason}")
+        raise VolumeError(f"{path}: grid {shown(grid.name)} {reason}")
+    return grid
+
+
+def find_grid(path: Path, grids: list[Grid], name: str) -> Grid:
+    """Find the grid of a name among those of ``path``.
+
+    Raises
+    ------
+    VolumeError
+        No grid has it; the message lists the names.
+    """
+    for grid in grids:
+        if grid.name == name:
+            return grid
+    sharing = [grid for grid in grids if grid.shared_name == name]
+    if not sharing:
+        raise VolumeError(
+            f"{path}: no grid named {shown(name)}; it has {shown_names([grid.name for grid in grids])}"
+        )
+    return _first_of(path, sharing, sharing)
+
+
+def _default_grid(path: Path, grids: list[Grid]) -> Grid:
+    whole = [grid for grid in grids if not grid.is_part]
+    named = [grid for grid in whole if DEFAULT_NAME in (grid.name, grid.shared_name)]
+    found = named or whole
+    if len(found) > 1:
+        found = [grid for grid in found if refusal(grid) == ""]
+        found = [grid for grid in found if grid.read_colour is None] or found
+    if found and named:
+        return _first_of(path, found, named)
+    if len(found) != 1:
+        names = shown_names([grid.name for grid in grids])
+        raise VolumeError(f"{path}: several grids ({names}); choose one with --grid NAME")
     return found[0]
+
+
+def _first_of(path: Path, found: list[Grid], sharing: list[Grid]) -> Grid:
+    first = found[0]
+    if len(sharing) == 1:
+        return first
+    others = shown_names([grid.name for grid in sharing if grid is not first])
+    note = (
+        f"{path}: {len(sharing)} grids are named {shown(str(first.shared_name))}; this is "
+        f"{shown(first.name)}, choose {others} with --grid"
+    )
+    return replace(first, notes=(*first.notes, note))
 
 
 def read_grid(path: Path, grid: Grid) -> NDArray[np.float32]:
@@ -118,8 +167,21 @@ def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
         raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
+def read_vectors(path: Path, grid: Grid) -> NDArray[np.float32]:
+    """Read a grid of three values a voxel as float32 [z, y, x, 3]."""
+    if grid.read_colour is None:
+        raise VolumeError(f"{path}: grid {shown(grid.name)} has one value a voxel, not three")
+    try:
+        return grid.read_colour()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
 def beyond_limits(grid: Grid) -> str:
     """Why a grid is too large to be read with `read_stored`; empty when it is not."""
+    if grid.read_colour is not None:
+        z, y, x = grid.shape
+        return too_large((z, y, 3 * x), sparse=False)
     return too_large(grid.shape, sparse=grid.read_leaves is not None) or too_many_leaves(grid.leaf_count)
 
 
@@ -148,8 +210,6 @@ def refusal(grid: Grid) -> str:
             "is a level set (signed distances), not a fog volume: its values are not densities; "
             "convert it first, for instance with OpenVDB's sdfToFogVolume"
         )
-    if grid.background != 0.0:
-        return f"has the background {grid.background:g}: it fills all space, where a fog volume ends in 0"
     if min(grid.shape) < 1:
         return "is empty: it stores no voxel"
     return beyond_limits(grid)

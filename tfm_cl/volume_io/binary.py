@@ -8,7 +8,6 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -78,16 +77,6 @@ class Cursor:
         return VolumeError(
             f"{self.source}: damaged or incomplete at byte {self.at}: {why}; copy or export it again"
         )
-
-
-def distinct_names(names: list[str]) -> list[str]:
-    """Give names that repeat the numbers OpenVDB shows: ``density[0]``, ``density[1]``."""
-    counts, seen = Counter(names), Counter[str]()
-    distinct = []
-    for name in names:
-        distinct.append(f"{name}[{seen[name]}]" if counts[name] > 1 else name)
-        seen[name] += 1
-    return distinct
 
 
 # ----------------------------------------------------------------------------------------------- codecs

@@ -6,11 +6,13 @@ Encodings: 1 float32; of Mitsuba 0.x also 2 float16 and 3 uint8, whose 0…255 s
 
 The voxels are placed as Mitsuba 3 places them with ``use_grid_bbox``: they fill the bounding box, so the
 low corner of voxel 0 is the box's low corner. (Mitsuba 0.x stretched the outermost centres to its faces.)
-A file has no names: one channel is the grid ``density``, several are ``channel0``, ``channel1`` ….
+A file has no names: one channel is the grid ``density``, several are ``channel0``, ``channel1`` …. Three are
+the grid ``colour`` as well.
 """
 
 import math
 import struct
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.volume_io.grid import Grid, world_from_index_of
+from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
+from tfm_cl.volume_io.grid import Grid, as_colour, world_from_index_of
 from tfm_cl.volume_io.raw import read_voxels
 
 EXTENSIONS = (".vol",)
@@ -45,7 +48,13 @@ def open_grids(path: Path) -> list[Grid]:
         raise VolumeError(f"{path}: not a Mitsuba volume; it must start with 'VOL' and a header of 48 bytes")
     _, version, encoding, x, y, z, channels, *box = _HEADER.unpack(header)
     if version != _VERSION:
-        raise VolumeError(f"{path}: version {version} of the Mitsuba volume format; only {_VERSION} is known")
+        remedy = (
+            "update tfm_cl, or save it" if version > _VERSION else "save it again with a current Mitsuba,"
+        )
+        raise VolumeError(
+            f"{path}: version {version} of the Mitsuba volume format; {_VERSION} can be read: {remedy} as "
+            f"version {_VERSION}"
+        )
     if encoding == _QUANTIZED_DIRECTIONS:
         raise VolumeError(f"{path}: holds quantized directions (encoding 4), not densities")
     if encoding not in _DTYPES:
@@ -62,10 +71,12 @@ def open_grids(path: Path) -> list[Grid]:
             f"{path}: holds {size:,} bytes where {x}×{y}×{z} {dtype.name} voxels of {channels} channels "
             f"take {expected:,}; the file is damaged"
         )
+    has_colour = channels == len("rgb")
     world_from_index = _placement(path, (x, y, z), box)
-    return [
+    grids = [
         Grid(
-            name="density" if channels == 1 else f"channel{channel}",
+            name=DEFAULT_NAME if channels == 1 else f"channel{channel}",
+            is_part=has_colour,
             grid_class="unknown",
             value_type=dtype.name,
             shape=(z, y, x),
@@ -75,6 +86,10 @@ def open_grids(path: Path) -> list[Grid]:
         )
         for channel in range(channels)
     ]
+    if has_colour:
+        whole = replace(grids[0], name=COLOUR, is_part=False)
+        grids.insert(0, as_colour(whole, partial(_read_colour, path, dtype, (z, y, x))))
+    return grids
 
 
 def _placement(path: Path, sizes: tuple[int, int, int], box: list[float]) -> NDArray[np.float64]:
@@ -83,6 +98,14 @@ def _placement(path: Path, sizes: tuple[int, int, int], box: list[float]) -> NDA
         raise VolumeError(f"{path}: its bounding box, {low} to {high}, has no volume; correct it in the file")
     x, y, z = ((b - a) / n for a, b, n in zip(low, high, sizes, strict=True))
     return world_from_index_of((x, y, z), (low[0], low[1], low[2]))
+
+
+def _read_colour(path: Path, dtype: np.dtype[Any], shape: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Read three channels: [z, y, x, channel]."""
+    z, y, x = shape
+    rgb = _read(path, dtype, (z, y, 3 * x), 1, 0)
+    rgb.resize((z, y, x, 3), refcheck=False)  # not a view: see `read_voxels`
+    return rgb
 
 
 def _read(

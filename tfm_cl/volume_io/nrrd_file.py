@@ -1,7 +1,15 @@
-"""NRRD volumes (``.nrrd``, or ``.nhdr`` with the data in a file beside it).
+"""NRRD volumes (``.nrrd``, or ``.nhdr`` with the data in one or several files beside it or below).
 
-pynrrd parses the header; the data are decoded here, so that no more is ever decompressed than the header
-declares. Encodings: raw, gzip, bzip2 and ascii. The one grid is named ``density``.
+Encodings: raw, gzip, bzip2, ascii and hex; no more is ever decompressed than the header declares. The header
+is parsed here too: pynrrd refuses fields that the format allows, such as lists of files.
+
+Axes that are not space, by their ``kinds``, a direction of ``none`` or a spacing of NaN, are left out where
+they have one sample. One that has more makes
+
+* three channels of a colour (``RGB-color``, ``3-color``, ``XYZ-color``): the grid ``colour``;
+* volumes of a list, of time and of all others: ``density[0]``, ``density[1]`` …, of which one is named.
+
+Else the one grid is ``density``.
 
 Placement, in the file's own world axes (a ``space`` such as left-posterior-superior is not converted):
 
@@ -16,20 +24,21 @@ import bz2
 import gzip
 import io
 import math
+import re
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, NamedTuple, Self
 
-import nrrd
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import is_file
-from tfm_cl.volume_io.grid import Grid, world_from_index_of
+from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
+from tfm_cl.volume_io.grid import Grid, as_colour, refuse, shown, world_from_index_of
 from tfm_cl.volume_io.raw import ByteSource, read_voxels
 
 EXTENSIONS = (".nrrd", ".nhdr")
@@ -49,179 +58,491 @@ _TYPE_NAMES = {
 _DTYPES = {name: dtype for dtype, names in _TYPE_NAMES.items() for name in names.split(", ")}
 _ENCODINGS = {
     "raw": "raw",
+    "hex": "hex",
     **dict.fromkeys(("gzip", "gz"), "gzip"),
     **dict.fromkeys(("bzip2", "bz2"), "bzip2"),
     **dict.fromkeys(("ascii", "text", "txt"), "ascii"),
 }
+_ALIASES = {
+    "datafile": "data file",
+    "lineskip": "line skip",
+    "byteskip": "byte skip",
+    "axismins": "axis mins",
+    "axismaxs": "axis maxs",
+    "centerings": "centers",
+}
+_FIELDS = (
+    *("dimension", "type", "encoding", "sizes", "endian", "data file", "line skip", "byte skip", "kinds"),
+    *("centers", "spacings", "axis mins", "axis maxs", "space", "space dimension", "space directions"),
+    "space origin",
+)
+"""Fields that say where the voxels are and what they mean; all others are passed over."""
+_SPACE_KINDS = ("space", "domain", "none", "???")
+_COLOUR_KINDS = ("rgb-color", "xyz-color", "3-color")
+_VERSIONS = range(1, 6)
 _AXES = 3
+_MAX_AXES = 16  # of the format itself
+_MAX_VOLUMES = 1024
+_MAX_FILES = 1 << 16
+_MAX_NAME = 4096  # characters of a path
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_SKIP_BYTES = 1 << 20  # within compressed data, where a skip must be decompressed
 _MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
 _MAX_TOKEN = 64  # characters of a number in ascii
-_HEADER_ERRORS = (nrrd.NRRDError, ValueError, IndexError, KeyError, TypeError, OverflowError)
+_STEP_BYTES = 1 << 20
+
+
+class _Header(NamedTuple):
+    """Fields of a header as written, and what stands behind them."""
+
+    path: Path
+    fields: dict[str, str]
+    files: list[str]
+    """Lines of ``data file: LIST``."""
+    size: int
+    """Bytes up to the data."""
+
+    def words(self, field: str) -> list[str]:
+        """Split a field at blanks; none where it is missing."""
+        return self.fields.get(field, "").split()
+
+    def damaged(self, why: str) -> VolumeError:
+        """Return the error for a header that the format does not allow."""
+        return VolumeError(f"{self.path}: damaged NRRD header: {why}")
+
+    def number(self, field: str, default: int) -> int:
+        """Read a whole number."""
+        text = self.fields.get(field)
+        if text is None:
+            return default
+        if not re.fullmatch(r"[+-]?\d{1,18}", text):
+            raise self.damaged(f"{field} is a whole number; got {shown(text)}")
+        return int(text)
+
+    def numbers(self, field: str) -> NDArray[np.float64] | None:
+        """Read a number for each axis, NaN where one is not told; None where the field is missing."""
+        words = self.words(field)
+        if not words:
+            return None
+        try:
+            values = np.array(words, np.float64)
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != self.number("dimension", 0):
+            raise self.damaged(f"{field} is a number for each axis; got {shown(self.fields[field])}")
+        return values
+
+    def vectors(self, field: str) -> list[NDArray[np.float64] | None]:
+        """Read vectors ``(1,0,0)``, or ``none``; no vectors where the field is missing.
+
+        Some writers say ``(nan,nan,nan)`` for ``none``.
+        """
+        text = self.fields.get(field, "")
+        pattern = re.compile(r"none|\(([^()]*)\)", re.IGNORECASE)
+        try:
+            numbers = [
+                np.array((match[1] or "nan").split(","), np.float64) for match in pattern.finditer(text)
+            ]
+        except ValueError:
+            numbers = []
+        found = [None if np.isnan(vector).all() else vector for vector in numbers]
+        vectors = [vector for vector in found if vector is not None]
+        is_sound = len({len(vector) for vector in vectors}) <= 1 and all(
+            np.isfinite(v).all() for v in vectors
+        )
+        if not is_sound or pattern.sub("", text).strip() or (text and not found):
+            raise self.damaged(f"{field} is finite vectors '(x,y,z)' or 'none'; got {shown(text)}")
+        return found
+
+
+class _Axes(NamedTuple):
+    """What the axes of an array mean, fastest first."""
+
+    sizes: list[int]
+    space: list[int]
+    """The three that are space, as x, y, z."""
+    other: int | None
+    """The one that is not and has more than one sample."""
+    kind: str
+    """Of that one."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels (z, y, x)."""
+        x, y, z = (self.sizes[axis] for axis in self.space)
+        return z, y, x
+
+    @property
+    def volumes(self) -> int:
+        """Volumes, or channels, that the array holds."""
+        return 1 if self.other is None else self.sizes[self.other]
+
+    @property
+    def inner(self) -> int:
+        """Values of a volume between those of the next one."""
+        return 1 if self.other is None else math.prod(self.sizes[: self.other])
 
 
 @dataclass(frozen=True)
 class _Data:
     """Where the voxels are, and how they are written."""
 
-    path: Path
-    offset: int
+    header: Path
+    paths: tuple[Path, ...]
+    offsets: tuple[int, ...]
     encoding: str
     skip: int
-    """Bytes to leave out after decompression."""
+    """Bytes to leave out after decompression, in each file."""
     dtype: np.dtype[Any]
-    shape: tuple[int, int, int]
+    axes: _Axes
+
+    @property
+    def file_bytes(self) -> int:
+        """Decoded bytes of each file."""
+        return math.prod(self.axes.sizes) * self.dtype.itemsize // len(self.paths)
 
 
 def open_grids(path: Path) -> list[Grid]:
-    """Describe the array of a NRRD file.
+    """Describe the array of a NRRD file, or the volumes that it is made of.
 
     Raises
     ------
     VolumeError
         Damaged header, sizes that are not the file's, or data outside the header's folder.
     """
-    header, header_bytes = _read_header(path)
-    sizes = _sizes(header, path)
-    type_name = " ".join(str(header["type"]).lower().split())
-    encoding = _ENCODINGS.get(str(header["encoding"]).lower(), "")
+    header = _read_header(path)
+    sizes = _sizes(header)
+    type_name = " ".join(header.fields["type"].lower().split())
+    encoding = _ENCODINGS.get(header.fields["encoding"].lower(), "")
+    axes = _axes(header, sizes)
     unsupported = ""
-    if len(sizes) != _AXES:
-        unsupported = f"it has {len(sizes)} axes, not 3"
+    if isinstance(axes, str):
+        unsupported = axes
     elif type_name not in _DTYPES:
-        unsupported = f"values of type '{type_name[:40]}'"
+        unsupported = f"values of type {shown(type_name)}"
     elif not encoding:
-        unsupported = f"encoding '{str(header['encoding'])[:40]}'; known: raw gzip bzip2 ascii"
-    world_from_index, has_transform = world_from_index_of((1, 1, 1), (0, 0, 0)), False
-    shape, read = (0, 0, 0), partial(_refuse, path, unsupported)
-    if not unsupported:
-        x, y, z = sizes
-        shape = (z, y, x)
-        dtype = _dtype(header, type_name, encoding, path)
-        data = _locate(header, header_bytes, path, encoding=encoding, dtype=dtype, shape=shape)
-        read = partial(_read, data)
-        world_from_index, has_transform = _placement(header, (x, y, z), path)
-    return [
-        Grid(
-            name="density",
-            grid_class="unknown",
-            value_type=np.dtype(_DTYPES[type_name]).name if type_name in _DTYPES else type_name,
-            shape=shape,
-            world_from_index=world_from_index,
-            has_transform=has_transform,
-            read=read,
-            unsupported=unsupported,
+        known = " ".join(sorted(set(_ENCODINGS.values())))
+        unsupported = f"encoding {shown(header.fields['encoding'])}; known: {known}"
+    described = Grid(
+        name=DEFAULT_NAME,
+        grid_class="unknown",
+        value_type=np.dtype(_DTYPES[type_name]).name if type_name in _DTYPES else shown(type_name)[1:-1],
+        shape=(0, 0, 0),
+        world_from_index=world_from_index_of((1, 1, 1), (0, 0, 0)),
+        has_transform=False,
+        read=partial(refuse, path, DEFAULT_NAME, unsupported),
+        unsupported=unsupported,
+    )
+    if unsupported or isinstance(axes, str):
+        return [described]
+    data = _locate(header, encoding, _dtype(header, type_name, encoding), axes)
+    world_from_index, has_transform = _placement(header, axes)
+    described = replace(
+        described,
+        shape=axes.shape,
+        world_from_index=world_from_index,
+        has_transform=has_transform,
+        read=partial(_read, data, 0),
+    )
+    return [described] if axes.other is None else _grids_along(described, data)
+
+
+def _grids_along(described: Grid, data: _Data) -> list[Grid]:
+    """Describe what an axis that is not space holds: a colour, or volumes like one; and each of them."""
+    axes = data.axes
+    has_three = axes.volumes == len("rgb")
+    if has_three and axes.kind.lower() in _COLOUR_KINDS:
+        whole = as_colour(replace(described, name=COLOUR), partial(_read_colour, data))
+    else:
+        reason = (
+            f"axis {axes.other}, of kind {shown(axes.kind)}, is not space: it holds {axes.volumes} volumes; "
+            f"choose one with --grid, '{DEFAULT_NAME}[0]' to '{DEFAULT_NAME}[{axes.volumes - 1}]'"
         )
-    ]
+        if has_three:
+            reason += ", or give the file as the colour of another volume, --set volume.colour=FILE"
+        whole = replace(
+            described,
+            value_type=f"{axes.volumes} × {described.value_type}",
+            read=partial(refuse, data.header, DEFAULT_NAME, reason),
+            read_colour=partial(_read_colour, data) if has_three else None,
+            unsupported=reason,
+        )
+    parts = (
+        replace(described, name=f"{whole.name}[{n}]", is_part=True, read=partial(_read, data, n))
+        for n in range(axes.volumes)
+    )
+    return [whole, *parts]
 
 
-def _refuse(path: Path, reason: str) -> NDArray[np.float32]:
-    raise VolumeError(f"{path}: cannot be read: {reason}")
+# ---------------------------------------------------------------------------------------------- header
 
 
-def _read_header(path: Path) -> tuple[Mapping[str, Any], int]:
-    """Parse the fields, and count the bytes up to the data."""
+def _read_header(path: Path) -> _Header:
+    """Take the fields apart, and count the bytes up to the data."""
+    lines, size = _read_lines(path)
+    header = _Header(path, {}, [], size)
+    for number, line in enumerate(lines, 2):
+        if line.startswith("#"):
+            continue
+        field, colon, value = line.partition(":")
+        if not colon:
+            raise header.damaged(f"line {number} is no 'field: value': {shown(line)}")
+        field = " ".join(field.lower().split())
+        field = _ALIASES.get(field, field)
+        if value.startswith("=") or field not in _FIELDS:
+            continue
+        if field in header.fields:
+            raise header.damaged(f"the field '{field}' is there twice")
+        header.fields[field] = value.strip()
+        if field == "data file" and value.split()[:1] == ["LIST"]:
+            header.files.extend(lines[number - 1 :])
+            break
+    for field in ("dimension", "type", "encoding", "sizes"):
+        if not header.fields.get(field):
+            raise header.damaged(f"the field '{field}' is missing")
+    return header
+
+
+def _read_lines(path: Path) -> tuple[list[str], int]:
+    """Read the lines behind the magic up to a blank one or the end, and count the bytes."""
     lines = []
     with path.open("rb") as stream:
         while (line := stream.readline(_MAX_HEADER_BYTES)).strip():
-            lines.append(line)
+            lines.append(line.decode("utf-8", errors="replace").rstrip())
             if stream.tell() > _MAX_HEADER_BYTES:
                 raise VolumeError(f"{path}: not a NRRD file: no blank line ends its header within 1 MiB")
-        header_bytes = stream.tell()
-    if not lines or not lines[0].startswith(b"NRRD"):
-        raise VolumeError(f"{path}: not a NRRD file: it must start with 'NRRD'")
-    try:
-        with np.errstate(all="ignore"):  # sizes such as 1e99 are refused below
-            header = nrrd.read_header(lines)
-    except _HEADER_ERRORS as error:
-        raise VolumeError(f"{path}: damaged NRRD header ({' '.join(str(error).split())[:120]})") from error
-    for field in ("dimension", "type", "encoding", "sizes"):
-        if field not in header:
-            raise VolumeError(f"{path}: damaged NRRD header: the field '{field}' is missing")
-    return cast("Mapping[str, Any]", header), header_bytes
-
-
-def _sizes(header: Mapping[str, Any], path: Path) -> list[int]:
-    sizes = [int(n) for n in header["sizes"]]
-    if len(sizes) != header["dimension"] or not sizes or min(sizes) < 1:
+        size = stream.tell()
+    magic = lines[0].removeprefix("\ufeff") if lines else ""
+    version = magic.removeprefix("NRRD")
+    if magic == version or not re.fullmatch("[0-9]{1,4}", version):
+        raise VolumeError(f"{path}: not a NRRD file: it must start with 'NRRD' and a version, as 'NRRD0004'")
+    if int(version) not in _VERSIONS:
         raise VolumeError(
-            f"{path}: damaged NRRD header: sizes {sizes} do not fit dimension {header['dimension']}; "
-            "there must be one number > 0 for each axis"
+            f"{path}: NRRD version {int(version)}; versions {_VERSIONS[0]} to {_VERSIONS[-1]} can be read: "
+            "it is newer than tfm_cl knows: update tfm_cl, or save it as an older version"
+        )
+    return lines[1:], size
+
+
+def _sizes(header: _Header) -> list[int]:
+    words, dimension = header.words("sizes"), header.number("dimension", 0)
+    sizes = [int(word) if re.fullmatch(r"\d{1,15}", word) else 0 for word in words]
+    if len(sizes) != dimension or not 1 <= len(sizes) <= _MAX_AXES or not min(sizes) > 0:
+        raise header.damaged(
+            f"sizes {shown(header.fields['sizes'])} do not fit dimension {dimension}; there must be one "
+            "whole number > 0 for each axis"
         )
     return sizes
 
 
-def _dtype(header: Mapping[str, Any], type_name: str, encoding: str, path: Path) -> np.dtype[Any]:
+def _axes(header: _Header, sizes: list[int]) -> _Axes | str:
+    """Tell the axes of space from others, or say why they are no volume."""
+    kinds = header.words("kinds") or ["???"] * len(sizes)
+    if len(kinds) != len(sizes):
+        raise header.damaged(f"kinds is a word for each axis; got {shown(header.fields['kinds'])}")
+    directions, spacings = _directions(header), header.numbers("spacings")
+    has_spacing = ~np.isnan(spacings) if spacings is not None else np.zeros(len(sizes), np.bool_)
+    is_placed = [edge is not None for edge in directions] if directions else has_spacing.tolist()
+    is_space = [
+        kind.lower() in _SPACE_KINDS and (placed or not any(is_placed))
+        for kind, placed in zip(kinds, is_placed, strict=True)
+    ]
+    space = [axis for axis, known in enumerate(is_space) if known]
+    # Some writers call all axes space; those of one sample are the first to be none.
+    for axis in reversed(space):
+        if len(space) > _AXES and sizes[axis] == 1:
+            space.remove(axis)
+    if len(space) != _AXES:
+        remedy = "; name those that are not in 'kinds', as 'list'" if len(space) > _AXES else ""
+        return (
+            f"it has {len(space)} axes of space, not 3 (its sizes: {shown(header.fields['sizes'])}){remedy}"
+        )
+    others = [axis for axis, size in enumerate(sizes) if axis not in space and size > 1]
+    if not others:
+        return _Axes(sizes, space, None, "")
+    named = " and ".join(f"axis {axis}, of kind {shown(kinds[axis])}," for axis in others)
+    if len(others) > 1:
+        return f"{named} are not space; save one volume of them"
+    axes = _Axes(sizes, space, others[0], kinds[others[0]])
+    if axes.volumes > _MAX_VOLUMES:
+        return f"{named} is not space and holds {axes.volumes:,} volumes; the limit is {_MAX_VOLUMES:,}"
+    return axes
+
+
+def _directions(header: _Header) -> list[NDArray[np.float64] | None]:
+    """Read an edge of a voxel for each axis, None for those that are not space; nothing where none is told.
+
+    In a space with time, which comes last, an axis along time is not space.
+    """
+    vectors = header.vectors("space directions")
+    if all(vector is None for vector in vectors):
+        return []
+    if len(vectors) != header.number("dimension", 0):
+        text = shown(header.fields["space directions"])
+        raise header.damaged(f"space directions is a vector or 'none' for each axis; got {text}")
+    return [
+        None if vector is None or (len(vector) > _AXES and not vector[:_AXES].any()) else vector
+        for vector in vectors
+    ]
+
+
+def _placement(header: _Header, axes: _Axes) -> tuple[NDArray[np.float64], bool]:
+    """World-from-index, and whether the header tells it."""
+    vectors = _directions(header)
+    if vectors:
+        edges = np.array([vectors[axis] for axis in axes.space])
+        if edges.shape[1] < _AXES or edges[:, _AXES:].any():
+            raise VolumeError(f"{header.path}: its space directions are not in three dimensions of space")
+        origin = header.vectors("space origin")
+        if origin and (len(origin) != 1 or origin[0] is None or len(origin[0]) != edges.shape[1]):
+            raise header.damaged(f"space origin is one vector; got {shown(header.fields['space origin'])}")
+        matrix = np.eye(4)
+        matrix[:3, :3] = edges[:, :_AXES].T
+        centre = origin[0] if origin else None
+        matrix[:3, 3] = matrix[:3, :3].sum(axis=1) / 2 if centre is None else centre[:_AXES]
+        return matrix, True
+    spacings, low, high = (_of_space(header, field, axes) for field in ("spacings", "axis mins", "axis maxs"))
+    centers = header.words("centers")
+    node = np.array([axis < len(centers) and centers[axis].lower() == "node" for axis in axes.space])
+    if spacings is not None:
+        edges = spacings
+    elif low is not None and high is not None:
+        edges = (high - low) / np.maximum(np.array(axes.shape[::-1]) - node, 1)
+    elif low is None:
+        return world_from_index_of((1, 1, 1), (0, 0, 0)), False
+    else:
+        edges = np.ones(3)
+    corner = np.zeros(3) if low is None else low - edges / 2 * node
+    (dx, dy, dz), (x, y, z) = edges.tolist(), corner.tolist()
+    return world_from_index_of((dx, dy, dz), (x, y, z)), True
+
+
+def _of_space(header: _Header, field: str, axes: _Axes) -> NDArray[np.float64] | None:
+    """Numbers of a field for x, y, z; None where it does not tell them."""
+    values = header.numbers(field)
+    if values is None or np.isnan(values[axes.space]).all():
+        return None
+    if not np.isfinite(values[axes.space]).all():
+        text = shown(header.fields[field])
+        raise header.damaged(f"{field} must be finite along all axes of space; got {text}")
+    found: NDArray[np.float64] = values[axes.space]
+    return found
+
+
+# ------------------------------------------------------------------------------------------------ data
+
+
+def _dtype(header: _Header, type_name: str, encoding: str) -> np.dtype[Any]:
     dtype = np.dtype(_DTYPES[type_name])
     if encoding == "ascii":
         return np.dtype(np.float64)  # what `_Numbers` parses them to
     if dtype.itemsize == 1:
         return dtype
-    endian = str(header.get("endian", "")).lower()
+    endian = header.fields.get("endian", "").lower()
     if endian not in {"little", "big"}:
-        raise VolumeError(f"{path}: damaged NRRD header: endian is little or big; got '{endian[:40]}'")
+        raise header.damaged(f"endian is little or big; got {shown(endian)}")
     return dtype.newbyteorder("<" if endian == "little" else ">")
 
 
-def _locate(
-    header: Mapping[str, Any],
-    header_bytes: int,
-    path: Path,
-    *,
-    encoding: str,
-    dtype: np.dtype[Any],
-    shape: tuple[int, int, int],
-) -> _Data:
-    """Find the data, and check that the file is large enough to hold them."""
-    data_path, start = _data_file(header, header_bytes, path)
-    file_bytes = data_path.stat().st_size
-    with data_path.open("rb") as stream:
-        stream.seek(start)
-        offset = _skip_lines(stream, header.get("line skip", header.get("lineskip", 0)), data_path)
-    skip = header.get("byte skip", header.get("byteskip", 0))
-    voxels = math.prod(shape)
-    least = voxels * dtype.itemsize
+def _locate(header: _Header, encoding: str, dtype: np.dtype[Any], axes: _Axes) -> _Data:
+    """Find the data, and check that the files are large enough to hold them."""
+    names = _data_files(header, axes)
+    paths = tuple(_beside(header, name) for name in names) or (header.path,)
+    start = 0 if names else header.size
+    lines, skip = header.number("line skip", 0), header.number("byte skip", 0)
+    if lines < 0:
+        raise header.damaged(f"line skip is ≥ 0; got {lines}")
     compressed = encoding in {"gzip", "bzip2"}
-    most = _MAX_SKIP_BYTES if compressed else file_bytes
-    if not (0 <= skip <= most or (skip == -1 and encoding == "raw")):
-        raise VolumeError(
-            f"{path}: damaged NRRD header: byte skip must be 0 to {most:,} here, or -1 for raw data"
-        )
-    if skip == -1:
-        offset, skip = max(offset, file_bytes - least), 0
-    elif not compressed:
-        offset, skip = offset + skip, 0
+    if skip < -1 or (skip == -1 and encoding != "raw"):
+        raise VolumeError(f"{header.path}: byte skip must be ≥ 0 here, or -1 for raw data; got {skip}")
+    if compressed and skip > _MAX_SKIP_BYTES:
+        raise VolumeError(f"{header.path}: byte skip is {skip:,}; the limit is {_MAX_SKIP_BYTES:,} here")
+    voxels = math.prod(axes.sizes) // len(paths)
+    offsets = []
+    for path in paths:
+        file_bytes = path.stat().st_size
+        with path.open("rb") as stream:
+            stream.seek(start)
+            offset = _skip_lines(stream, lines, path)
+        if skip == -1:
+            offset = max(offset, file_bytes - voxels * dtype.itemsize)
+        elif not compressed:
+            offset += skip
+        if file_bytes - offset < _least_bytes(encoding, voxels, dtype.itemsize):
+            raise VolumeError(
+                f"{path}: holds {max(file_bytes - offset, 0):,} bytes of data, too few for "
+                f"{'×'.join(map(str, axes.sizes))} voxels of type {header.fields['type'][:40]}"
+                f"{f' in {len(paths)} files' if len(paths) > 1 else ''}; the file is cut short or its header "
+                "is wrong"
+            )
+        offsets.append(offset)
+    return _Data(header.path, paths, tuple(offsets), encoding, skip if compressed else 0, dtype, axes)
+
+
+def _least_bytes(encoding: str, voxels: int, item_bytes: int) -> int:
     if encoding == "gzip":
-        least = -(-least // _MAX_DEFLATE_RATIO)
-    elif encoding == "bzip2":
-        least = 1  # has no useful bound; reading stops where the data do
-    elif encoding == "ascii":
-        least = 2 * voxels - 1  # a digit each, and what separates them
-    if file_bytes - offset < least:
-        z, y, x = shape
+        return -(-voxels * item_bytes // _MAX_DEFLATE_RATIO)
+    if encoding == "bzip2":
+        return 1  # has no useful bound; reading stops where the data do
+    if encoding == "ascii":
+        return 2 * voxels - 1  # a digit each, and what separates them
+    return voxels * item_bytes * (2 if encoding == "hex" else 1)
+
+
+def _data_files(header: _Header, axes: _Axes) -> list[str]:
+    """Names of the files that hold the data, in their order; none where the header's own file does."""
+    text = header.fields.get("data file")
+    if text is None:
+        return []
+    if len(text) > _MAX_NAME:
+        raise header.damaged(f"data file is a name; got {len(text):,} characters: {shown(text)}")
+    pattern = re.fullmatch(
+        r"(.*?%0?\d{0,2}[diu].*?)\s+(-?\d{1,9})\s+(-?\d{1,9})\s+([+-]?\d{1,9})(?:\s+(\d{1,2}))?", text
+    )
+    if pattern is not None and pattern[1].count("%") == 1:
+        first, last, step = (int(pattern[n]) for n in (2, 3, 4))
+        if step == 0 or (last - first) * step < 0:
+            raise header.damaged(f"data file never gets from {first} to {last} in steps of {step}")
+        numbers = range(first, last + (1 if step > 0 else -1), step)
+        within, count = pattern[5], len(numbers)
+        names = [pattern[1] % number for number in numbers[:_MAX_FILES]]
+    elif header.words("data file")[:1] == ["LIST"]:
+        listed = re.fullmatch(r"LIST(?:\s+(\d{1,2}))?", text)
+        if listed is None or not header.files:
+            raise header.damaged(f"data file is LIST and maybe a number, then names; got {shown(text)}")
+        within, count = listed[1], len(header.files)
+        names = header.files
+    else:
+        return [text]
+    sizes = axes.sizes
+    dimension = len(sizes) - 1 if within is None else int(within)
+    if not 1 <= dimension <= len(sizes):
+        raise header.damaged(f"data file says that files have {dimension} axes; the array has {len(sizes)}")
+    expected = math.prod(sizes[dimension:])
+    fits = sizes[-1] % count == 0 if dimension == len(sizes) else count == expected
+    if not fits or count > _MAX_FILES:
+        wanted = f"a divisor of {sizes[-1]}" if dimension == len(sizes) else f"{expected:,}"
         raise VolumeError(
-            f"{data_path}: holds {max(file_bytes - offset, 0):,} bytes of data, too few for {x}×{y}×{z} "
-            f"voxels of type {header['type']}; the file is cut short or its header is wrong"
+            f"{header.path}: its data are in {count:,} files; for sizes {sizes} with {dimension} axes in "
+            f"each, that is {wanted} (at most {_MAX_FILES:,})"
         )
-    return _Data(data_path, offset, encoding, skip, dtype, shape)
+    return names
 
 
-def _data_file(header: Mapping[str, Any], header_bytes: int, path: Path) -> tuple[Path, int]:
-    """Find the file of the data, and where they start in it."""
-    name = header.get("data file", header.get("datafile"))
-    if name is None:
-        return path, header_bytes
-    plain = str(name).removeprefix("./")
-    if plain.startswith("LIST") or "%" in plain:
-        raise VolumeError(f"{path}: its data are split over several files; join them into one")
+def _beside(header: _Header, name: str) -> Path:
+    """Path of a data file, which lies beside its header or in a folder below."""
+    plain = name.strip()
+    parts = plain.split("/")
     # A header from elsewhere must not be able to have other folders read.
-    if plain in {"", ".", ".."} or any(character in plain for character in "/\\:\0"):
-        raise VolumeError(f"{path}: its data file {name[:80]!r} must be a plain name, beside the header")
-    data_path = path.with_name(plain)
-    if not is_file(data_path):
-        raise VolumeError(f"{path}: its data file {plain[:80]!r} is not beside it")
-    return data_path, 0
+    if plain == "" or plain[-1] == "/" or plain[0] == "/" or ".." in parts or set(plain) & set("\\:\0"):
+        raise VolumeError(
+            f"{header.path}: its data file {shown(plain)} must lie beside the header or in a folder below, "
+            "named with '/'; move it there and correct the header"
+        )
+    path = header.path.parent.joinpath(*parts)
+    if not is_file(path):
+        raise VolumeError(f"{header.path}: its data file {shown(plain)} does not exist beside it")
+    return path
 
 
 def _skip_lines(stream: IO[bytes], lines: int, path: Path) -> int:
@@ -234,64 +555,123 @@ def _skip_lines(stream: IO[bytes], lines: int, path: Path) -> int:
     return stream.tell()
 
 
-def _placement(
-    header: Mapping[str, Any], sizes: tuple[int, int, int], path: Path
-) -> tuple[NDArray[np.float64], bool]:
-    """World-from-index, and whether the header tells it."""
-    if "space directions" in header:
-        edges = _numbers(header, ("space directions",), (3, 3), path)
-        matrix = np.eye(4)
-        matrix[:3, :3] = edges.T
-        centre = _numbers(header, ("space origin",), (3,), path) if "space origin" in header else None
-        matrix[:3, 3] = edges.sum(axis=0) / 2 if centre is None else centre
-        return matrix, True
-    low, high = (
-        _numbers(header, (f"axis {end}", f"axis{end}"), (3,), path)
-        if f"axis {end}" in header or f"axis{end}" in header
-        else None
-        for end in ("mins", "maxs")
-    )
-    node = "node" in str(header.get("centers", header.get("centerings", "")))
-    if "spacings" in header:
-        edges = _numbers(header, ("spacings",), (3,), path)
-    elif low is not None and high is not None:
-        edges = (high - low) / np.maximum(np.array(sizes) - node, 1)
-    elif low is None:
-        return world_from_index_of((1, 1, 1), (0, 0, 0)), False
-    else:
-        edges = np.ones(3)
-    corner = np.zeros(3) if low is None else low - edges / 2 * node
-    (dx, dy, dz), (x, y, z) = edges.tolist(), corner.tolist()
-    return world_from_index_of((dx, dy, dz), (x, y, z)), True
-
-
-def _numbers(
-    header: Mapping[str, Any], fields: tuple[str, ...], shape: tuple[int, ...], path: Path
-) -> NDArray[np.float64]:
-    field = next(field for field in fields if field in header)
-    try:
-        values = np.asarray(header[field], dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape != shape or not np.isfinite(values).all():
-        raise VolumeError(f"{path}: damaged NRRD header: {field} must be {math.prod(shape)} finite numbers")
-    return values
-
-
-def _read(data: _Data) -> NDArray[np.float32]:
-    with data.path.open("rb") as stream:
-        stream.seek(data.offset)
-        try:
-            source = _decoder(stream, data.encoding)
-            source.read(data.skip)
-            voxels = read_voxels(source, data.dtype, data.shape, data.path)
-            # Reading on to the end also checks what checksum the encoding has.
-            longer = data.encoding != "raw" and bool(source.read(1))
-        except (zlib.error, EOFError, OSError, ValueError) as error:
-            raise VolumeError(f"{data.path}: damaged {data.encoding} data ({error})") from error
-    if longer:
-        raise VolumeError(f"{data.path}: holds more voxels than its header declares; the header is wrong")
+def _read(data: _Data, number: int) -> NDArray[np.float32]:
+    """Read one of the volumes that an array holds."""
+    axes = data.axes
+    with _Source(data) as source:
+        if axes.inner == 1 or axes.other is None:
+            voxels = read_voxels(
+                source, data.dtype, axes.shape, data.header, channels=axes.volumes, channel=number
+            )
+        else:
+            run = axes.inner * data.dtype.itemsize
+            runs = _Runs(source, run, axes.volumes, number)
+            voxels = read_voxels(runs, data.dtype, axes.shape, data.header)
+        source.finish()
     return voxels
+
+
+def _read_colour(data: _Data) -> NDArray[np.float32]:
+    """Read all channels: [z, y, x, channel]."""
+    axes = data.axes
+    outer = math.prod(axes.sizes) // (axes.inner * axes.volumes)
+    with _Source(data) as source:
+        values = read_voxels(source, data.dtype, (outer, axes.volumes, axes.inner), data.header)
+        source.finish()
+    rgb = np.moveaxis(values, 1, -1).reshape(*axes.shape, axes.volumes)
+    return np.ascontiguousarray(rgb)
+
+
+class _Source:
+    """The decoded bytes of all files, one behind the other."""
+
+    def __init__(self, data: _Data) -> None:
+        self._data = data
+        self._next = 0
+        self._left = 0
+        self._stream: IO[bytes] | None = None
+        self._decoded: ByteSource = io.BytesIO()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._stream is not None:
+            self._stream.close()
+
+    def read(self, size: int, /) -> bytes:
+        """Return ``size`` bytes, fewer only at the end; raises `VolumeError` where a file ends early."""
+        taken = bytearray()
+        while len(taken) < size and (self._left or self._open_next()):
+            part = self._checked(min(size - len(taken), self._left))
+            if not part:
+                path = self._data.paths[self._next - 1]
+                raise VolumeError(f"{path}: its data end early; the file is cut short or its header is wrong")
+            taken += part
+            self._left -= len(part)
+        return bytes(taken)
+
+    def finish(self) -> None:
+        """Read on to the end of all files: that also checks what checksums the encoding has."""
+        while self.read(_STEP_BYTES):
+            pass
+        self._check_end()
+
+    def _open_next(self) -> bool:
+        data = self._data
+        self._check_end()
+        if self._next == len(data.paths):
+            return False
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = data.paths[self._next].open("rb")
+        self._stream.seek(data.offsets[self._next])
+        self._next += 1
+        self._left = data.file_bytes
+        self._decoded = _decoder(self._stream, data.encoding)
+        self._checked(data.skip)
+        return True
+
+    def _check_end(self) -> None:
+        """Notice a file that holds more than it should; raw data may."""
+        if self._next and self._left == 0 and self._data.encoding != "raw" and self._checked(1):
+            raise VolumeError(
+                f"{self._data.paths[self._next - 1]}: holds more voxels than its header declares; the header "
+                "is wrong"
+            )
+
+    def _checked(self, size: int) -> bytes:
+        try:
+            return self._decoded.read(size)
+        except (zlib.error, EOFError, OSError, ValueError) as error:
+            path = self._data.paths[self._next - 1]
+            raise VolumeError(f"{path}: damaged {self._data.encoding} data ({error})") from error
+
+
+class _Runs:
+    """One of ``count`` volumes whose bytes alternate in runs."""
+
+    def __init__(self, source: ByteSource, run: int, count: int, number: int) -> None:
+        self._source = source
+        self._run = run
+        self._gap = run * (count - 1)
+        self._skip = run * number
+        self._left = run
+
+    def read(self, size: int, /) -> bytes:
+        """Return ``size`` bytes, fewer only at the end."""
+        taken = bytearray()
+        while len(taken) < size:
+            while self._skip:
+                self._skip -= len(self._source.read(min(self._skip, _STEP_BYTES))) or self._skip
+            part = self._source.read(min(size - len(taken), self._left))
+            if not part:
+                break
+            taken += part
+            self._left -= len(part)
+            if self._left == 0:
+                self._left, self._skip = self._run, self._gap
+        return bytes(taken)
 
 
 def _decoder(stream: IO[bytes], encoding: str) -> ByteSource:
@@ -300,30 +680,45 @@ def _decoder(stream: IO[bytes], encoding: str) -> ByteSource:
     if encoding == "bzip2":
         return bz2.BZ2File(stream)
     if encoding == "ascii":
-        return _Numbers(stream)
+        return _Text(stream, _parse_numbers)
+    if encoding == "hex":
+        return _Text(stream, _parse_hex)
     return stream
 
 
-class _Numbers(io.RawIOBase):
-    """Numbers written in ascii, as the bytes of float64."""
+class _Text(io.RawIOBase):
+    """What is written in text, as bytes."""
 
-    def __init__(self, stream: IO[bytes]) -> None:
+    def __init__(self, stream: IO[bytes], parse: Callable[[bytes, bool], tuple[bytes, bytes]]) -> None:
         self._stream = stream
+        self._parse = parse
         self._parsed = bytearray()
         self._partial = b""
 
     def read(self, size: int = -1, /) -> bytes:
         while len(self._parsed) < size:
             text = self._stream.read(1 << 16)
-            tokens = (self._partial + text).split()
-            self._partial = b""
-            if text and tokens and not text[-1:].isspace():
-                self._partial = tokens.pop()
-            if max(map(len, [self._partial, *tokens])) > _MAX_TOKEN:
-                raise ValueError(f"a number of more than {_MAX_TOKEN} characters")
-            self._parsed += np.array(tokens, dtype="S").astype(np.float64).tobytes()
+            parsed, self._partial = self._parse(self._partial + text, not text)
+            self._parsed += parsed
             if not text:
                 break
         taken = bytes(self._parsed[:size])
         del self._parsed[:size]
         return taken
+
+
+def _parse_numbers(text: bytes, is_end: bool) -> tuple[bytes, bytes]:  # noqa: FBT001 - of a callback
+    """Bytes of float64 for the numbers of a text, and the number that its end may cut."""
+    tokens, partial = text.split(), b""
+    if tokens and not is_end and not text[-1:].isspace():
+        partial = tokens.pop()
+    if max(map(len, [partial, *tokens])) > _MAX_TOKEN:
+        raise ValueError(f"a number of more than {_MAX_TOKEN} characters")
+    return np.array(tokens, dtype="S").astype(np.float64).tobytes(), partial
+
+
+def _parse_hex(text: bytes, is_end: bool) -> tuple[bytes, bytes]:  # noqa: FBT001 - of a callback
+    """Bytes for the pairs of digits of a text, and the digit that its end may part from its pair."""
+    digits = b"".join(text.split())
+    whole = len(digits) - (0 if is_end else len(digits) % 2)
+    return bytes.fromhex(digits[:whole].decode("ascii")), digits[whole:]

@@ -1,7 +1,7 @@
 """NumPy arrays: one in a ``.npy`` file, several in an ``.npz`` archive.
 
 Arrays are [z, y, x] of any real, integer or bool type, either byte order, C or Fortran order; integers
-keep their values. Pickled objects are never loaded.
+keep their values. Further axes of one sample are left out. Pickled objects are never loaded.
 
 The array of a ``.npy`` file is the grid ``density``. In an ``.npz`` every 3-D array is a grid under its
 key, and these arrays, where present, place all of them: ``voxel_size`` (one number or x, y, z),
@@ -10,6 +10,7 @@ key, and these arrays, where present, place all of them: ``voxel_size`` (one num
 A colour is an array [z, y, x, RGB] of the same types: that of a ``.npy`` file, or one of an ``.npz``.
 """
 
+import itertools
 import math
 import tokenize
 import warnings
@@ -25,16 +26,18 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import check_readable
-from tfm_cl.volume_io.grid import Grid, world_from_index_of
+from tfm_cl.volume_io import COLOUR, DEFAULT_NAME
+from tfm_cl.volume_io.grid import Grid, shown, shown_names, world_from_index_of
 from tfm_cl.volume_io.raw import read_voxels
 
 EXTENSIONS = (".npy", ".npz")
 
-COLOUR = "colour"
-"""Key of the array that is an archive's colour unless another is named."""
-
 _PLACEMENT_KEYS = ("voxel_size", "origin", "world_from_index")
 _AXES = 3
+_MOST_AXES = 8
+_NO_VOLUME = (
+    "a colour; give it beside a volume [z, y, x], as --set volume.colour=FILE or the name of this array"
+)
 _MAX_ITEM_BYTES = 8
 _MAX_SIDE = 1 << 48
 _MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
@@ -71,9 +74,25 @@ class ArrayHeader(NamedTuple):
         """Why the array cannot be densities; empty when it can."""
         if self.not_real:
             return self.not_real
-        if len(self.shape) != _AXES:
-            return f"an array of shape {self.shape}; a volume is [z, y, x]"
-        return ""
+        if self.volume_shape is not None:
+            return ""
+        shape = f"({', '.join(map(str, self.shape[:_MOST_AXES]))}{', …' * (len(self.shape) > _MOST_AXES)})"
+        if self.shape[_AXES:] == (3,):
+            return f"an array of shape {shape}, {_NO_VOLUME}"
+        return f"an array of shape {shape}; a volume is [z, y, x]: save one of its parts"
+
+    @property
+    def volume_shape(self) -> tuple[int, int, int] | None:
+        """Voxels (z, y, x) without further axes of one sample; None where it is not told which are."""
+        extra = len(self.shape) - _AXES
+        if not 0 <= extra <= _MOST_AXES - _AXES:
+            return None
+        singles = [axis for axis, size in enumerate(self.shape) if size == 1]
+        found = {
+            tuple(size for axis, size in enumerate(self.shape) if axis not in dropped)
+            for dropped in itertools.combinations(singles, extra)
+        }
+        return cast("tuple[int, int, int]", found.pop()) if len(found) == 1 else None
 
 
 _Decode = Callable[[IO[bytes], ArrayHeader, Path], NDArray[np.float32]]
@@ -107,12 +126,18 @@ def read_header(stream: IO[bytes]) -> ArrayHeader:
             elif version == (2, 0):
                 shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
             else:
-                raise ValueError(f"version {version} is for structured arrays")
+                raise ValueError(f"version {'.'.join(map(str, version))}; {_of_version(version)}")
     except (TypeError, SyntaxError, tokenize.TokenError, RecursionError, MemoryError) as error:
         raise ValueError(f"unreadable header: {error}") from error
     if any(not 0 <= n < _MAX_SIDE for n in shape):
         raise ValueError("impossible shape")
     return ArrayHeader(shape, "F" if fortran else "C", dtype, stream.tell())
+
+
+def _of_version(version: tuple[int, int]) -> str:
+    if version == (3, 0):
+        return "it is for structured arrays, not for numbers"
+    return "it is newer than tfm_cl knows: update tfm_cl, or save it with an older NumPy"
 
 
 def open_grids(path: Path) -> list[Grid]:
@@ -127,7 +152,7 @@ def open_grids(path: Path) -> list[Grid]:
         return _open_npz(path)
     with path.open("rb") as stream:
         header = _checked_header(stream, path.stat().st_size, str(path))
-    return [_grid("density", header, partial(_read_npy, path, header, _read))]
+    return [_grid(DEFAULT_NAME, header, partial(_read_npy, path, header, _read))]
 
 
 def _open_npz(path: Path) -> list[Grid]:
@@ -192,9 +217,9 @@ def open_colour(path: Path, name: str | None = None) -> StoredColour:
             of_four = [key for key, header in headers.items() if len(header.shape) == _AXES + 1]
             name = of_four[0] if len(of_four) == 1 else COLOUR
         if name not in headers:
-            names = ", ".join(map(repr, headers)) or "none"
-            raise VolumeError(f"{path}: no array {name!r} [z, y, x, 3]; its arrays: {names}")
-        header, label = headers[name], f"{path}: array {name!r}"
+            names = shown_names(list(headers)) or "none"
+            raise VolumeError(f"{path}: no array {shown(name)} [z, y, x, 3]; its arrays: {names}")
+        header, label = headers[name], f"{path}: array {shown(name)}"
         read = partial(_read_member, path, name, header, _read_channels)
     if header.not_real:
         raise VolumeError(f"{label} holds {header.not_real}")
@@ -210,7 +235,8 @@ def _archive_headers(path: Path) -> dict[str, ArrayHeader]:
 
 
 def _grid(name: str, header: ArrayHeader, read: Any, world_from_index: Any = None) -> Grid:
-    z, y, x = header.shape if len(header.shape) == _AXES else (0, 0, 0)
+    is_colour = name == COLOUR and len(header.shape) == _AXES + 1
+    z, y, x = (None if is_colour else header.volume_shape) or (0, 0, 0)
     return Grid(
         name=name,
         grid_class="unknown",
@@ -221,7 +247,7 @@ def _grid(name: str, header: ArrayHeader, read: Any, world_from_index: Any = Non
         else world_from_index,
         has_transform=world_from_index is not None,
         read=read,
-        unsupported=header.unsupported,
+        unsupported=header.unsupported or (_NO_VOLUME if is_colour else ""),
     )
 
 
@@ -242,7 +268,7 @@ def _checked_header(stream: IO[bytes], size: int, label: str) -> ArrayHeader:
 
 
 def _member_header(archive: zipfile.ZipFile, member: str, path: Path) -> ArrayHeader:
-    info, label = archive.getinfo(member), f"{path}: array {member.removesuffix('.npy')!r}"
+    info, label = archive.getinfo(member), f"{path}: array {shown(member.removesuffix('.npy'))}"
     if info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
         raise VolumeError(f"{label}: compressed in a way NumPy does not write; save it with numpy.savez")
     packed = min(info.compress_size, path.stat().st_size)
@@ -264,13 +290,13 @@ def _read_member(path: Path, name: str, header: ArrayHeader, decode: _Decode) ->
             stream.read(header.header_bytes)
             return decode(stream, header, path)
     except (KeyError, *_ZIP_ERRORS) as error:
-        raise VolumeError(f"{path}: array {name!r} cannot be read ({_short(error)})") from error
+        raise VolumeError(f"{path}: array {shown(name)} cannot be read ({_short(error)})") from error
 
 
 def _read(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.float32]:
     if header.unsupported:
         raise VolumeError(f"{path}: holds {header.unsupported}")
-    shape = cast("tuple[int, int, int]", header.shape)
+    shape = cast("tuple[int, int, int]", header.volume_shape)
     return read_voxels(stream, header.dtype, shape, path, order=header.order)
 
 

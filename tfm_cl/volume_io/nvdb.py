@@ -26,6 +26,12 @@ A file is a row of segments, or (since 32.6) bare grids one behind the other. Li
                 16 bits[512] active; statistics; the 512 values, aligned to 32 bytes
                 Fp4, Fp8, Fp16, FpN: 80 float32 minimum, quantum; at 96 codes of 4, 8, 16 or
                 1 << (flags >> 5) bits; value = code · quantum + minimum
+                bool: 80 bits[512] values; mask: no values, the active voxels are the set ones
+                index: 80 uint64 index of the first value; the others', or the other active ones', follow
+    statistics  least, largest, mean, deviation; with them nodes of large values grow (see `Layout`)
+    blind data  of index grids: the values (a grid's 640 int64 offset, 648 uint32 count). Each 288 bytes:
+                0 int64 offset of its data from here, 8 uint64 count, 16 uint32 bytes of a value,
+                20 uint32 semantic, class, type; name
 
 `open_grids` describes the grids. `walk_topology` reads an unpacked grid's tree without its voxels,
 `walk_leaves` these in batches, which go into a dense array or stay leaves.
@@ -38,7 +44,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -49,27 +55,30 @@ from tfm_cl.leaves import Leaves
 from tfm_cl.volume_io.binary import (
     Cursor,
     check_packing,
-    distinct_names,
     map_file,
     unblosc_into,
     unzip_into,
 )
-from tfm_cl.volume_io.grid import Grid, GridClass
+from tfm_cl.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
 from tfm_cl.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
     ROOT_EDGE,
     UPPER_EDGE,
+    VECTORS,
     LeafBatch,
     Tiles,
     Tree,
+    as_three,
     batches,
     count_leaves,
     differs,
     fill_dense,
+    fill_vectors,
     gather_leaves,
     offset_transform,
     place_origins,
+    vector_type,
 )
 
 __all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
@@ -82,28 +91,24 @@ _MAJOR, _FIRST_MINOR = 32, 3
 _NO_CODEC, _ZLIB, _BLOSC = 0, 1, 2
 _BLOSC_CHUNK = 1 << 30
 _GRID_SIZE, _METADATA_SIZE = 672, 176
-_UPPER_SIZE, _UPPER_TABLE = 270400, 8256
-_LOWER_SIZE, _LOWER_TABLE = 33856, 1088
+_BLIND_SIZE = 288
+_BLIND_NAMES = (1, 3)
+"""Classes of blind data that are not values: indices and names."""
 
 _GRID_CLASSES: dict[int, GridClass] = {1: "level set", 2: "fog volume", 3: "staggered"}
 _UNSUPPORTED_TYPES = {
     0: "unknown",
-    6: "vec3f",
-    7: "vec3d",
-    8: "mask",
-    11: "bool",
     12: "rgba8",
     17: "vec4f",
     18: "vec4d",
-    19: "index",
-    20: "on-index",
     21: "index mask",
     22: "on-index mask",
     23: "point index",
     24: "vec3u8",
     25: "vec3u16",
-    26: "uint8",
 }
+
+_Form = Literal["values", "codes", "bits", "mask", "index", "on-index"]
 
 
 @dataclass(frozen=True)
@@ -113,60 +118,113 @@ class Layout:
     name: str
     value: np.dtype[Any]
     """Type of a value (for quantised types: of background and tiles)."""
+    statistic: int = 4
+    """Bytes of a mean."""
+    form: _Form = "values"
+    """What leaves hold."""
     code_bits: int = 0
-    """Bits of a quantised voxel, 0 when voxels are plain values, -1 when each leaf has its own."""
+    """Bits of a quantised voxel; -1 when each leaf has its own."""
 
     @property
-    def is_wide(self) -> bool:
-        """Whether values are aligned to 8 bytes."""
-        return self.value.itemsize == 8  # noqa: PLR2004 - bytes of a double
+    def is_vector(self) -> bool:
+        """Whether a value is three numbers."""
+        return self.value.names is not None
+
+    @property
+    def _alignment(self) -> int:
+        """Bytes that the place of a value is a multiple of."""
+        return self.value["x"].itemsize if self.is_vector else self.value.itemsize
+
+    def _behind(self, at: int, *, values: int) -> int:
+        """First byte behind values and two statistics that follow ``at``."""
+        end = _aligned(at, self._alignment) + values * self.value.itemsize
+        return _aligned(end, self.statistic) + 2 * self.statistic
 
     @property
     def background_at(self) -> int:
         """Byte of the root where the background lies."""
-        return 32 if self.is_wide else 28
+        return _aligned(28, self._alignment)
 
     @property
     def root_size(self) -> int:
         """Bytes of the root before its tiles."""
-        return 96 if self.is_wide else 64
+        return _aligned(self._behind(28, values=3), 32)
 
     @property
     def root_tile(self) -> np.dtype[Any]:
         """One tile of the root."""
+        value_at = _aligned(20, self._alignment)
         return np.dtype(
             {
                 "names": ["key", "child", "active", "value"],
                 "formats": ["<u8", "<i8", "<u4", self.value],
-                "offsets": [0, 8, 16, 24 if self.is_wide else 20],
-                "itemsize": 32,
+                "offsets": [0, 8, 16, value_at],
+                "itemsize": _aligned(value_at + self.value.itemsize, 32),
             }
         )
 
     @property
+    def entry(self) -> np.dtype[Any]:
+        """One entry of a node's table: where a child begins, or the value of a tile."""
+        return np.dtype(
+            {
+                "names": ["child", "value"],
+                "formats": ["<i8", self.value],
+                "offsets": [0, 0],
+                "itemsize": _aligned(self.value.itemsize, 8),
+            }
+        )
+
+    def table_at(self, edge: int) -> int:
+        """Byte of an upper or lower node where its table begins."""
+        return _aligned(self._behind(32 + 2 * _entries(edge) // 8, values=2), 32)
+
+    def node_size(self, edge: int) -> int:
+        """Bytes of an upper or lower node."""
+        return self.table_at(edge) + _entries(edge) * self.entry.itemsize
+
+    @property
     def leaf_values_at(self) -> int:
         """Byte of a leaf where its voxels begin."""
-        return 128 if self.is_wide else 96
+        at = {"bits": 80, "mask": 16, "index": 80, "on-index": 80}.get(self.form)
+        return _aligned(self._behind(80, values=2), 32) if at is None else at
 
     @property
     def least_leaf_size(self) -> int:
         """Bytes of a leaf; the least when leaves differ."""
+        size = {"bits": 160, "mask": 96, "index": 96, "on-index": 96}.get(self.form)
         bits = abs(self.code_bits) or 8 * self.value.itemsize
-        return self.leaf_values_at + LEAF_VOXELS // 8 * bits
+        return self.leaf_values_at + LEAF_VOXELS // 8 * bits if size is None else size
+
+
+def _aligned(at: int, alignment: int) -> int:
+    return -(-at // alignment) * alignment
+
+
+def _entries(edge: int) -> int:
+    """Entries of the node whose children are ``edge`` voxels wide."""
+    return (32**3) if edge == UPPER_EDGE else (16**3)
 
 
 _LAYOUTS = {
     1: Layout("float32", np.dtype("<f4")),
-    2: Layout("float64", np.dtype("<f8")),
+    2: Layout("float64", np.dtype("<f8"), 8),
     3: Layout("int16", np.dtype("<i2")),
     4: Layout("int32", np.dtype("<i4")),
-    5: Layout("int64", np.dtype("<i8")),
+    5: Layout("int64", np.dtype("<i8"), 8),
+    6: Layout("vec3f", vector_type("<f4")),
+    7: Layout("vec3d", vector_type("<f8"), 8),
+    8: Layout("mask", np.dtype("u1"), 1, "mask"),
     9: Layout("float16", np.dtype("<f2")),
     10: Layout("uint32", np.dtype("<u4")),
-    13: Layout("fp4", np.dtype("<f4"), 4),
-    14: Layout("fp8", np.dtype("<f4"), 8),
-    15: Layout("fp16", np.dtype("<f4"), 16),
-    16: Layout("fpn", np.dtype("<f4"), -1),
+    11: Layout("bool", np.dtype("u1"), 1, "bits"),
+    13: Layout("fp4", np.dtype("<f4"), form="codes", code_bits=4),
+    14: Layout("fp8", np.dtype("<f4"), form="codes", code_bits=8),
+    15: Layout("fp16", np.dtype("<f4"), form="codes", code_bits=16),
+    16: Layout("fpn", np.dtype("<f4"), form="codes", code_bits=-1),
+    19: Layout("index", np.dtype("<u8"), 8, "index"),
+    20: Layout("on-index", np.dtype("<u8"), 8, "on-index"),
+    26: Layout("uint8", np.dtype("u1")),
 }
 
 
@@ -177,6 +235,10 @@ class Topology:
     tree: Tree
     leaves_at: NDArray[np.int64]
     """[n], byte of the grid where each leaf begins."""
+    background: NDArray[Any]
+    """[1], of the type of the tree's values."""
+    channel: NDArray[Any] | None = None
+    """Values that an index grid's are the indices of."""
 
 
 # ------------------------------------------------------------------------------------------- the file
@@ -208,9 +270,7 @@ def open_grids(path: Path) -> list[Grid]:
         Not a NanoVDB file, of an unknown version, or damaged.
     """
     file = Cursor(map_file(path), str(path))
-    entries = _list_entries(file)
-    names = distinct_names([entry.name for entry in entries])
-    return [_describe(file, path, replace(e, name=name)) for e, name in zip(entries, names, strict=True)]
+    return with_distinct_names([_describe(file, path, entry) for entry in _list_entries(file)])
 
 
 def _list_entries(file: Cursor) -> list[_Entry]:
@@ -223,9 +283,17 @@ def _list_entries(file: Cursor) -> list[_Entry]:
         not _is_known(_version_at(file, 8)) and _is_known(_version_at(file, 16))
     )
     entries: list[_Entry] = []
-    while file.at < len(file.data):
+    while not entries or _goes_on(file):
         entries += [_read_bare_grid(file)] if is_bare else _read_segment(file)
+        if file.at == len(file.data):
+            break
     return entries
+
+
+def _goes_on(file: Cursor) -> bool:
+    """Tell a segment or grid from bytes that some writers leave behind the last one."""
+    rest = bytes(file.data[file.at : file.at + 8])
+    return rest != b"" and any(magic.startswith(rest) for magic in (*_SEGMENT_MAGICS, *_GRID_MAGICS))
 
 
 def _version_at(file: Cursor, at: int) -> tuple[int, int]:
@@ -243,9 +311,14 @@ def _is_known(version: tuple[int, int]) -> bool:
 def _check_version(file: Cursor, at: int) -> None:
     version = _version_at(file, at)
     if not _is_known(version):
+        remedy = (
+            "it is newer than tfm_cl knows: update tfm_cl, or convert with an older nanovdb_convert"
+            if version[0] > _MAJOR
+            else "convert the original again with a current nanovdb_convert"
+        )
         raise VolumeError(
             f"{file.source}: NanoVDB version {version[0]}.{version[1]}; {_MAJOR}.{_FIRST_MINOR} and later "
-            f"{_MAJOR}.x can be read: convert the original again with a current nanovdb_convert"
+            f"{_MAJOR}.x can be read: {remedy}"
         )
 
 
@@ -304,7 +377,7 @@ def _chunks(file: Cursor, size: int, codec: int) -> Iterator[tuple[memoryview, i
 def _unpack(file: Cursor, entry: _Entry) -> Cursor:
     """Return the bytes of a grid, at its tree."""
     chunks = list(_chunks(Cursor(file.data, file.source, entry.at), entry.size, entry.codec))
-    source = f"{file.source}: grid {entry.name!r}"
+    source = f"{file.source}: grid {shown(entry.name)}"
     packed = Cursor(file.data, source, entry.at)
     unpack = {_ZLIB: unzip_into, _BLOSC: unblosc_into}.get(entry.codec)
     if unpack is None:
@@ -334,33 +407,49 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
     if layout is None:
         return _unsupported(path, entry)
     grid = _unpack(file, entry)
+    if layout.form in ("index", "on-index") and _find_channel(grid) is None:
+        return _unsupported(path, entry)
     topology = walk_topology(grid, layout)
     low, shape = topology.tree.box()
     world_from_tree = np.eye(4)
     world_from_tree[:3, :3] = np.frombuffer(grid.data, "<f8", 9, 296 + 88).reshape(3, 3)
     world_from_tree[:3, 3] = np.frombuffer(grid.data, "<f8", 3, 296 + 232)
-    return Grid(
+    described = Grid(
         name=entry.name,
         grid_class=entry.grid_class,
         value_type=layout.name,
         shape=shape,
         world_from_index=offset_transform(world_from_tree, low, grid),
         has_transform=True,
+        is_box_of_stored=True,
         read=partial(_read_dense, path, entry, layout, shape),
+        active_voxels=topology.tree.active_voxels,
+    )
+    if layout.is_vector:
+        return replace(
+            described,
+            read=partial(refuse, path, entry.name, VECTORS),
+            read_colour=partial(_read_vectors, path, entry, layout, shape),
+            colour_background=as_three(topology.background),
+            unsupported=VECTORS,
+        )
+    return replace(
+        described,
         read_leaves=partial(_read_leaves, path, entry, layout, shape),
         leaf_count=count_leaves(topology.tree),
         background=topology.tree.background,
-        active_voxels=topology.tree.active_voxels,
     )
 
 
 def _unsupported(path: Path, entry: _Entry) -> Grid:
     """Describe a grid that can be listed only."""
-    value_type = _UNSUPPORTED_TYPES.get(entry.grid_type, f"type {entry.grid_type}")
-
-    def refuse() -> NDArray[np.float32]:
-        raise VolumeError(f"{path}: grid {entry.name!r} cannot be read: {value_type} values")
-
+    layout = _LAYOUTS.get(entry.grid_type)
+    value_type = layout.name if layout else _UNSUPPORTED_TYPES.get(entry.grid_type, f"type {entry.grid_type}")
+    reason = (
+        f"{value_type} values without the numbers they are indices of; write these as blind data"
+        if layout
+        else f"{value_type} values; convert them to a grid of numbers first"
+    )
     return Grid(
         name=entry.name,
         grid_class=entry.grid_class,
@@ -368,8 +457,8 @@ def _unsupported(path: Path, entry: _Entry) -> Grid:
         shape=(0, 0, 0),
         world_from_index=np.eye(4),
         has_transform=False,
-        read=refuse,
-        unsupported=f"{value_type} values",
+        read=partial(refuse, path, entry.name, reason),
+        unsupported=reason,
     )
 
 
@@ -387,6 +476,31 @@ def _read_leaves(path: Path, entry: _Entry, layout: Layout, shape: tuple[int, in
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
     return gather_leaves(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
+
+
+def _read_vectors(
+    path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]
+) -> NDArray[np.float32]:
+    """Read a grid's vectors as `Grid.read_colour` promises them."""
+    grid = _unpack(Cursor(map_file(path), str(path)), entry)
+    topology = walk_topology(grid, layout)
+    walk = partial(walk_leaves, grid, layout, topology)
+    return fill_vectors(topology.tree, topology.background, walk, shape, grid)
+
+
+def _find_channel(grid: Cursor) -> NDArray[Any] | None:
+    """Find the first blind data of a grid that can be the values of its indices: numbers."""
+    metadata_at, count = struct.unpack_from("<qI", grid.data, 640)
+    for number in range(count):
+        grid.at = at = metadata_at + _BLIND_SIZE * number
+        offset, length, size, _, data_class, number_type = grid.numbers("qQ4I", "metadata of blind data")
+        layout = _LAYOUTS.get(number_type)
+        if layout is None or layout.is_vector or layout.form != "values" or data_class in _BLIND_NAMES:
+            continue
+        if size == layout.value.itemsize:
+            grid.at = at + offset
+            return grid.array(layout.value, length, "blind data")
+    return None
 
 
 # ------------------------------------------------------------------------------------------- the tree
@@ -420,9 +534,11 @@ def walk_topology(grid: Cursor, layout: Layout) -> Topology:
         raise grid.damaged("keys of the root repeat")
     has_child = entries["child"] != 0
 
-    is_tile = ~has_child & differs(entries["value"], background)
-    walk = _Walk(grid, background)
-    walk.tiles.append(Tiles(ROOT_EDGE, origins[is_tile], entries["value"][is_tile]))
+    channel = _find_channel(grid) if layout.form in ("index", "on-index") else None
+    background = _looked_up(background, channel, grid)
+    walk = _Walk(grid, layout, background, channel)
+    at_root = np.zeros(3, np.int64)
+    walk.add_tiles(ROOT_EDGE, at_root, origins, entries["value"], entries["active"], ~has_child)
     walk.active_voxels += int(np.count_nonzero(entries["active"][~has_child])) * ROOT_EDGE**3
     upper_at = root_at + entries["child"][has_child]
     lower_at, lower_origins = walk.below(upper_at, origins[has_child], UPPER_EDGE)
@@ -430,7 +546,18 @@ def walk_topology(grid: Cursor, layout: Layout) -> Topology:
     walk.check_nodes(leaves_at, layout.least_leaf_size)
     walk.count_active(leaves_at)
     tiles = [tiles for tiles in walk.tiles if len(tiles.origins)]
-    return Topology(Tree(float(background[0]), tiles, leaf_origins, walk.active_voxels), leaves_at)
+    tree = Tree(as_three(background)[0], tiles, leaf_origins, walk.active_voxels)
+    return Topology(tree, leaves_at, background, channel)
+
+
+def _looked_up(indices: NDArray[Any], channel: NDArray[Any] | None, grid: Cursor) -> NDArray[Any]:
+    """Values of an index grid; those of others are what they are."""
+    if channel is None:
+        return indices
+    if indices.size and int(indices.max()) >= len(channel):
+        raise grid.damaged(f"an index of {int(indices.max())} for {len(channel)} values")
+    values: NDArray[Any] = channel[indices]
+    return values
 
 
 def _origins_of_keys(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
@@ -443,9 +570,13 @@ def _origins_of_keys(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
 class _Walk:
     """Goes down a tree level by level and gathers what it meets."""
 
-    def __init__(self, grid: Cursor, background: NDArray[Any]) -> None:
+    def __init__(
+        self, grid: Cursor, layout: Layout, background: NDArray[Any], channel: NDArray[Any] | None
+    ) -> None:
         self.grid = grid
+        self.layout = layout
         self.background = background
+        self.channel = channel
         self.tiles: list[Tiles] = []
         self.active_voxels = 0
 
@@ -455,29 +586,45 @@ class _Walk:
         if len(at) * size > room or ((at < _GRID_SIZE) | (at > room - size)).any():
             raise self.grid.damaged(f"{len(at)} nodes of {size} bytes do not lie in the grid's {room}")
 
+    def add_tiles(
+        self,
+        edge: int,
+        origin: NDArray[np.int64],
+        of_entries: NDArray[np.int64],
+        values: NDArray[Any],
+        active: NDArray[Any],
+        is_tile: NDArray[np.bool_],
+    ) -> None:
+        """Keep the tiles that differ from the background; entries that are none hold no values.
+
+        A tile lies at ``origin``, its node's, and its place in it, one of ``of_entries``.
+        """
+        chosen = np.flatnonzero(is_tile)
+        values = active[chosen].astype(np.uint8) if self.layout.form == "mask" else values[chosen]
+        values = _looked_up(values, self.channel, self.grid)
+        kept = differs(values, self.background)
+        self.tiles.append(Tiles(edge, origin + of_entries[chosen[kept]], values[kept]))
+
     def below(
         self, nodes_at: NDArray[np.int64], origins: NDArray[np.int64], edge: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Read upper or lower nodes; returns where their children begin and the children's origins."""
-        size, table_at = (_UPPER_SIZE, _UPPER_TABLE) if edge == UPPER_EDGE else (_LOWER_SIZE, _LOWER_TABLE)
-        self.check_nodes(nodes_at, size)
+        table_at, entries = self.layout.table_at(edge), _entries(edge)
+        self.check_nodes(nodes_at, self.layout.node_size(edge))
+        of_entries = place_origins(np.zeros(3, np.int64), np.arange(entries), edge)
         children_at = [np.empty(0, np.int64)]
         children_origins = [np.empty((0, 3), np.int64)]
         for at, origin in zip(nodes_at.tolist(), origins, strict=True):
-            table = np.frombuffer(self.grid.data, "<i8", (size - table_at) // 8, at + table_at)
+            table = np.frombuffer(self.grid.data, self.layout.entry, entries, at + table_at)
             active, has_child = np.unpackbits(
-                np.frombuffer(self.grid.data, np.uint8, len(table) // 4, at + 32), bitorder="little"
+                np.frombuffer(self.grid.data, np.uint8, entries // 4, at + 32), bitorder="little"
             ).reshape(2, -1)
             places = np.flatnonzero(has_child)
-            children_at.append(at + table[places])
-            children_origins.append(place_origins(origin, places, edge))
-
-            value_type = self.background.dtype
-            values = table.view(value_type)[:: 8 // value_type.itemsize]
+            children_at.append(at + table["child"][places])
+            children_origins.append(origin + of_entries[places])
             is_tile = has_child == 0
             self.active_voxels += int(np.count_nonzero(active[is_tile])) * edge**3
-            kept = np.flatnonzero(is_tile & differs(values, self.background))
-            self.tiles.append(Tiles(edge, place_origins(origin, kept, edge), values[kept]))
+            self.add_tiles(edge, origin, of_entries, table["value"], active, is_tile)
         return np.concatenate(children_at), np.concatenate(children_origins)
 
     def count_active(self, leaves_at: NDArray[np.int64]) -> None:
@@ -503,12 +650,32 @@ def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[Le
     """
     origins = batches(topology.tree.leaf_origins)
     for at, batch_origins in zip(batches(topology.leaves_at), origins, strict=True):
-        if layout.code_bits == 0:
+        values: NDArray[Any]
+        if layout.form == "values":
             rows = _rows(grid, at + layout.leaf_values_at, LEAF_VOXELS * layout.value.itemsize)
             values = rows.view(layout.value)
-        else:
+        elif layout.form == "codes":
             values = _decode_leaves(grid, at, layout)
+        elif layout.form in ("bits", "mask"):
+            values = _bits(grid, at + layout.leaf_values_at)
+        else:
+            values = _looked_up(_leaf_indices(grid, at, layout), topology.channel, grid)
         yield LeafBatch(batch_origins, values.reshape(-1, 8, 8, 8))
+
+
+def _bits(grid: Cursor, at: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Bits [n, 512] that begin at these bytes, as 0 and 1."""
+    return np.unpackbits(_rows(grid, at, LEAF_VOXELS // 8), axis=-1, bitorder="little")
+
+
+def _leaf_indices(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.uint64]:
+    """Return the indices [n, 512] of voxels; 0, the background's, for inactive ones of an on-index grid."""
+    first = _rows(grid, at + layout.leaf_values_at, 8).view("<u8")
+    if layout.form == "index":
+        return first + np.arange(LEAF_VOXELS, dtype=np.uint64)
+    active = _bits(grid, at + 16)
+    before = np.cumsum(active, axis=-1, dtype=np.uint64) - active
+    return np.where(active, first + before, np.uint64(0))
 
 
 def _decode_leaves(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.float32]:

@@ -9,8 +9,8 @@ places, each a *leaf* of 8³ voxels or a tile. Places and voxels are ordered wit
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,10 @@ ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
 """Voxels along a tile of the root, of an upper and of a lower node."""
 LEAF_VOXELS = LOWER_EDGE**3
 LEAVES_PER_BATCH = 256
+COMPONENTS = ("x", "y", "z")
+"""Fields of a vector."""
+VECTORS = "vectors are no densities; as the colour of another grid: --set volume.colour=NAME"
+"""Why a tree of vectors is refused as a density."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Tree:
     """A tree without the voxels of its leaves."""
 
     background: float
-    """Value of all space that no leaf or tile covers."""
+    """Value of all space that no leaf or tile covers; of vectors, the first component of it."""
     tiles: list[Tiles]
     """The tiles that differ from the background, active or not."""
     leaf_origins: NDArray[np.int64]
@@ -72,6 +76,18 @@ class Tree:
         high = np.max([origins.max(axis=0) + edge for origins, edge in cubes], axis=0)
         x, y, z = (high - low).tolist()
         return low, (z, y, x)
+
+
+def vector_type(number: str) -> np.dtype[Any]:
+    """Structured type of three numbers: unlike a row of an array, one value with `differs`."""
+    return np.dtype([(axis, number) for axis in COMPONENTS])
+
+
+def as_three(value: NDArray[Any]) -> tuple[float, float, float]:
+    """Components of the one vector of an array; of a number, itself three times."""
+    numbers = [value[name] for name in COMPONENTS] if value.dtype.names else [value] * 3
+    x, y, z = (float(number[0]) for number in numbers)
+    return x, y, z
 
 
 def place_origins(origin: NDArray[np.int64], places: NDArray[np.int64], edge: int) -> NDArray[np.int64]:
@@ -149,6 +165,42 @@ def fill_dense(
             x, y, z = ((batch.origins - low) // LOWER_EDGE).T
             blocks[z, :, y, :, x, :] = batch.values.transpose(0, 3, 2, 1)
     return dense
+
+
+def fill_vectors(
+    tree: Tree,
+    background: NDArray[Any],
+    walk: Callable[[], Iterable[LeafBatch]],
+    shape: tuple[int, int, int],
+    source: Cursor,
+) -> NDArray[np.float32]:
+    """Write a tree of vectors, whose values are of a `vector_type`, into a dense array.
+
+    Parameters
+    ----------
+    tree, shape
+        As for `fill_dense`.
+    background
+        [1], the vector of all space that no leaf or tile covers.
+    walk
+        Gives the voxels of all leaves; called for each component, so that no second array is needed.
+
+    Returns
+    -------
+    The vectors of `Tree.box`, float32 [z, y, x, 3].
+
+    Raises
+    ------
+    VolumeError
+        As `fill_dense` does.
+    """
+    vectors = np.empty((*shape, len(COMPONENTS)), np.float32)
+    for axis, name in enumerate(COMPONENTS):
+        tiles = [Tiles(tiles.edge, tiles.origins, tiles.values[name]) for tiles in tree.tiles]
+        numbers = replace(tree, background=float(background[name][0]), tiles=tiles)
+        leaves = (LeafBatch(batch.origins, batch.values[name]) for batch in walk())
+        vectors[..., axis] = fill_dense(numbers, leaves, shape, source)
+    return vectors
 
 
 def gather_leaves(
