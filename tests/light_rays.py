@@ -7,6 +7,7 @@ import numpy as np
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.bases.base import UNIFORM_SHARE, middles
+from tfm_cl.lights.base import texel_positions
 
 RES = 8
 STEPS = 40
@@ -61,18 +62,17 @@ def scene_of(density, **settings):
 
 
 def light_rays(scene):
-    """Rays of the scene's map that carry light; every one meets the bounds."""
-    light, res = scene.lights[0], scene.map.res
-    matrix = light.frame().world_from_light
-    at = (2 * (np.arange(res) + 0.5) / res - 1) * np.tan(np.radians(light.cone))
-    x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(at, at))
-    texels = np.flatnonzero(np.hypot(x, y) < 0.99 * np.tan(np.radians(light.cone)))
-    x, y = x[texels], y[texels]
-    directions = x * matrix[:3, 0] + y * matrix[:3, 1] + matrix[:3, 2]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    origins = np.broadcast_to(matrix[:3, 3], directions.shape)
+    """Rays of the scene's map that carry light and meet the bounds."""
+    light = scene.lights[0].fitted(scene.volume.occupied_bounds)
+    origins, directions = light.rays(texel_positions(scene.map.res))
+    # A hair's breadth within the cone, and where the medium is.
+    lit = light.reaches(origins + directions * (1 + 1e-9)) & (
+        np.less(*reference.march_bounds(scene.volume, origins, directions))
+    )
+    texels = np.flatnonzero(lit)
+    origins, directions = origins[texels], directions[texels]
     begin, end = reference.march_bounds(scene.volume, origins, directions)
-    assert (end > begin).all()
+    assert len(texels) > scene.map.res**2 / 2
     return LightRays(texels, origins, directions, begin, end)
 
 

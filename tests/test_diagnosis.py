@@ -193,7 +193,7 @@ OF_LIGHTS = {
         "the medium swallows the light before it gets to what the camera sees: lower density_scale",
     ),
     "too faint": (
-        lit_by(LIGHT.replace(from_=(2.2e7, 3e7, 1.2e7), cone=1, intensity=1e-25, falloff="inverse-square")),
+        lit_by(LIGHT.replace(from_=(2.2e4, 3e4, 1.2e4), cone=1, intensity=1e-32, falloff="inverse-square")),
         "too little light for float32 numbers arrives at .*: raise light.intensity",
     ),
 }

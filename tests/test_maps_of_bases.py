@@ -109,18 +109,6 @@ def test_map_error_shows_the_residual(renderer):
     assert coarse.aovs["map_error"][seen].mean() > 10 * fine.aovs["map_error"][seen].mean() > 0
 
 
-def test_max_error_asks_for_numbers(renderer):
-    counts = [
-        renderer.build_maps(scene_with(max_error=error))[0].settings.coeffs for error in (0.3, 0.03, 0.003)
-    ]
-
-    assert counts[0] < counts[1] < counts[2]
-    dense = scene_with(basis="dct", max_error=1e-4)
-    dense = dense.replace(volume=dense.volume.with_density_scale(60))
-    with pytest.raises(SceneError, match=r"map.max_error = 0.0001: basis 'dct' reaches"):
-        renderer.build_maps(dense)
-
-
 @pytest.mark.parametrize(("given", "numbers"), [(64, 8), (17, 4), (9, 2)])
 def test_bytes_ask_for_numbers(renderer, given, numbers):
     scene = make_scene(map=tfm.MapSettings(basis="dct", bytes=given, storage="f32"))

@@ -9,8 +9,9 @@ from scenes import blobs, make_scene, turned
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.errors import SceneError
+from tfm_cl.leaves import Leaves
 from tfm_cl.metrics import compare
-from tfm_cl.resolution import STEPS, TEXELS, map_res_for, steps_for
+from tfm_cl.resolution import DEPTH_PER_STEP, STEPS, TEXEL_POWER, TEXELS, voxel_depth
 
 CAMERA = tfm.Camera(from_=(0, 0, 100), to=(0, 0, 0), fov=30, res=(16000, 8000))
 ADDED_ERROR = 0.012
@@ -26,6 +27,23 @@ def cube(edge, count, **settings):
 
 def spot(**settings):
     return tfm.SpotLight(**{"from_": (0, 10, 0), "to": (0, 0, 0), "cone": 10, **settings})
+
+
+def resolved(volume, light=None, camera=None, *, sigma_t=1e-6):
+    """A scene in which all was "auto"; so thin that optical depth does not matter, unless told."""
+    light, camera = light or spot(), camera or CAMERA
+    scene = tfm.Scene(volume, tfm.Medium(sigma_s=sigma_t), camera=camera, lights=[light])
+    return auto(scene).resolved()
+
+
+def map_res_for(volume, light, camera):
+    return resolved(volume, light, camera).map.res
+
+
+def steps_for(volume):
+    numbers = resolved(volume)
+    assert numbers.map.steps == numbers.march.steps
+    return numbers.march.steps
 
 
 def auto(scene):
@@ -47,25 +65,28 @@ def test_footprint_is_the_width_of_the_cone():
 
 
 def test_two_texels_a_voxel():
-    volume, light = cube(2.0, 40), spot()
-    # The cone at the centre over half of 1/20, in whole 32s; the border of a voxel moves the mean a little.
-    assert map_res_for(volume, light, CAMERA) == 160
-    assert light.footprint(10) / 0.025 == pytest.approx(141, abs=0.1)
+    volume, light = cube(2.0, 40), spot(cone=6)
+    # The map is the cone, which lies within the cube, half of 1/20 a texel, at the distance of the middle.
+    far = math.hypot(11.05, 1.05, 1.05)
+    width = 2 * math.tan(math.radians(6)) * (8.95 + far) / 2
+    assert map_res_for(volume, light, CAMERA) == 32 * math.ceil(width * 1.01 / 0.025 / 32)
 
 
 @pytest.mark.parametrize(
-    ("change", "factor"),
-    [
-        ({"volume": cube(2.0, 160)}, 4),
-        ({"light": spot(from_=(0, 40, 0))}, 4),
-        ({"light": spot(cone=math.degrees(math.atan(4 * math.tan(math.radians(10)))))}, 4),
-    ],
-    ids=["voxels", "distance", "cone"],
+    "change",
+    [{"volume": cube(2.0, 40)}, {"light": spot(cone=math.degrees(math.atan(math.tan(0.1) / 4)))}],
+    ids=["voxels", "cone"],
 )
-def test_texels_follow(change, factor):
-    before = map_res_for(cube(2.0, 40), spot(), CAMERA)
-    arguments = {"volume": cube(2.0, 40), "light": spot(), "camera": CAMERA} | change
-    assert map_res_for(**arguments) == pytest.approx(factor * before, abs=32 * factor)
+def test_texels_follow(change):
+    given = {"volume": cube(2.0, 160), "light": spot(cone=math.degrees(0.1)), "camera": CAMERA}
+    assert map_res_for(**given | change) == pytest.approx(map_res_for(**given) / 4, abs=32)
+
+
+@pytest.mark.parametrize("light", [spot(cone=80), spot(cone=89.999), tfm.PointLight(from_=(0, 10, 0))])
+def test_a_wide_light_asks_for_no_more_than_the_medium(light):
+    """The cone does not count where it is wider than what it lights."""
+    narrow = map_res_for(cube(2.0, 40), spot(cone=12), CAMERA)
+    assert map_res_for(cube(2.0, 40), light, CAMERA) == narrow
 
 
 def test_a_small_image_needs_no_fine_map():
@@ -77,7 +98,8 @@ def test_a_small_image_needs_no_fine_map():
     assert small[1] < fine
     # Four texels a pixel where the cube is nearest: 99 away.
     pixel = 2 * math.tan(math.radians(15)) * 99 / 1024
-    assert small[1] == pytest.approx(light.footprint(10) / (pixel / 4), abs=32)
+    width = light.fitted(volume.occupied_bounds).footprint(10)
+    assert small[1] == pytest.approx(width / (pixel / 4), abs=32)
 
 
 def test_a_camera_inside_asks_for_what_the_voxels_hold():
@@ -89,7 +111,7 @@ def test_a_light_inside_is_measured_by_the_far_side():
     volume = cube(2.0, 200)
     inside = map_res_for(volume, spot(from_=(0, 0.5, 0), cone=45), CAMERA)
     far = math.sqrt(1 + 1 + 1.5**2)
-    assert inside == pytest.approx(2 * (far / 2) / 0.005, abs=48)
+    assert inside == pytest.approx(2 * 1.01 * (far / 2) / 0.005, abs=48)
 
 
 def test_empty_space_does_not_count():
@@ -106,8 +128,11 @@ def test_empty_space_does_not_count():
     [
         (cube(2.0, 1), spot(), TEXELS[0]),
         (cube(2.0, 40), spot(cone=1e-300), TEXELS[0]),
-        (cube(2.0, 40), spot(cone=89.999999), TEXELS[1]),
-        (cube(2.0, 40), spot(from_=(0, 1e15, 0)), TEXELS[1]),
+        (
+            tfm.Volume(np.ones((1, 1, 3000)), origin=(-1500, 0, 0)),
+            spot(from_=(0, 4000, 0), cone=30),
+            TEXELS[1],
+        ),
     ],
 )
 def test_limits_of_texels(volume, light, expected):
@@ -146,6 +171,45 @@ def test_turning_changes_nothing_and_shear_takes_the_longest_diagonal():
         )
 
 
+@pytest.mark.parametrize("cells", [(1.0, 1.0, 1.0), (1.0, 1.0, 2.0)])
+def test_steps_and_texels_follow_the_optical_depth_of_a_voxel(cells):
+    volume = tfm.Volume(np.ones((30, 30, 30)), voxel_size=cells)
+    light = spot(from_=(15, 90, 30), to=(15, 15, 30))
+    camera = CAMERA.replace(from_=(15, 15, 400), res=(4000, 4000))
+    thin, thick, thicker = (resolved(volume, light, camera, sigma_t=sigma) for sigma in (1e-6, 1.0, 2.0))
+    ratio = 1.5 / DEPTH_PER_STEP
+    assert thick.march.steps == pytest.approx(ratio * thin.march.steps, abs=ratio)
+    assert thicker.march.steps == pytest.approx(min(2 * ratio * thin.march.steps, STEPS[1]), abs=2 * ratio)
+    assert thicker.map.res == pytest.approx(2**TEXEL_POWER * thick.map.res, abs=64)
+    assert thin.map.res < thick.map.res < thicker.map.res
+    assert thin.map.steps < thick.map.steps < thicker.map.steps < thicker.march.steps
+
+
+def test_the_depth_of_a_voxel_is_that_of_the_body():
+    density = np.zeros((20, 20, 20))
+    density[5:15, 5:15, 5:15] = 3.0
+    density[:, :, 0] = 1e-3  # a veil over a part as large counts for nothing
+    volume = tfm.Volume(density, voxel_size=(2.0, 1.0, 4.0), density_scale=0.5)
+    assert voxel_depth(volume, 2.0) == pytest.approx(3.0 * 0.5 * 1.0 * 2.0, rel=1e-3)
+    sparse = tfm.Volume(
+        Leaves.from_dense(density.astype(np.float32)), voxel_size=(2.0, 1.0, 4.0), density_scale=0.5
+    )
+    assert voxel_depth(sparse, 2.0) == pytest.approx(voxel_depth(volume, 2.0))
+    assert voxel_depth(tfm.Volume(np.zeros((3, 3, 3))), 1.0) == 0
+
+
+def test_auto_tells_where_it_stops(renderer):
+    thick = tfm.Volume(np.ones((6, 6, 6)), voxel_size=0.3, origin=(-0.9,) * 3, density_scale=2000.0)
+    camera = tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), res=(4, 4))
+    scene = auto(tfm.Scene(thick, camera=camera, lights=[spot()]))
+    found = [warning for warning in renderer.render(scene, method="dual").warnings if "auto" in warning]
+    assert len(found) == 2
+    assert found[0].startswith('map.res = "auto": 2048 is the most it takes, ')
+    assert found[1].startswith('march.steps = "auto": 1024 is the most it takes, ')
+    thin = auto(tfm.Scene(thick.with_density_scale(1.0), camera=camera, lights=[spot()]))
+    assert not renderer.render(thin, method="dual").warnings
+
+
 def test_limits_of_steps():
     assert steps_for(cube(1.0, 2)) == STEPS[0]
     assert steps_for(tfm.Volume(np.ones((1, 1, 2000)))) == STEPS[1]
@@ -162,32 +226,30 @@ def test_numbers_are_left_alone():
 def test_resolved_has_numbers_only():
     scene = auto(make_scene())
     numbers = scene.resolved()
-    assert (numbers.map.res, numbers.map.steps, numbers.march.steps) == (
-        map_res_for(scene.volume, scene.lights[0], scene.camera),
-        steps_for(scene.volume),
-        steps_for(scene.volume),
-    )
+    assert all(type(n) is int for n in (numbers.map.res, numbers.map.steps, numbers.march.steps))
     assert numbers.resolved() is numbers
     assert (numbers.volume, numbers.camera, numbers.lights) == (scene.volume, scene.camera, scene.lights)
     assert scene.map.res == "auto"
 
 
 def test_each_is_resolved_by_itself():
+    every = auto(make_scene()).resolved()
     scene = make_scene(
         map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=33, steps="auto"),
         march=tfm.MarchSettings(steps=7),
     ).resolved()
     assert (scene.map.res, scene.march.steps) == (33, 7)
-    assert scene.map.steps == steps_for(scene.volume)
+    assert scene.map.steps == every.map.steps
 
 
 def test_the_most_demanding_light_decides():
     scene = auto(make_scene())
-    wide = scene.lights[0].replace(cone=70.0)
-    for lights in ([wide, *scene.lights], [*scene.lights, wide]):
-        assert scene.replace(lights=tuple(lights)).resolved().map.res == map_res_for(
-            scene.volume, wide, scene.camera
-        )
+    narrow, within = (light.replace(cone=2.0) for light in scene.lights), tfm.PointLight(from_=(0, 0, 0))
+    narrow = tuple(narrow)
+    alone = [scene.replace(lights=lights).resolved().map.res for lights in (narrow, (within,))]
+    assert alone[0] < alone[1]
+    for lights in ((*narrow, within), (within, *narrow)):
+        assert scene.replace(lights=lights).resolved().map.res == alone[1]
 
 
 def test_maps_of_an_auto_scene_serve_it(renderer):

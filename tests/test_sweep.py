@@ -1039,7 +1039,7 @@ def test_real_renderer(volume, out, device_name):
     assert worse.lit_psnr + 6 < better.lit_psnr < 200
     assert worse.lit_ssim < better.lit_ssim <= 1
     assert worse.t_error > better.t_error > 0
-    assert better.converged_lit_psnr < better.lit_psnr
+    assert 0 < abs(better.converged_lit_psnr - better.lit_psnr) < 3  # 20 steps err as well, by less
     assert (
         settings_of(rows, "basis", "target")
         == [("dct", "transmittance")] * 2 + [("klt", "optical-depth")] * 2

@@ -22,7 +22,6 @@ from tfm_cl.errors import DeviceMemoryError, SceneError
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.metrics import lit_mask
 from tfm_cl.model import is_auto
-from tfm_cl.settings import MAX_RES
 
 if TYPE_CHECKING:
     from tfm_cl.camera import Camera
@@ -47,9 +46,13 @@ OF_CAMERA = 0.5
 """Of the error asked for: what the camera's steps may take, a quarter of the squared error."""
 ENOUGH, AIM = 0.5, 0.95
 """Of the error asked for: below the first cheaper numbers are tried; the second is kept."""
-MOST_STEPS = 8192
-FINER = 1.5
-"""Times the texels along a side, or the steps, that are tried next."""
+MOST = {"steps": 8192, "light_steps": 2048, "res": 4096}
+"""Where the search ends."""
+LEAST = 16
+"""Steps, or texels along a side."""
+FINER, FAR = 1.5, 2.0
+"""Times the texels along a side, or the steps, that are tried next; where the error is that many times what
+is asked for."""
 MUCH = 0.3
 """Of the squared error that is too much: what takes so much off is taken without trying anything else."""
 LITTLE = 0.02
@@ -190,7 +193,7 @@ class Chooser:
         while True:
             steps = self._times(factor)
             truth = self._image(steps, "dual")
-            if difference(coarse, truth) <= OF_TRUTH * self._error or 2 * steps.steps > MOST_STEPS:
+            if difference(coarse, truth) <= OF_TRUTH * self._error or 2 * steps.steps > MOST["steps"]:
                 return truth, steps
             factor, coarse = 2 * factor, truth
 
@@ -219,13 +222,13 @@ class Chooser:
 
         steps = numbers.steps
         found = error(steps)
-        while found > allowed and steps < MOST_STEPS:
+        while found > allowed and steps < MOST["steps"]:
             # It falls with the square of the steps, at edges less.
             factor = min(max(1.1 * math.sqrt(found / allowed), 1.2), 4)
-            steps = min(math.ceil(factor * steps), MOST_STEPS)
+            steps = min(math.ceil(factor * steps), MOST["steps"])
             found = error(steps)
-        while found < allowed / 3 and steps > 16:  # noqa: PLR2004 - as few as "auto" takes
-            fewer = max(16, steps // 2)
+        while found < allowed / 3 and steps > LEAST:
+            fewer = max(LEAST, steps // 2)
             found = error(fewer)
             if found > allowed:
                 break
@@ -253,14 +256,11 @@ class Chooser:
         return numbers, error
 
     def _better(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
-        """Take, again and again, the change that takes most off the error."""
+        """Take, again and again, the change that takes most off the error; all at once where none does."""
         while error > AIM * self._error and self._trials < MOST_TRIALS:
             too_much = error**2 - (AIM * self._error) ** 2
             best, least = numbers, error
-            for name in (*self._free(), *(["steps"] if is_auto(self._scene.march.steps) else [])):
-                more = self._changed(numbers, name, FINER)
-                if more is None:
-                    continue
+            for more in self._changes(numbers, FINER if error < FAR * self._error else FAR):
                 try:
                     found = self._error_of(more)
                 except DeviceMemoryError:
@@ -274,6 +274,16 @@ class Chooser:
             numbers, error = best, least
         return numbers, error
 
+    def _changes(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
+        """Yield what may be tried next: each number by itself, then all together."""
+        together = numbers
+        for name in (*self._free(), *(["steps"] if is_auto(self._scene.march.steps) else [])):
+            if more := self._changed(numbers, name, factor):
+                yield more
+                together = self._changed(together, name, factor) or together
+        if together != numbers:
+            yield together
+
     def _changed(self, numbers: Numbers, name: str, factor: float) -> Numbers | None:
         """Multiply a number, or for coefficients take the next count; None beyond its limits."""
         now = getattr(numbers, name)
@@ -282,8 +292,8 @@ class Chooser:
             if not others:
                 return None
             return replace(numbers, coeffs=others[0] if factor > 1 else others[-1])
-        low, high = (16, MOST_STEPS) if name != "res" else (32, MAX_RES)
-        changed = min(max(math.ceil(factor * now), low), high)
+        changed = math.ceil(factor * now)
+        changed = min(changed, max(now, MOST[name])) if factor > 1 else max(changed, min(now, LEAST))
         return None if changed == now else replace(numbers, **{name: changed})
 
     def _refusal(self, numbers: Numbers, error: float) -> str:

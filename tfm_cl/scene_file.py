@@ -310,8 +310,10 @@ class SceneFile:
             light = scene.lights[0].to_dict()
             placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
             values |= {f"light.{key}": light[key] for key in placed if key in light}
+        if scene.map.max_error is not None:
+            return values
         resolved = scene.resolved()
-        for section, key in (("map", "res"), ("map", "steps"), ("march", "steps")):
+        for section, key in COUNTS:
             if is_auto(getattr(getattr(self, section), key)):
                 values[f"{section}.{key}"] = getattr(getattr(resolved, section), key)
         return values
@@ -335,8 +337,11 @@ class SceneFile:
                 yield f"{i}." if len(self.volumes) > 1 else "", settings, volume
 
     def resolved(self, scene: Scene) -> Values:
-        """Return every option as resolved, in the shape of a scene file that reproduces this run."""
-        scene = scene.resolved()
+        """Return every option as resolved, in the shape of a scene file that reproduces this run.
+
+        What ``map.max_error`` chooses stays ``"auto"``: it is found by rendering.
+        """
+        scene = scene if scene.map.max_error is not None else scene.resolved()
         volumes = [
             settings.resolved(self.path.parent, volume) for _, settings, volume in self._grids(scene)
         ] or [settings.to_dict() for settings in self.volumes]
@@ -370,6 +375,9 @@ def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
     as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
     return as_it_is >= math.log(FAR) and as_it_is > with_sensible
 
+
+COUNTS = (("map", "res"), ("map", "steps"), ("march", "steps"))
+"""Sections and keys of the numbers that follow voxels and image where they are ``"auto"``."""
 
 NUMBERS = ("coeffs", "bytes", "max_error")
 """Keys of the map that each say how many numbers a texel has."""

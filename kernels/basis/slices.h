@@ -13,7 +13,6 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
   /* Hermite's cubics through the planes with the slope of the chord between their neighbours; the intervals at the
      ends take their own. Intervals before v have part 1 and after it 0, where both bumps vanish. */
   Floats sum = floats(0.0f), chord = floats(0.0f);
-#pragma unroll
   for (int j = 0; j < TFM_N_COEFF; ++j) {
     const float rate = modes[2 * j + 1], width = 1.0f / rate;
     const Floats low = j > 0 ? c[j - (j > 0)] : floats(0.0f);

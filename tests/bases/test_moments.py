@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from light_rays import STEPS, exact, light_rays, scene_of, slabs, stored, transmittance
-from tolerances import PASS
+from tolerances import FLOAT32, PASS
 
 from tfm_cl.bases.base import middles
 
@@ -127,7 +127,7 @@ def test_whatever_the_density_it_is_a_number(renderer, coeffs, storage):
 
 def test_no_density_is_clear(renderer):
     density = np.zeros((16, 9, 9), np.float32)
-    density[:, :3] = 1
+    density[:, :3] = density[:, :, :2] = 1
     scene = scene_of(density, basis="moments", coeffs=7)
     rays = light_rays(scene)
     clear = rays.depths(scene.volume).sum(axis=1) == 0
@@ -135,4 +135,5 @@ def test_no_density_is_clear(renderer):
     found = transmittance(renderer.build_maps(scene)[0], rays, [0.1, 0.5, 0.9])
 
     assert clear.any()
-    assert (found[clear] == 1).all()
+    # A centre's place, rounded, leaves a trace of the neighbours.
+    assert found[clear] == pytest.approx(1, abs=4 * FLOAT32)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from light_rays import exact, light_rays, scene_of, slabs, stored, transmittance
-from tolerances import PASS
+from tolerances import FLOAT32, PASS
 
 from tfm_cl import MapSettings
 from tfm_cl.errors import SceneError
@@ -115,7 +115,7 @@ def test_a_slab_s_edges_stay_sharp(renderer):
 
 def test_empty_texels_are_clear(renderer):
     density = np.zeros((16, 9, 9), np.float32)
-    density[:, :3] = 1
+    density[:, :3] = density[:, :, :2] = 1
     scene = scene_of(density, basis="nodes", coeffs=8)
     rays = light_rays(scene)
     clear = rays.depths(scene.volume).sum(axis=1) == 0
@@ -124,7 +124,8 @@ def test_empty_texels_are_clear(renderer):
     found = transmittance(light_map, rays, [0.1, 0.5, 0.9])
 
     assert clear.any()
-    assert (found[clear] == 1).all()
+    # A centre's place, rounded, leaves a trace of the neighbours.
+    assert found[clear] == pytest.approx(1, abs=4 * FLOAT32)
     assert (stored(light_map, rays)[clear] == 0).all()
 
 

@@ -43,12 +43,12 @@ FLAGS = [
     ("--density-weighting", "1", "map.density_weighting", 1),
     ("--density-weighting", "auto", "map.density_weighting", "auto"),
     ("--map-res", "33", "map.res", 33),
-    ("--map-res", "auto", "map.res", 128),  # a cone 58 wide over half a voxel of 1, rounded up
+    ("--map-res", "auto", "map.res", 96),  # the box of 10 voxels, whose depth asks for narrower texels
     ("--light-steps", "7", "map.steps", 7),
-    ("--light-steps", "auto", "map.steps", 16),  # the least
+    ("--light-steps", "auto", "map.steps", 21),
     ("--storage", "u8", "map.storage", "u8"),
     ("--steps", "9", "march.steps", 9),
-    ("--steps", "auto", "march.steps", 16),
+    ("--steps", "auto", "march.steps", 63),
     ("--cutoff", "0.25", "march.cutoff", 0.25),
     ("--voxels", "f16", "march.voxels", "f16"),
     ("--sampling", "world", "march.sampling", "world"),
@@ -81,6 +81,8 @@ KEYS = [
     ("volume.origin", "-1,2,3", [-1, 2, 3]),
     ("volume.transform", str(MOVED), [MOVED[row : row + 4] for row in (0, 4, 8, 12)]),
     ("volume.sanitize", "true", True),
+    ("volume.offset", "-0.5", -0.5),
+    ("volume.window", "[0.25, 3]", [0.25, 3.0]),
     ("volume.colour", "false", False),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("camera.res", "[5, 6]", [5, 6]),

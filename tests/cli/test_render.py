@@ -242,7 +242,7 @@ def test_json_report(render, cloud, folder, method, device_name):
     done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method, "--coeffs", "6")
     assert done.out == ""
     report = json.loads((folder / "report.json").read_text())
-    assert set(report) == {"options", "device", "seconds", "samples", "map_bytes"}
+    assert set(report) == {"options", "device", "seconds", "samples", "map_bytes", "error_estimate"}
     assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "save", "total"}
     assert set(report["samples"]) == {"light_pass", "view_pass"}
     assert set(report["options"]) == {

@@ -12,14 +12,12 @@ from tfm_cl.bases import BASES
 from tfm_cl.bases.base import FITS, TARGETS
 from tfm_cl.lights import LIGHTS
 from tfm_cl.lights.charts import Hemisphere, Octahedron, Perspective
-from tfm_cl.lights.placed import PlacedLight
 from tfm_cl.phases import PHASES
 from tfm_cl.settings import MapSettings
 
-Value = int | str | tuple[str, ...] | tuple[str, dict[str, int]]
+Value = int | str | tuple[str, dict[str, int]]
 Choices = Mapping[str, Sequence[Value]]
-"""Macros and their values, or kinds of header and the headers; a header may bring macros of its own, or be
-several."""
+"""Macros and their values, or kinds of header and the headers; a header may bring macros of its own."""
 
 SETTINGS = [
     *(MapSettings(basis=name) for name in BASES),
@@ -39,18 +37,12 @@ def _basis(settings: MapSettings) -> tuple[str, dict[str, int]]:
     }
 
 
-CHARTS = [chart.HEADER for chart in (Perspective, Hemisphere, Octahedron)]
-LIGHT_HEADERS = [
-    (chart, light.HEADER) if issubclass(light, PlacedLight) else (light.HEADER,)
-    for light in dict.fromkeys(LIGHTS.values())
-    for chart in (CHARTS if issubclass(light, PlacedLight) else CHARTS[:1])
-]
-
-
 RECORDS: Choices = {"TFM_VOXEL_BITS": (32, 16, 8)}
 VOLUME: Choices = {**RECORDS, "TFM_POOLS": (1, 8), "TFM_VOLUMES": (1, 3)}
 LIGHT: Choices = {
-    "light": LIGHT_HEADERS,
+    # A sun has none of its own, and takes no notice of one.
+    "chart": [chart.HEADER for chart in (Perspective, Hemisphere, Octahedron)],
+    "light": list(dict.fromkeys(light.HEADER for light in LIGHTS.values())),
     "TFM_INVERSE_SQUARE": (0, 1),
 }
 MAP: Choices = {
@@ -105,11 +97,9 @@ def kernel_variants(lanes: int) -> Iterator[Variant]:
                     defines[name] = value
                 elif isinstance(value, str):
                     headers.append(value)
-                elif isinstance(value[-1], dict):
+                else:
                     headers.append(value[0])
                     defines |= value[1]
-                else:
-                    headers += value
             yield label, entry, tuple(headers), {"TFM_LANES": lanes, **defines}
 
 
@@ -140,9 +130,7 @@ def pairwise(choices: Choices) -> list[dict[str, Value]]:
 
 def _short(name: str, value: Value) -> str:
     if isinstance(value, tuple):
-        *files, last = value
-        of_last = last.values() if isinstance(last, dict) else [PurePath(last).stem]
-        return " ".join(map(str, [*(PurePath(file).stem for file in files), *of_last]))
+        return " ".join([PurePath(value[0]).stem, *(str(number) for number in value[1].values())])
     if isinstance(value, str):
         return PurePath(value).stem
     return f"{name.removeprefix('TFM_').lower()}={value}"

@@ -453,15 +453,15 @@ def test_occupied_steps(renderer, gappy):
     (light_map,) = renderer.build_maps(scene)
 
     # Distances from the light, to light steps between the medium's bounds.
-    k_in, k_out = reference.march_bounds(scene.volume, *reference.texel_rays(scene.lights[0], scene.map.res))
+    k_in, k_out = reference.march_bounds(scene.volume, *reference.texel_rays(light_map.light, scene.map.res))
     length = np.where(k_out > k_in, k_out - k_in, 1)
     occupied = light_map.occupied.reshape(-1, 2)
     steps = (occupied - k_in[:, None]) / length[:, None] * scene.map.steps
     first, end = np.rint(np.where(occupied[:, 1:] > 0, steps, 0)).astype(int).T
 
     # Rounding moves samples, by less than a thousandth of a voxel.
-    sure = occupied_by_hand(scene, scene.lights[0], -1e-3)
-    perhaps = occupied_by_hand(scene, scene.lights[0], 1e-3)
+    sure = occupied_by_hand(scene, light_map.light, -1e-3)
+    perhaps = occupied_by_hand(scene, light_map.light, 1e-3)
     has, may = sure[1] > 0, perhaps[1] > 0
     assert has.any()
     assert (~may).any()

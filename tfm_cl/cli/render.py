@@ -74,7 +74,7 @@ def command(
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
     _check_writable(outputs, json_file)
     scene_file = SceneFile.read(source, overrides(given, settings))
-    _check_apart((*outputs, *([json_file] if json_file else [])), (source, *scene_file.files()))
+    _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
     scene = scene_file.scene()
     resolved = scene_file.resolved(scene)
     chosen = scene_file.chosen(scene)
@@ -103,6 +103,8 @@ def command(
     if any(path.suffix.lower() == ".png" for path in outputs):
         _warn(filter(None, [too_dark(result, scene_file.image.exposure)]), quiet=quiet)
     resolved["map"] = _used_map(resolved["map"], result)
+    resolved["march"] |= {"steps": result.scene.march.steps}
+    _tell_error(scene.map.max_error, result, quiet=quiet)
 
     rendered = time.perf_counter()
     _save(result, outputs, scene_file.image, resolved)
@@ -118,6 +120,18 @@ def command(
 def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
     for warning in () if quiet else warnings:
         print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+
+
+def _tell_error(asked: float | None, result: "RenderResult", *, quiet: bool) -> None:
+    """Say what was chosen for an error, if one was asked for, and the error measured."""
+    if asked is None or quiet:
+        return
+    used = result.scene.map.to_dict() | ({} if result.stats.map is None else result.stats.map.to_dict())
+    chosen = {"march.steps": result.scene.march.steps, "map.steps": used["steps"]}
+    if result.stats.map is not None:
+        chosen |= {"map.res": used["res"], "map.coeffs": used["coeffs"]}
+    measured = f"measured error {result.stats.error_estimate:.2g}"
+    print(f"chosen for --max-error {asked:g}: {as_flags(chosen)}; {measured}", file=sys.stderr)
 
 
 def _used_map(asked: Values, result: "RenderResult") -> Values:
