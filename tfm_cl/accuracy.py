@@ -55,8 +55,6 @@ FINER, FAR = 1.5, 2.0
 is asked for."""
 MUCH = 0.3
 """Of the squared error that is too much: what takes so much off is taken without trying anything else."""
-LITTLE = 0.02
-"""What takes less off does not help."""
 MOST_TRIALS = 30
 """Pilots that are rendered for a choice."""
 LADDER = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -138,12 +136,12 @@ class Chooser:
             return Choice(self._first.of(self._scene), 0.0)
         self._pilot = pilot
         numbers = self._camera_steps()
-        error = self._error_of(numbers)
-        if error <= ENOUGH * self._error:
-            numbers, error = self._cheaper(numbers, error)
-        numbers, error = self._better(numbers, error)
+        first = numbers
+        numbers, error = self._better(numbers, self._error_of(numbers))
         if error > self._error:
             raise SceneError(self._refusal(numbers, error))
+        if numbers != first or error < ENOUGH * self._error:
+            numbers, error = self._cheaper(numbers, error)
         return Choice(numbers.of(self._scene), error)
 
     # ------------------------------------------------------------------------------------ the pilot
@@ -236,7 +234,7 @@ class Chooser:
         return replace(numbers, steps=steps)
 
     def _free(self) -> Iterator[str]:
-        """Names of the numbers that may be chosen once the camera's steps are, what helps most first."""
+        """Names of the numbers that may be chosen, what a map costs most by first."""
         settings = self._scene.map
         if self._has_maps and is_auto(settings.res):
             yield "res"
@@ -244,45 +242,54 @@ class Chooser:
             yield "coeffs"
         if is_auto(settings.steps) and not isinstance(self._scene.volume, Homogeneous):
             yield "light_steps"
-
-    def _cheaper(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
-        """Halve what can be halved while the error stays well below what is asked for."""
-        for name in self._free():
-            while error <= ENOUGH * self._error and (fewer := self._changed(numbers, name, 0.5)):
-                found = self._error_of(fewer)
-                if found > AIM * self._error:
-                    break
-                numbers, error = fewer, found
-        return numbers, error
+        if is_auto(self._scene.march.steps):
+            yield "steps"
 
     def _better(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
-        """Take, again and again, the change that takes most off the error; all at once where none does."""
+        """Raise numbers until the error is what is asked for: the resolution, or where that is not it all."""
         while error > AIM * self._error and self._trials < MOST_TRIALS:
             too_much = error**2 - (AIM * self._error) ** 2
+            factor = FINER if error < FAR * self._error else FAR
             best, least = numbers, error
-            for more in self._changes(numbers, FINER if error < FAR * self._error else FAR):
-                try:
-                    found = self._error_of(more)
-                except DeviceMemoryError:
-                    continue
+            for more in self._more(numbers, factor):
+                found = self._error_if_possible(more)
                 if found < least:
                     best, least = more, found
                 if error**2 - found**2 > MUCH * too_much:
                     break
-            if error**2 - least**2 < LITTLE * too_much:
+            if best == numbers:
                 break
             numbers, error = best, least
         return numbers, error
 
-    def _changes(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
-        """Yield what may be tried next: each number by itself, then all together."""
+    def _more(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
         together = numbers
-        for name in (*self._free(), *(["steps"] if is_auto(self._scene.march.steps) else [])):
-            if more := self._changed(numbers, name, factor):
+        for name in self._free():
+            more = self._changed(together, name, factor)
+            if name == "res" and more:
                 yield more
-                together = self._changed(together, name, factor) or together
+            together = more or together
         if together != numbers:
             yield together
+
+    def _cheaper(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
+        """Lower one number after the other as long as the error stays below what is asked for."""
+        for name in self._free():
+            while self._trials < MOST_TRIALS:
+                factor = 0.5 if error < ENOUGH * self._error else 1 / FINER
+                fewer = self._changed(numbers, name, factor)
+                found = math.inf if fewer is None else self._error_of(fewer)
+                if fewer is None or found > AIM * self._error:
+                    break
+                numbers, error = fewer, found
+        return numbers, error
+
+    def _error_if_possible(self, numbers: Numbers) -> float:
+        """Infinite where a map is too large for the device."""
+        try:
+            return self._error_of(numbers)
+        except DeviceMemoryError:
+            return math.inf
 
     def _changed(self, numbers: Numbers, name: str, factor: float) -> Numbers | None:
         """Multiply a number, or for coefficients take the next count; None beyond its limits."""
@@ -292,7 +299,7 @@ class Chooser:
             if not others:
                 return None
             return replace(numbers, coeffs=others[0] if factor > 1 else others[-1])
-        changed = math.ceil(factor * now)
+        changed = round(factor * now)
         changed = min(changed, max(now, MOST[name])) if factor > 1 else max(changed, min(now, LEAST))
         return None if changed == now else replace(numbers, **{name: changed})
 
