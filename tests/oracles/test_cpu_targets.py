@@ -27,22 +27,25 @@ LANGUAGE = (
 )
 
 CASES = [
-    pytest.param(target, lanes, marks=() if lanes == WIDEST[target] else pytest.mark.slow)
-    for target in TARGETS
-    for lanes in (1, 4, 8, 16)
-    if lanes <= WIDEST[target]
+    *(pytest.param(target, lanes, "-O0") for target, lanes in WIDEST.items()),
+    *(
+        pytest.param(target, lanes, "-O2", marks=pytest.mark.slow)  # optimising takes most of the time
+        for target in TARGETS
+        for lanes in (1, 4, 8, 16)
+        if lanes <= WIDEST[target]
+    ),
 ]
 
 
 @pytest.fixture(scope="module")
 def complaints():
-    """``complaints(target, text)`` is what Clang has to say of a program."""
+    """``complaints(target, text, optimisation)`` is what Clang has to say of a program."""
     clang = shutil.which(os.environ.get("TFM_CLANG", "clang"))
     if clang is None:
         pytest.skip("no compiler for other CPUs: install clang, or set TFM_CLANG")
 
-    def of(target, text):
-        command = [clang, *TARGETS[target], *LANGUAGE, "-I", str(kernels_dir()), "-"]
+    def of(target, text, optimisation="-O0"):
+        command = [clang, *TARGETS[target], *LANGUAGE, optimisation, "-I", str(kernels_dir()), "-"]
         done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=120, check=False)
         return done.stderr
 
@@ -50,11 +53,11 @@ def complaints():
 
 
 @pytest.mark.parametrize("entry", PROGRAMS)
-@pytest.mark.parametrize(("target", "lanes"), CASES)
-def test_compiles_without_a_warning(target, lanes, entry, complaints):
+@pytest.mark.parametrize(("target", "lanes", "optimisation"), CASES)
+def test_compiles_without_a_warning(target, lanes, optimisation, entry, complaints):
     for label, file, headers, defines in kernel_variants(lanes):
         if file == entry:
-            assert complaints(target, source(file, headers, defines)) == "", label
+            assert complaints(target, source(file, headers, defines), optimisation) == "", label
 
 
 @pytest.mark.parametrize(("target", "too_wide"), [("x86-64-v2", 8), ("x86-64-v3", 16)])
