@@ -22,6 +22,7 @@ from tfm_cl.errors import DeviceMemoryError, SceneError
 from tfm_cl.homogeneous import Homogeneous
 from tfm_cl.metrics import lit_mask
 from tfm_cl.model import is_auto
+from tfm_cl.settings import AUTO
 
 if TYPE_CHECKING:
     from tfm_cl.camera import Camera
@@ -122,6 +123,11 @@ class Chooser:
         light_steps, res = (1, 1) if isinstance(scene.volume, Homogeneous) else (settings.steps, settings.res)
         self._pilot = scene.camera, crop
         self._first = Numbers(plain.march.steps, light_steps, res, settings.coeffs)
+        # The truth follows the medium, whatever was given.
+        auto = plain.replace(
+            map=settings.replace(steps=AUTO), march=plain.march.replace(steps=AUTO)
+        ).resolved()
+        self._auto = auto.march.steps, 1 if isinstance(scene.volume, Homogeneous) else auto.map.steps
 
     def choice(self) -> Choice:
         """Choose.
@@ -162,7 +168,7 @@ class Chooser:
         x1, y1 = np.minimum(high, self._crop[2:]).tolist()
         share = float(lit[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].mean())
         lights = sum(len(light.parts()) for light in self._scene.lights)
-        a_pixel = CONVERGED**2 * self._first.steps * self._first.light_steps * lights
+        a_pixel = CONVERGED**2 * math.prod(self._auto) * lights
         return self._reduced(
             float(np.clip(SAMPLES / a_pixel, LEAST_PIXELS, PIXELS)) / share, (x0, y0, x1, y1)
         )
@@ -196,10 +202,8 @@ class Chooser:
             factor, coarse = 2 * factor, truth
 
     def _times(self, factor: float) -> Numbers:
-        first = self._first
-        return replace(
-            first, steps=math.ceil(factor * first.steps), light_steps=math.ceil(factor * first.light_steps)
-        )
+        steps, light_steps = (math.ceil(factor * auto) for auto in self._auto)
+        return replace(self._first, steps=steps, light_steps=light_steps)
 
     def _error_of(self, numbers: Numbers, method: str | None = None) -> float:
         """Measure an error; from a sample of the pixels with its standard error: few may hold most of it."""
@@ -263,6 +267,7 @@ class Chooser:
         return numbers, error
 
     def _more(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
+        """Yield what is tried next: a finer map, and more of all numbers."""
         together = numbers
         for name in self._free():
             more = self._changed(together, name, factor)
