@@ -41,15 +41,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import tfm_cl as tfm
-from tfm_cl import image_io
-from tfm_cl.bricks import build_bricks
-from tfm_cl.device import choose_device
+from tfm_cl.device.bricks import build_bricks
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.device.program import fingerprint, kernels_dir
 from tfm_cl.errors import InputError
-from tfm_cl.files import replacing, write_text
-from tfm_cl.passes.launch import Launcher
-from tfm_cl.passes.view_pass import ViewPass
-from tfm_cl.placement import density_scale_for
-from tfm_cl.program import fingerprint, kernels_dir
+from tfm_cl.files import image_io
+from tfm_cl.files.paths import replacing, write_text
+from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.render.view_pass import ViewPass
 
 SCRIPTS = Path(__file__).resolve().parent
 REPOSITORY = SCRIPTS.parent

@@ -29,8 +29,8 @@ import bench
 import props
 
 import tfm_cl as tfm
-from tfm_cl.device import choose_device
-from tfm_cl.passes.launch import Launcher
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
 
 VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
 FRAME = (1280, 720)

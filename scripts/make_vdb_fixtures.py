@@ -1,8 +1,8 @@
-"""Let OpenVDB itself write the test files of ``tests/volume_io/data``, or say what a ``.vdb`` file holds.
+"""Let OpenVDB itself write the test files of ``tests/files/volume_io/data``, or say what a ``.vdb`` file holds.
 
 Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)::
 
-    /usr/bin/python3 scripts/make_vdb_fixtures.py write tests/volume_io/data
+    /usr/bin/python3 scripts/make_vdb_fixtures.py write tests/files/volume_io/data
     /usr/bin/python3 scripts/make_vdb_fixtures.py describe cloud.vdb ...
 
 ``write`` describes its files as well. The description ``cloud.npz`` beside ``cloud.vdb`` holds ``grids``

@@ -32,11 +32,11 @@ from numpy.typing import NDArray
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.bases import BASES
 from tfm_cl.errors import InputError
-from tfm_cl.files import replacing, write_text
-from tfm_cl.lights.base import texel_positions
+from tfm_cl.files.paths import replacing, write_text
+from tfm_cl.maps.bases import BASES
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
+from tfm_cl.scene.lights.base import texel_positions
 
 VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
 SMOKE, CLOUD, HARD = "plume", "cumulus", "figure"
@@ -898,7 +898,7 @@ MARK = 1e-6
 MARK_RADIUS = 3.0
 """Voxels."""
 RANGE_MARGIN = 0.02
-"""That the range ``global`` has at either end (`tfm_cl.passes.light_probe.GLOBAL_MARGIN`)."""
+"""That the range ``global`` has at either end (`tfm_cl.maps.probe.GLOBAL_MARGIN`)."""
 
 
 def padded(

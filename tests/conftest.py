@@ -9,10 +9,10 @@ import pytest
 from scenes import make_scene
 
 import tfm_cl as tfm
-from tfm_cl import image_io
-from tfm_cl.device import choose_device
-from tfm_cl.image_io.image import Image
-from tfm_cl.passes.launch import Launcher
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.files import image_io
+from tfm_cl.files.image_io.image import Image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 STRICT = ("-Werror",)
@@ -46,10 +46,17 @@ def device_name(request):
     return request.config.getoption("--cl-device")
 
 
+def pytest_generate_tests(metafunc):
+    """Run what has the mark `lanes` with one ray a work-item and with as many as the device likes."""
+    if "renderer" in metafunc.fixturenames and metafunc.definition.get_closest_marker("lanes"):
+        metafunc.parametrize("renderer", LANES.values(), ids=LANES, indirect=True, scope="session")
+
+
 @pytest.fixture(scope="session")
-def renderer(device_name):
+def renderer(device_name, request):
     """One renderer for all tests; kernel warnings are errors."""
-    with tfm.Renderer(device_name, build_options=STRICT) as renderer:
+    lanes = getattr(request, "param", None)
+    with tfm.Renderer(device_name, build_options=STRICT, lanes=lanes) as renderer:
         yield renderer
 
 
@@ -58,13 +65,6 @@ def launcher(device_name, request):
     """Kernels of ``tests/kernels`` as well as the project's own."""
     folder = Path(__file__).parent / "kernels"
     return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)), lanes=request.param)
-
-
-@pytest.fixture(scope="session", params=LANES.values(), ids=LANES)
-def renderer_of_lanes(device_name, request):
-    """As `renderer`, once with one ray a work-item and once with as many as the device likes."""
-    with tfm.Renderer(device_name, build_options=STRICT, lanes=request.param) as renderer:
-        yield renderer
 
 
 @pytest.fixture(scope="session")

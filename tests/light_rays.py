@@ -6,8 +6,8 @@ import numpy as np
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.bases.base import UNIFORM_SHARE, middles
-from tfm_cl.lights.base import texel_positions
+from tfm_cl.maps.bases.base import UNIFORM_SHARE, middles
+from tfm_cl.scene.lights.base import texel_positions
 
 RES = 8
 STEPS = 40

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 
-from tfm_cl.sweep import SweepFolder, SweepRow
-from tfm_cl.sweep_curves import COUNT
-from tfm_cl.sweep_rows import keep_image
+from tfm_cl.sweep.curves import COUNT
+from tfm_cl.sweep.rows import keep_image
+from tfm_cl.sweep.run import SweepFolder, SweepRow
 
 RES = (60, 40)
 REFERENCE, CONVERGED = "a" * 24, "c" * 24

@@ -14,8 +14,8 @@ from scenes import blobs, make_scene, turned
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.device import choose_device
-from tfm_cl.passes.launch import Launcher
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
 
 SCRIPT = Path(__file__).resolve().parents[1] / "scripts" / "bench.py"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tfm_cl.cli import COMMANDS, main
-from tfm_cl.image_io import load_image
+from tfm_cl.files.image_io import load_image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")

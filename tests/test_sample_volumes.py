@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 from skimage.measure import euler_number, label
 
-import tfm_cl.volume
+import tfm_cl.scene.bodies.volume
 
 FOLDER = Path(__file__).parent.parent / "volumes"
 NAMES = ("cumulus", "figure", "plume")
@@ -91,7 +91,7 @@ def test_world_box(name, sample):
 
 
 def test_library_loads_it(name, sample):
-    volume = tfm_cl.volume.Volume.load(FOLDER / f"{name}.npz")
+    volume = tfm_cl.scene.bodies.volume.Volume.load(FOLDER / f"{name}.npz")
     np.testing.assert_array_equal(volume.data, sample["density"].astype(np.float32))
     np.testing.assert_allclose(volume.voxel_size, sample["voxel_size"])
     first_centre = volume.world_from_index[:3, 3]

@@ -11,8 +11,8 @@ import pyopencl as cl
 import pytest
 from scenes import blobs
 
-from tfm_cl import program
-from tfm_cl.program import KernelLibrary, fingerprint, kernels_dir
+from tfm_cl.device import program
+from tfm_cl.device.program import KernelLibrary, fingerprint, kernels_dir
 
 LIBRARIES = {"matplotlib", "plotly", "numcodecs", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
 """Imported where they are used, and by nothing below."""

@@ -11,51 +11,51 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tfm_cl._version import __version__
-    from tfm_cl.ambient import Ambient
-    from tfm_cl.camera import Camera
     from tfm_cl.errors import DeviceError, InputError, TfmError
-    from tfm_cl.homogeneous import BoxVolume, EverywhereVolume, SphereVolume
-    from tfm_cl.lights import EnvironmentLight, PointLight, SpotLight, SunLight
-    from tfm_cl.medium import Medium
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.metrics import Comparison, compare
-    from tfm_cl.phases import HenyeyGreenstein, Isotropic
-    from tfm_cl.renderer import Renderer
-    from tfm_cl.result import RenderResult
-    from tfm_cl.scene import Scene
-    from tfm_cl.settings import MapSettings, MarchSettings, ShadowSettings
-    from tfm_cl.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
-    from tfm_cl.transmittance_map import TransmittanceMap
-    from tfm_cl.volume import Volume
+    from tfm_cl.render.renderer import Renderer
+    from tfm_cl.render.result import RenderResult
+    from tfm_cl.scene.ambient import Ambient
+    from tfm_cl.scene.bodies.homogeneous import BoxVolume, EverywhereVolume, SphereVolume
+    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
+    from tfm_cl.scene.medium import Medium
+    from tfm_cl.scene.phases import HenyeyGreenstein, Isotropic
+    from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
+    from tfm_cl.scene.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
 
 _HOME = {
-    "Ambient": "ambient",
-    "BoxSolid": "solids",
-    "BoxVolume": "homogeneous",
-    "Camera": "camera",
+    "Ambient": "scene.ambient",
+    "BoxSolid": "scene.solids",
+    "BoxVolume": "scene.bodies.homogeneous",
+    "Camera": "scene.camera",
     "Comparison": "metrics",
     "DeviceError": "errors",
-    "EnvironmentLight": "lights",
-    "EverywhereVolume": "homogeneous",
-    "HenyeyGreenstein": "phases",
+    "EnvironmentLight": "scene.lights",
+    "EverywhereVolume": "scene.bodies.homogeneous",
+    "HenyeyGreenstein": "scene.phases",
     "InputError": "errors",
-    "Isotropic": "phases",
-    "MapSettings": "settings",
-    "MarchSettings": "settings",
-    "Medium": "medium",
-    "MeshSolid": "solids",
-    "PlaneSolid": "solids",
-    "PointLight": "lights",
-    "RenderResult": "result",
-    "Renderer": "renderer",
-    "Scene": "scene",
-    "ShadowSettings": "settings",
-    "SphereSolid": "solids",
-    "SphereVolume": "homogeneous",
-    "SpotLight": "lights",
-    "SunLight": "lights",
+    "Isotropic": "scene.phases",
+    "MapSettings": "scene.settings",
+    "MarchSettings": "scene.settings",
+    "Medium": "scene.medium",
+    "MeshSolid": "scene.solids",
+    "PlaneSolid": "scene.solids",
+    "PointLight": "scene.lights",
+    "RenderResult": "render.result",
+    "Renderer": "render.renderer",
+    "Scene": "scene.scene",
+    "ShadowSettings": "scene.settings",
+    "SphereSolid": "scene.solids",
+    "SphereVolume": "scene.bodies.homogeneous",
+    "SpotLight": "scene.lights",
+    "SunLight": "scene.lights",
     "TfmError": "errors",
-    "TransmittanceMap": "transmittance_map",
-    "Volume": "volume",
+    "TransmittanceMap": "maps.transmittance_map",
+    "Volume": "scene.bodies.volume",
     "__version__": "_version",
     "compare": "metrics",
 }

@@ -11,7 +11,7 @@ import PIL.Image
 import pytest
 from sweep_folder import key, make_folder, picture, row
 
-from tfm_cl import sweep_report
+from tfm_cl.sweep import written as sweep_report
 
 SECONDS = 120
 """Until something that should happen counts as missing; other tests may keep the machine busy."""

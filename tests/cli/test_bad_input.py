@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from scenes import blobs
 
-import tfm_cl.device
+import tfm_cl.device.device
 
-VDB = Path(__file__).resolve().parents[1] / "volume_io" / "data" / "negative.vdb"
+VDB = Path(__file__).resolve().parents[1] / "files" / "volume_io" / "data" / "negative.vdb"
 HUGE = 1 << 40
 
 SCENE = """[volume]
@@ -420,7 +420,7 @@ def test_a_volume_that_brings_its_own_transform(bad, folder):
 
 
 def test_no_opencl_device(bad, cloud, monkeypatch):
-    monkeypatch.setattr(tfm_cl.device, "_all_devices", list)
+    monkeypatch.setattr(tfm_cl.device.device, "_all_devices", list)
     line = bad(cloud, "-q", code=3)
     assert (
         "no OpenCL device found; install the embedded CPU device with: pip install 'pyopencl[pocl]'" in line
@@ -443,7 +443,7 @@ def test_an_unknown_device(bad, cloud, cli):
     ],
 )
 def test_more_than_the_device_allows(bad, folder, monkeypatch, limit, arguments, message):
-    from tfm_cl.passes.launch import Launcher  # noqa: PLC0415 - next to its use
+    from tfm_cl.device.launch import Launcher  # noqa: PLC0415 - next to its use
 
     np.save(folder / "large.npy", np.full((148, 148, 148), 0.01, np.float32))
     initialise = Launcher.__init__
@@ -463,7 +463,7 @@ def test_out_of_memory(bad, cloud, monkeypatch):
     def full(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("tfm_cl.renderer.Renderer.render", full)
+    monkeypatch.setattr("tfm_cl.render.renderer.Renderer.render", full)
     assert "out of memory" in bad(cloud, "-q", code=3)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from tfm_cl import image_io
+from tfm_cl.files import image_io
 
 METRICS = {"ssim", "psnr", "rmse"}
 

@@ -35,7 +35,7 @@ def test_the_device_that_is_marked_renders(cli, cloud, tiny):
 
 @pytest.mark.parametrize("as_json", [False, True])
 def test_without_any_device(cli, monkeypatch, as_json):
-    monkeypatch.setattr("tfm_cl.device._all_devices", list)
+    monkeypatch.setattr("tfm_cl.device.device._all_devices", list)
     done = cli("devices", *(["--json"] if as_json else []))
     assert done.code == 3
     assert done.out == ("[]\n" if as_json else "")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import blobs
 
-from tfm_cl import image_io
+from tfm_cl.files import image_io
 
 LONG = "a" * 300
 LOOP = "Too many levels of symbolic links"

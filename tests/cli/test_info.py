@@ -9,12 +9,12 @@ import pytest
 from scenes import blobs
 
 import tfm_cl as tfm
-from tfm_cl.bricks import build_bricks
-from tfm_cl.device import choose_device
-from tfm_cl.passes.launch import Launcher
-from tfm_cl.volume_io import open_grids
+from tfm_cl.device.bricks import build_bricks
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.files.volume_io import open_grids
 
-DATA = Path(__file__).resolve().parents[1] / "volume_io" / "data"
+DATA = Path(__file__).resolve().parents[1] / "files" / "volume_io" / "data"
 
 DEVICE_BYTES = 11 * 4 * 1332 + 4 * (6 * 4 * 4)
 """Of `blobs`: ten of 3 × 2 × 2 blocks and the empty record, each of 11³ + 1 voxels, and 6 × 4 × 4 bricks."""
@@ -234,7 +234,7 @@ def test_info_says_what_render_says(cli, tiny, arrays):
 
 def test_more_bricks_than_any_device_indexes_do_not_render(cli, monkeypatch):
     np.save("v.npy", np.ones((3, 3, 3)))
-    monkeypatch.setattr("tfm_cl.bricks.MAX_INDEX", 7)
+    monkeypatch.setattr("tfm_cl.device.bricks.MAX_INDEX", 7)
     (grid,) = cli("info", "v.npy", "--json").json["grids"]
     assert grid["renders"] == "the volume has 8 bricks; kernels index 7"
     assert grid["device_bytes"] is None

@@ -99,7 +99,7 @@ def test_while_a_picture_is_being_written(cli, cloud, tiny, monkeypatch, suffix)
         path.write_bytes(b"half of it")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"tfm_cl.image_io.{suffix}.write", interrupted)
+    monkeypatch.setattr(f"tfm_cl.files.image_io.{suffix}.write", interrupted)
     done = cli("render", cloud, "-o", f"a.{suffix}", "-q", *tiny)
     assert (done.code, done.out, done.err) == (130, "", "tfm: interrupted\n")
     assert [path.name for path in cloud.parent.iterdir()] == ["cloud.npy"]

@@ -11,8 +11,8 @@ import pytest
 
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
-from tfm_cl.lights import SpotLight
-from tfm_cl.scene_file import SECTIONS
+from tfm_cl.files.scene_file import SECTIONS
+from tfm_cl.scene.lights import SpotLight
 
 PROMISED = {
     *("--res", "--crop", "--exposure", "--aov", "--method"),

@@ -180,7 +180,7 @@ def test_the_printed_configuration_reproduces_the_picture(render, scene, folder,
 
 
 def test_print_config_alone_renders_nothing(render, cloud, folder, monkeypatch):
-    monkeypatch.setattr("tfm_cl.device._all_devices", list)  # nor does it need a device
+    monkeypatch.setattr("tfm_cl.device.device._all_devices", list)  # nor does it need a device
     done = render(cloud, "--print-config", "-q")
     assert tomllib.loads(done.out)["camera"]["res"] == [16, 9]
     assert [path.name for path in folder.iterdir()] == ["cloud.npy"]
@@ -320,7 +320,7 @@ def test_a_failed_write_leaves_the_old_picture(render, cli, tiny, cloud, folder,
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("tfm_cl.image_io.npy.write", full)
+    monkeypatch.setattr("tfm_cl.files.image_io.npy.write", full)
     done = cli("render", cloud, "-o", "a.npy", "-q", *tiny, "--fov", "30")
     assert done.code == 2
     assert done.err == "tfm: a.npy: cannot be written (No space left on device)\n"

@@ -3,7 +3,7 @@
 import pytest
 
 from tfm_cl.errors import SceneError
-from tfm_cl.scene import Scene
+from tfm_cl.scene.scene import Scene
 
 
 @pytest.fixture

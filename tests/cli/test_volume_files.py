@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-SEVERAL = Path(__file__).resolve().parents[1] / "volume_io" / "data" / "several.vdb"
+SEVERAL = Path(__file__).resolve().parents[1] / "files" / "volume_io" / "data" / "several.vdb"
 
 
 def test_a_shared_name_means_the_first_grid_and_a_warning_says_so(cli, tiny):

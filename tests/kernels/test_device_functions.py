@@ -8,14 +8,14 @@ from scipy import integrate
 from tolerances import DEVICE_FUNCTION, FLOAT32, GRAZING, RECURRENCE
 
 import tfm_cl as tfm
-from tfm_cl import params as parameters
 from tfm_cl import reference
-from tfm_cl.bases import BASES
-from tfm_cl.bases.cosine import Cosines
-from tfm_cl.bricks import build_bricks
-from tfm_cl.passes.light_pass import map_variant
-from tfm_cl.phases import PHASES, HenyeyGreenstein, Isotropic
-from tfm_cl.renderer import NO_MAP
+from tfm_cl.device import params as parameters
+from tfm_cl.device.bricks import build_bricks
+from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases.cosine import Cosines
+from tfm_cl.maps.light_pass import map_variant
+from tfm_cl.render.renderer import NO_MAP
+from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic
 
 GRID = object()
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, product
 from pathlib import PurePath
 
-from tfm_cl.bases import BASES
-from tfm_cl.bases.base import FITS, TARGETS
-from tfm_cl.lights import LIGHTS
-from tfm_cl.lights.charts import Hemisphere, Octahedron, Perspective
-from tfm_cl.phases import PHASES
-from tfm_cl.settings import MapSettings
+from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases.base import FITS, TARGETS
+from tfm_cl.scene.lights import LIGHTS
+from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
+from tfm_cl.scene.phases import PHASES
+from tfm_cl.scene.settings import MapSettings
 
 Value = int | str | tuple[str, dict[str, int]]
 Choices = Mapping[str, Sequence[Value]]
@@ -83,7 +83,7 @@ PROGRAMS: dict[str, Choices] = {
 """Entry -> what it is compiled with."""
 
 Variant = tuple[str, str, tuple[str, ...], dict[str, int]]
-"""A label, and the arguments of `tfm_cl.program.source`: entry, headers and defines."""
+"""A label, and the arguments of `tfm_cl.device.program.source`: entry, headers and defines."""
 
 
 def kernel_variants(lanes: int) -> Iterator[Variant]:

@@ -176,7 +176,7 @@ def emitter(light):
 
 
 def shape(solid):
-    """Mitsuba's description of a `tfm_cl.solids.SphereSolid` without a transform."""
+    """Mitsuba's description of a `tfm_cl.scene.solids.SphereSolid` without a transform."""
     assert (solid.shape, solid.world_from_object.tolist()) == ("sphere", np.eye(4).tolist())
     surface = {"type": "diffuse", "reflectance": rgb(solid.albedo)}
     return {"type": "sphere", "center": list(solid.centre), "radius": solid.radius, "bsdf": surface}

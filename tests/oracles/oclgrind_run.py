@@ -12,9 +12,9 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 import tfm_cl as tfm
-from tfm_cl.device import choose_device
-from tfm_cl.passes.launch import Launcher
-from tfm_cl.volumes import Volumes
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.scene.bodies.volumes import Volumes
 
 Array = NDArray[np.float32]
 

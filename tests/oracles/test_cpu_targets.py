@@ -11,7 +11,7 @@ import subprocess
 import pytest
 from oracles.kernel_variants import PROGRAMS, kernel_variants
 
-from tfm_cl.program import kernels_dir, source
+from tfm_cl.device.program import kernels_dir, source
 
 TARGETS = {
     "x86-64-v2": ("--target=x86_64-linux-gnu", "-march=x86-64-v2"),
@@ -20,7 +20,7 @@ TARGETS = {
     "aarch64": ("--target=aarch64-linux-gnu",),
 }
 WIDEST = {"x86-64-v2": 4, "x86-64-v3": 8, "x86-64-v4": 16, "aarch64": 4}
-"""Floats of a register: the lanes that `tfm_cl.passes.launch.lanes_of` prefers there."""
+"""Floats of a register: the lanes that `tfm_cl.device.launch.lanes_of` prefers there."""
 LANGUAGE = (
     *("-x", "cl", "-cl-std=CL1.2", "-cl-no-stdinc", "-Xclang", "-finclude-default-header"),
     *("-Wall", "-Werror", "-emit-llvm", "-c", "-o", "/dev/null"),

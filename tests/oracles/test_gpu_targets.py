@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from oracles.kernel_variants import kernel_variants, pairwise
 
-from tfm_cl.program import kernels_dir, source
+from tfm_cl.device.program import kernels_dir, source
 
 LIBCLC = (Path("/usr/lib/clc"), Path("/usr/share/clc"))
 """Where Debian and others put it."""

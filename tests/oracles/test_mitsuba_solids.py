@@ -14,9 +14,9 @@ from oracles.mitsuba_scene import MitsubaScene, mitsuba_variant, write_exr
 from scenes import blobs, turned
 
 import tfm_cl as tfm
-from tfm_cl.lights import PointLight, SunLight
-from tfm_cl.settings import ShadowSettings
-from tfm_cl.solids import SphereSolid
+from tfm_cl.scene.lights import PointLight, SunLight
+from tfm_cl.scene.settings import ShadowSettings
+from tfm_cl.scene.solids import SphereSolid
 
 LOG = logging.getLogger(__name__)
 STEPS = 400

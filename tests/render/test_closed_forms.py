@@ -6,6 +6,8 @@ from scipy import integrate
 
 import tfm_cl as tfm
 
+pytestmark = pytest.mark.lanes
+
 STEPS = 400
 QUADRATURE = 2e-3
 """Relative error of 400 midpoints on one ray: the box's faces fall inside a step, not on its edge."""

@@ -5,12 +5,16 @@ import pytest
 from tolerances import FLOAT32, LIGHTS
 
 import tfm_cl as tfm
-from tfm_cl import fog, image_io, reference
+from tfm_cl import reference
+from tfm_cl.device import launch
 from tfm_cl.errors import SceneError
-from tfm_cl.image_io.image import Image
-from tfm_cl.lights import EnvironmentLight, PointLight, SpotLight, SunLight
-from tfm_cl.passes import launch
-from tfm_cl.solids import PlaneSolid, SphereSolid
+from tfm_cl.files import image_io
+from tfm_cl.files.image_io.image import Image
+from tfm_cl.render import fog
+from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
+from tfm_cl.scene.solids import PlaneSolid, SphereSolid
+
+pytestmark = pytest.mark.lanes
 
 STEPS = 400
 QUADRATURE = 1e-3

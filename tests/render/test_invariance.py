@@ -5,8 +5,10 @@ import pytest
 from scenes import blobs, make_scene
 
 import tfm_cl as tfm
+from tfm_cl.device import launch
 from tfm_cl.errors import DeviceMemoryError, SceneError
-from tfm_cl.passes import launch
+
+pytestmark = pytest.mark.lanes
 
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])
@@ -173,7 +175,7 @@ def test_a_volume_beyond_the_device_is_refused_with_both_numbers(device_name, sm
 
 
 def test_a_volume_beyond_the_kernels_index_is_refused(device_name, small_scene, monkeypatch):
-    monkeypatch.setattr("tfm_cl.bricks.MAX_INDEX", 6 * 4 * 4 - 1)
+    monkeypatch.setattr("tfm_cl.device.bricks.MAX_INDEX", 6 * 4 * 4 - 1)
     with tfm.Renderer(device_name) as other, pytest.raises(DeviceMemoryError, match="has 96 bricks"):
         other.render(small_scene)
 

@@ -11,8 +11,10 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.cli import main
 from tfm_cl.errors import SceneError, VolumeError
-from tfm_cl.settings import ShadowSettings
-from tfm_cl.solids import PlaneSolid, SphereSolid
+from tfm_cl.scene.settings import ShadowSettings
+from tfm_cl.scene.solids import PlaneSolid, SphereSolid
+
+pytestmark = pytest.mark.lanes
 
 ROUNDED = {"f16": 2e-3, "u8": 1e-2}
 """Of the brightest: 2^-11 of a density, or 1/510 of the largest near it, times optical depths of some

@@ -15,9 +15,11 @@ from tolerances import LANES, PASS, SKIPPING
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.device import choose_device
-from tfm_cl.leaves import Leaves
-from tfm_cl.passes.launch import Launcher
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.scene.bodies.leaves import Leaves
+
+pytestmark = pytest.mark.lanes
 
 METHODS = ["tfm", "dual"]
 SAMPLINGS = ["projective", "world"]
@@ -419,7 +421,7 @@ def test_lanes_agree_whatever_the_map(by_lanes, check_lanes, storage, coeffs):
 
     expected = check_lanes(scene)
 
-    # Storage in fewer bits, as in tests/passes: α times the rounding of f.
+    # Storage in fewer bits, as in tests/maps: α times the rounding of f.
     exact = by_lanes(1).render(scene.replace(map=scene.map.replace(storage="f32"))).image
     error = {"f32": 0.0, "f16": 0.01, "u8": 0.05}[storage]
     assert np.abs(expected.image - exact)[..., :3].max() <= error * exact[..., :3].max()

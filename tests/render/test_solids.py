@@ -10,11 +10,13 @@ from trimesh.creation import icosphere
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.ambient import Ambient
 from tfm_cl.errors import SceneError
-from tfm_cl.lights import EnvironmentLight, PointLight, SunLight
-from tfm_cl.settings import ShadowSettings
-from tfm_cl.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
+from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
+from tfm_cl.scene.settings import ShadowSettings
+from tfm_cl.scene.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
+
+pytestmark = pytest.mark.lanes
 
 MAP_PASS = 20 * PASS
 """Of the brightest, with a map: the power α amplifies its rounding, as in the view pass's own tests."""

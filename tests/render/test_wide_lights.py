@@ -6,6 +6,8 @@ from scenes import blobs
 
 import tfm_cl as tfm
 
+pytestmark = pytest.mark.lanes
+
 FROM = (2.2, 3.0, 1.2)
 NEAR, WITHIN = (-0.4, 1.25, 0.3), (0.15, 0.1, 0.2)
 LIGHTS = {

@@ -9,8 +9,8 @@ import click
 
 from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import ImageError
-from tfm_cl.image_io import load_picture
-from tfm_cl.image_io.overlap import overlap
+from tfm_cl.files.image_io import load_picture
+from tfm_cl.files.image_io.overlap import overlap
 
 LOWER_IS_BETTER = ("rmse", "flip")
 

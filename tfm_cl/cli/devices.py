@@ -12,7 +12,7 @@ from tfm_cl.errors import NoDeviceError
 def command(*, as_json: bool) -> None:
     """List every OpenCL device, its limits, and which one would be used (*)."""
     # Imported here: the help of `tfm` needs no OpenCL.
-    from tfm_cl.device import HOW_TO_GET_ONE, list_devices  # noqa: PLC0415
+    from tfm_cl.device.device import HOW_TO_GET_ONE, list_devices  # noqa: PLC0415
 
     devices = list_devices()
     if as_json:

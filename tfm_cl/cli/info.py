@@ -9,15 +9,15 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl import volume_io
 from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import TfmError
-from tfm_cl.leaves import Leaves
-from tfm_cl.placement import density_scale_for
-from tfm_cl.scene import Scene
-from tfm_cl.volume import Volume, bounds_of
-from tfm_cl.volume_io.grid import Grid
-from tfm_cl.volume_io.grid import shown as shown_name
+from tfm_cl.files import volume_io
+from tfm_cl.files.volume_io.grid import Grid
+from tfm_cl.files.volume_io.grid import shown as shown_name
+from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.scene.bodies.volume import Volume, bounds_of
+from tfm_cl.scene.scene import Scene
 
 LANES = 16
 """Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
@@ -90,7 +90,7 @@ def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
         scene = Scene(volume.with_density_scale(density_scale_for(volume))).resolved()
     except TfmError as error:
         return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
-    from tfm_cl.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
+    from tfm_cl.render.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
 
     reason = without_density(volume) or too_thin(scene.volume, scene.medium)
     return reason and f"the picture is black: {reason}"
@@ -114,7 +114,7 @@ def _measured(voxels: NDArray[np.float32] | Leaves) -> tuple[dict[str, float | N
 
 def _on_device(voxels: NDArray[np.float32] | Leaves) -> tuple[int | None, str]:
     """Size of the bricks of float32 voxels on a device of `LANES`, or None and why no device takes them."""
-    from tfm_cl.bricks import check_count, device_bytes  # noqa: PLC0415 - the help of `tfm info` needs no OpenCL
+    from tfm_cl.device.bricks import check_count, device_bytes  # noqa: PLC0415 - the help of `tfm info` needs no OpenCL
 
     try:
         leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)

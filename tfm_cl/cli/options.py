@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from tfm_cl.bases import BASES
-from tfm_cl.bases.base import FITS, LOOKUPS, RANGES, TARGETS
 from tfm_cl.errors import Faults
-from tfm_cl.lights import LIGHTS, SpotLight
+from tfm_cl.files.scene_file import SECTIONS
+from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES, TARGETS
 from tfm_cl.model import Model
-from tfm_cl.scene_file import SECTIONS
+from tfm_cl.scene.lights import LIGHTS, SpotLight
 
 
 def numbers(text: str) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from tfm_cl.files import path_of, source_of
+from tfm_cl.files.paths import path_of, source_of
 
 
 class FileName(click.ParamType[Path]):

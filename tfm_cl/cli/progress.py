@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # printing a configuration needs no OpenCL
-    from tfm_cl.passes.launch import Progress
+    from tfm_cl.device.launch import Progress
 
 
 @contextmanager

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfm_cl import image_io
 from tfm_cl.cli.options import GroupedCommand, GroupedOption, as_flags, overrides, scene_options
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
-from tfm_cl.files import check_writable, path_of, real_path, write_text
-from tfm_cl.scene_file import SceneFile, Values, scene_text, to_toml
-from tfm_cl.settings import ImageSettings
+from tfm_cl.files import image_io
+from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
+from tfm_cl.files.scene_file import SceneFile, Values, scene_text, to_toml
+from tfm_cl.scene.settings import ImageSettings
 
 if TYPE_CHECKING:
-    from tfm_cl.result import RenderResult
+    from tfm_cl.render.result import RenderResult
 
 
 @click.command("render", cls=GroupedCommand)
@@ -92,8 +92,8 @@ def command(
     load_seconds = time.perf_counter() - started
 
     # Imported here: printing a configuration needs no OpenCL.
-    from tfm_cl.diagnosis import too_dark  # noqa: PLC0415
-    from tfm_cl.renderer import Renderer  # noqa: PLC0415
+    from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415
+    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
         result = renderer.render(

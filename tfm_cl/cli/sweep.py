@@ -130,7 +130,7 @@ def command(
         raise click.UsageError("--converged-steps: there is nothing converged with --no-converged")
 
     # matplotlib and scikit-image take their time to import.
-    from tfm_cl import sweep  # noqa: PLC0415
+    from tfm_cl.sweep import run as sweep  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress:
         sweep.run(

@@ -1,5 +1,5 @@
 /* Directions before the light on half an octahedron, |x| + |y| + z = 1, seen along z: a square that stands on its
-   corner, turned by an eighth; chart = scale and offset, u then v. The same in float64: tfm_cl/lights/charts.py. */
+   corner, turned by an eighth; chart = scale and offset, u then v. The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 

@@ -1,7 +1,7 @@
 /* All directions on an octahedron, |x| + |y| + |z| = 1, unfolded into the square [-1, 1]^2 with a border; chart = scale
    and offset, u then v. The inner diamond is z >= 0 and the corners are z < 0. The border holds the rays from across
    the seam, so that no look-up meets one. Engelhardt, Dachsbacher, "Octahedron Environment Maps", 2008.
-   The same in float64: tfm_cl/lights/charts.py. */
+   The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 

@@ -1,5 +1,5 @@
 /* Directions before the light on the plane z = 1 of light space; chart = scale and offset, u then v.
-   The same in float64: tfm_cl/lights/charts.py. */
+   The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 

@@ -1,0 +1,478 @@
+"""Scene files: every section and default, what is placed, a round trip, and arbitrary values."""
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from scenes import blobs
+
+import tfm_cl as tfm
+from tfm_cl.device.params import fill
+from tfm_cl.errors import TfmError
+from tfm_cl.files.scene_file import SECTIONS, SceneFile, to_toml
+from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.scene.settings import ImageSettings
+
+SAMPLES = Path(__file__).resolve().parents[2] / "volumes"
+
+FULL = """
+[volume]
+file = "clouds/cloud.npz"
+grid = "smoke"
+density_scale = 2.5
+voxel_size = [0.1, 0.2, 0.3]
+origin = [1, 2, 3]
+transform = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 2, 7, 0, 0, 0, 1]
+sanitize = true
+offset = 0.0
+window = [0.0, 1.0]
+colour = false
+
+[medium]
+sigma_s = [1.0, 0.8, 0.5]
+sigma_a = 0.25
+phase = { type = "hg", g = 0.3 }
+
+[camera]
+from = [0, 0, 5]
+to = [1, 0, 0]
+up = [0, 0, 1]
+fov = 30
+res = [64, 48]
+
+[[light]]
+type = "spot"
+from = [3, 4, 2]
+to = [0, 0, 0]
+cone = 20.0
+blend = 0.5
+radius = 0.25
+samples = 9
+intensity = [1, 2, 3]
+falloff = "inverse-square"
+reach = 7.5
+texture = "slide.png"
+
+[[solid]]
+shape = "sphere"
+centre = [1, 2, 3]
+radius = 0.5
+albedo = [0.1, 0.2, 0.3]
+
+[[solid]]
+mesh = "knot.ply"
+
+[[light]]
+from = [-3, 4, 2]
+to = [0, 0, 0]
+
+[ambient]
+radiance = [0.1, 0.2, 0.3]
+
+[shadow]
+res = 256
+filter = "nearest"
+
+[map]
+basis = "dct"
+coeffs = 6
+density_weighting = "auto"
+res = 128
+steps = 50
+storage = "f16"
+target = "optical-depth"
+fit = "l2"
+range = "global"
+lookup = "reconstruct"
+slicing = "gamma"
+blur = 2.5
+blur_kernel = "box"
+
+[march]
+method = "dual"
+steps = 60
+sampling = "world"
+attenuation = "paper"
+max_stretch = 8
+cutoff = 0.01
+skip_empty = false
+voxels = "u8"
+
+[image]
+crop = [1, 2, 30, 40]
+exposure = -1.5
+aov = ["depth", "samples"]
+pixel_type = "half"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "clouds").mkdir()
+    np.savez(folder / "clouds" / "cloud.npz", smoke=blobs(), fire=2 * blobs())
+    np.save(folder / "cloud.npy", blobs())
+    (folder / "full.toml").write_text(FULL)
+    return folder
+
+
+@pytest.fixture
+def read(folder):
+    """``read(TOML text, overrides…)`` is the scene file and its scene."""
+
+    def read(text, *overrides):
+        path = folder / "scene.toml"
+        path.write_text(text)
+        file = SceneFile.read(path, overrides)
+        return file, file.scene()
+
+    return read
+
+
+def test_every_key_arrives(folder):
+    file = SceneFile.read(folder / "full.toml")
+    scene = file.scene()
+    np.testing.assert_array_equal(scene.volume.data, blobs())
+    # Twice as high, and moved.
+    np.testing.assert_allclose(scene.volume.voxel_size, (0.1, 0.2, 0.6))
+    np.testing.assert_allclose(scene.volume.world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
+    assert scene.volume.density_scale == 2.5
+    assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
+    assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
+    sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))
+    mesh = tfm.MeshSolid(mesh=str(folder / "knot.ply"))
+    assert scene.solids == (sphere, mesh)
+    assert scene.medium == tfm.Medium(
+        sigma_s=(1, 0.8, 0.5), sigma_a=(0.25,) * 3, phase=tfm.HenyeyGreenstein(0.3)
+    )
+    assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
+    spot = tfm.SpotLight(
+        from_=(3, 4, 2),
+        to=(0, 0, 0),
+        cone=20,
+        blend=0.5,
+        radius=0.25,
+        samples=9,
+        intensity=(1, 2, 3),
+        falloff="inverse-square",
+        reach=7.5,
+        texture=str(folder / "slide.png"),
+    )
+    assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
+    assert scene.map == tfm.MapSettings(
+        basis="dct",
+        coeffs=6,
+        density_weighting="auto",
+        res=128,
+        steps=50,
+        storage="f16",
+        target="optical-depth",
+        fit="l2",
+        range="global",
+        lookup="reconstruct",
+        slicing="gamma",
+        blur=2.5,
+        blur_kernel="box",
+    )
+    assert scene.march == tfm.MarchSettings(
+        method="dual",
+        steps=60,
+        sampling="world",
+        attenuation="paper",
+        max_stretch=8,
+        cutoff=0.01,
+        skip_empty=False,
+        voxels="u8",
+    )
+    assert file.image == ImageSettings(
+        crop=(1, 2, 30, 40), exposure=-1.5, aov=("depth", "samples"), pixel_type="half"
+    )
+    assert file.chosen(scene) == {}
+
+
+def test_the_full_scene_has_every_key(folder):
+    table = tomllib.loads((folder / "full.toml").read_text())
+    for name, model in SECTIONS.items():
+        # Instead of coeffs.
+        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error"}, name
+    assert set(table["light"][0]) == set(tfm.SpotLight.keys())
+
+
+def test_defaults_are_those_of_the_interface(read):
+    _, scene = read('[volume]\nfile = "cloud.npy"\n')
+    assert scene.volume.density_scale == 1
+    assert scene.medium == tfm.Medium(sigma_s=(1, 1, 1), sigma_a=(0, 0, 0), phase=tfm.Isotropic())
+    assert (scene.camera.up, scene.camera.fov, scene.camera.res) == ((0, 1, 0), 40, (1280, 720))
+    assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("auto", "auto", "auto")
+    assert (scene.map.res, scene.map.steps, scene.map.storage) == (1024, 100, "f32")
+    assert (scene.march.method, scene.march.steps, scene.march.sampling) == ("tfm", 100, "projective")
+    assert (scene.march.cutoff, scene.march.skip_empty, scene.march.voxels) == (1e-4, True, "f32")
+
+
+def test_what_is_left_out_is_placed_and_told(read):
+    file, scene = read('[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n[camera]\nfov = 20\n')
+    chosen = file.chosen(scene)
+    assert list(chosen) == [
+        *("volume.density_scale", "camera.from", "camera.to"),
+        *("light.from", "light.to", "light.cone", "light.intensity"),
+    ]
+    assert chosen["volume.density_scale"] == scene.volume.density_scale
+    assert tuple(chosen["camera.from"]) == scene.camera.from_
+    assert chosen["light.cone"] == scene.lights[0].cone
+    again_file, again = read('[volume]\nfile = "cloud.npy"\n', ("camera.fov", 20), *chosen.items())
+    assert again_file.chosen(again) == {}
+    assert again.camera == scene.camera
+    assert again.lights == scene.lights
+
+
+def test_a_bare_volume_is_a_scene(folder):
+    bare, written = SceneFile.read(folder / "cloud.npy"), folder / "bare.toml"
+    written.write_text(
+        '[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n'
+        '[map]\nres = "auto"\nsteps = "auto"\n[march]\nsteps = "auto"\n'
+    )
+    assert bare.resolved(bare.scene()) == (file := SceneFile.read(written)).resolved(file.scene())
+
+
+COUNTS = ["map.res", "map.steps", "march.steps"]
+
+
+def test_a_bare_volume_counts_by_itself_and_tells(folder):
+    file = SceneFile.read(folder / "cloud.npy")
+    scene = file.scene()
+    numbers = scene.resolved()
+    chosen = file.chosen(scene)
+    assert list(chosen)[-3:] == COUNTS
+    assert [chosen[key] for key in COUNTS] == [numbers.map.res, numbers.map.steps, numbers.march.steps]
+    assert all(type(chosen[key]) is int for key in COUNTS)
+    table = file.resolved(scene)
+    assert {key: table[key.split(".")[0]][key.split(".")[1]] for key in COUNTS} == {
+        key: chosen[key] for key in COUNTS
+    }
+
+
+@pytest.mark.parametrize("key", COUNTS)
+def test_a_number_given_is_not_chosen(folder, key):
+    file = SceneFile.read(folder / "cloud.npy", [(key, 33)])
+    scene = file.scene()
+    assert [name for name in COUNTS if name in file.chosen(scene)] == [name for name in COUNTS if name != key]
+    assert file.resolved(scene)[key.split(".")[0]][key.split(".")[1]] == 33
+
+
+@pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
+def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
+    file = SceneFile.read(folder / name)
+    scene = file.scene()
+    written = tmp_path / "written.toml"  # elsewhere: the volume's path must not be relative
+    written.write_text(to_toml(file.resolved(scene)), encoding="utf-8")
+    again = SceneFile.read(written)
+    copy = again.scene()
+    for part in ("medium", "camera", "lights", "map", "march"):
+        assert getattr(copy, part) == getattr(scene.resolved(), part), part
+    assert again.image == file.image
+    np.testing.assert_array_equal(copy.volume.data, scene.volume.data)
+    np.testing.assert_array_equal(copy.volume.world_from_index, scene.volume.world_from_index)
+    assert copy.volume.density_scale == scene.volume.density_scale
+    assert again.chosen(copy) == {}
+
+
+def test_overrides_make_tables_that_are_missing(read):
+    overrides = [("map.res", 7), ("medium.phase.type", "hg"), ("medium.phase.g", 0.5), ("light.cone", 9)]
+    _, scene = read('[volume]\nfile = "cloud.npy"\n', *overrides)
+    assert scene.map.res == 7
+    assert scene.medium.phase == tfm.HenyeyGreenstein(0.5)
+    assert scene.lights[0].cone == 9
+
+
+def test_scene_load_is_the_same(folder):
+    scene, truth = tfm.Scene.load(folder / "full.toml"), SceneFile.read(folder / "full.toml").scene()
+    assert (scene.camera, scene.lights, scene.map) == (truth.camera, truth.lights, truth.map)
+
+
+def test_a_path_with_letters_of_any_kind(folder, tmp_path):
+    odd = tmp_path / 'a "quoted" – é\\ñ'
+    odd.mkdir()
+    (odd / "cloud.npy").write_bytes((folder / "cloud.npy").read_bytes())
+    file = SceneFile.read(odd / "cloud.npy")
+    table = tomllib.loads(to_toml(file.resolved(file.scene())))
+    assert table["volume"]["file"] == str(odd / "cloud.npy")
+
+
+def test_center_is_centre_in_files_and_overrides(read):
+    volume = '[volume]\nshape = "sphere"\ncenter = [1, 2, 3]\n'
+    solid = '[[solid]]\nshape = "sphere"\ncenter = [4, 5, 6]\n'
+    for key in ("center", "centre"):
+        file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
+        assert scene.volume.centre == (7, 8, 9)
+        assert scene.solids[0].centre == (4, 5, 6)
+        assert "center" not in to_toml(file.resolved(scene))
+        assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
+
+
+# --------------------------------------------------------------------------- arbitrary values
+
+ODD = [0, 1, -1, 10**400, 1e300, 1e-300, math.nan, math.inf, True, "", "auto", "hg:2", "\0", [], {}, None]
+values = st.recursive(
+    st.sampled_from(ODD) | st.integers() | st.floats() | st.booleans() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=5,
+)
+KEYS = [
+    *(f"{name}.{key}" for name, model in SECTIONS.items() for key in model.keys()),  # noqa: SIM118 - no dict
+    *(f"light.{key}" for key in tfm.SpotLight.keys()),  # noqa: SIM118 - no dict
+]
+dotted = (
+    st.sampled_from(KEYS)
+    | st.sampled_from(
+        ["light.1.cone", "light.x", "medium.phase.g", "map.self", "light.self", "camera.volume"]
+    )
+    | st.builds("{}.{}".format, st.sampled_from([*SECTIONS, "light", "x"]), st.text(max_size=3))
+)
+
+
+def check_lines_or_a_scene(make):
+    try:
+        file = make()
+        scene = file.scene()
+    except TfmError as error:
+        lines = error.args
+        assert lines
+        assert all(lines)
+        assert not any("\n" in line for line in lines)
+    else:
+        scene = scene.resolved()
+        for light in scene.lights:  # what the kernels get are finite float32
+            params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
+            assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
+        assert tomllib.loads(to_toml(file.resolved(scene)))
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    overrides=st.lists(st.tuples(dotted, values), max_size=3),
+    name=st.sampled_from(["full.toml", "cloud.npy"]),
+)
+@example(overrides=[("map.basis", [])], name="cloud.npy")
+@example(overrides=[("medium.phase", {"type": "isotropic", "self": 1})], name="full.toml")
+@example(overrides=[("medium.phase", {"type": "hg", "self": 1})], name="full.toml")
+@example(overrides=[("volume.file", "\n")], name="cloud.npy")
+@example(overrides=[("light.type", {})], name="full.toml")
+@example(overrides=[("volume.voxel_size", 10**400)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e-300)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e15)], name="cloud.npy")
+@example(overrides=[("volume.voxel_size", 1e-15), ("volume.origin", [1e15, 1, 1])], name="cloud.npy")
+@example(overrides=[("camera.fov", 1e-300)], name="cloud.npy")
+@example(overrides=[("light.cone", 1e-300)], name="cloud.npy")
+@example(overrides=[("camera.res", [1, 10**400])], name="cloud.npy")
+@example(overrides=[("march.max_stretch", 1e308)], name="cloud.npy")
+@example(overrides=[("volume.file", "\0")], name="full.toml")
+@example(overrides=[("map.res", "auto"), ("light.from", [1e15, 0, 0])], name="full.toml")
+@example(overrides=[("map.res", "auto"), ("light.cone", 89.999999)], name="full.toml")
+def test_arbitrary_overrides_give_a_scene_or_lines(folder, overrides, name):
+    check_lines_or_a_scene(lambda: SceneFile.read(folder / name, overrides))
+
+
+toml_values = st.recursive(
+    st.sampled_from(["1", "-1", "nan", "inf", "1e999", "true", '"x"', "1979-05-27", "07:32:00", "1" * 400]),
+    lambda inner: (
+        st.lists(inner, max_size=4).map(lambda items: f"[{', '.join(items)}]")
+        | inner.map("{{type = {}}}".format)
+    ),
+    max_leaves=4,
+)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    section=st.sampled_from(
+        [f"[{name}]" for name in SECTIONS] + ["[[light]]", "[light]", "[[camera]]", "[x]"]
+    ),
+    key=st.sampled_from([*{key.partition(".")[2] for key in KEYS}, "self", '"a\\nb"']),
+    value=toml_values,
+)
+def test_arbitrary_scene_files_give_a_scene_or_lines(folder, section, key, value):
+    path = folder / "arbitrary.toml"
+    volume = "" if section == "[volume]" else '[volume]\nfile = "cloud.npy"\n'
+    path.write_text(f"{volume}{section}\n{key} = {value}\n")
+    check_lines_or_a_scene(lambda: SceneFile.read(path))
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(start=st.integers(0, len(FULL)), length=st.integers(0, 40), new=st.text(max_size=4))
+def test_a_damaged_scene_file_gives_a_scene_or_lines(folder, start, length, new):
+    path = folder / "damaged.toml"
+    path.write_text(FULL[:start] + new + FULL[start + length :], encoding="utf-8")
+    check_lines_or_a_scene(lambda: SceneFile.read(path))
+
+
+def without_density_scale(folder, peak, scene="", override=()):
+    """Write a scene file around a cloud without ``density_scale``; return what it is warned of."""
+    np.save(folder / "cloud.npy", peak * blobs())
+    (folder / "scene.toml").write_text(scene or '[volume]\nfile = "cloud.npy"')
+    file = SceneFile.read(folder / "scene.toml", override)
+    return file.warnings(file.scene())
+
+
+def sensible(peak):
+    return density_scale_for(tfm.Volume(peak * blobs()))
+
+
+@pytest.mark.parametrize("peak", [40.0, 0.01])
+def test_a_density_scale_that_is_far_from_sensible_is_told_with_the_value_of_auto(tmp_path, peak):
+    (told,) = without_density_scale(tmp_path, peak)
+    assert told == (
+        f'{tmp_path / "scene.toml"}: volume.density_scale is not given: 1 is used; "auto" would take '
+        f"{sensible(peak):g}: give one of them"
+    )
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.0, 1.8])
+def test_about_the_density_scale_of_auto_is_no_warning(tmp_path, factor):
+    assert without_density_scale(tmp_path, factor * sensible(1.0)) == ()
+
+
+@pytest.mark.parametrize("value", [1.0, 0.5, "auto"])
+def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
+    given = f'[volume]\nfile = "cloud.npy"\ndensity_scale = {value!r}'
+    assert without_density_scale(tmp_path, 40.0, given) == ()
+    assert without_density_scale(tmp_path, 40.0, override=[("volume.density_scale", value)]) == ()
+    given = tmp_path / "scene.toml"
+    file = SceneFile.read(given)
+    printed = tmp_path / "printed.toml"
+    printed.write_text(to_toml(file.resolved(file.scene())))
+    again = SceneFile.read(printed)
+    assert again.warnings(again.scene()) == ()
+
+
+@pytest.mark.parametrize(
+    ("sigma", "warned"),
+    [("1.0", True), ("100.0", True), ("0.02", False), ("0.0001", False), ("1e-320", False), ("0.0", False)],
+)
+def test_coefficients_may_say_what_the_density_scale_does_not(tmp_path, sigma, warned):
+    """Where sigma_t = 1 asks for a scale of about 0.02, "auto" would not make 0.0001 any better."""
+    scene = f'[volume]\nfile = "cloud.npy"\n[medium]\nsigma_s = {sigma}'
+    assert bool(without_density_scale(tmp_path, sensible(1.0) * 50, scene)) is warned
+
+
+def test_each_of_several_volumes_is_told_by_its_number(tmp_path):
+    table = '[[volume]]\nfile = "cloud.npy"\n'
+    told = without_density_scale(tmp_path, 40.0, f"{table}{table}density_scale = 2.0\n{table}")
+    assert [line.split(": ")[1].split()[0] for line in told] == [
+        "volume.0.density_scale",
+        "volume.2.density_scale",
+    ]
+
+
+def test_media_without_a_grid_have_no_density_scale_to_tell_of(tmp_path):
+    scene = '[volume]\nshape = "box"\ndensity = 1000.0'
+    assert without_density_scale(tmp_path, 1.0, scene) == ()
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(SAMPLES.glob("*.toml"))])
+def test_sample_scenes_are_not_warned(name):
+    file = SceneFile.read(SAMPLES / name)
+    assert file.warnings(file.scene()) == ()

@@ -1,0 +1,352 @@
+"""Black pictures: is the reason told the one that made them black?"""
+
+import io
+import re
+
+import numpy as np
+import PIL.Image
+import pytest
+from scenes import blobs, make_scene
+
+import tfm_cl as tfm
+from tfm_cl.files.image_io.png import png_bytes
+from tfm_cl.render.diagnosis import EIGHT_BIT_STEP, FAINTEST, is_black, too_dark, too_thin
+from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.bodies.volumes import Volumes
+from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
+from tfm_cl.scene.solids import BoxSolid, PlaneSolid, SphereSolid
+
+SCENE = make_scene()
+CAMERA, LIGHT, MEDIUM, VOLUME = SCENE.camera, SCENE.lights[0], SCENE.medium, SCENE.volume
+AWAY = (9.0, 9.0, 9.0)
+DARK = LIGHT.replace(intensity=0)
+
+
+def told(renderer, scene, method="dual", **options):
+    """Render what must be black; return the one reason told."""
+    result = renderer.render(scene, method=method, **options)
+    assert is_black(result.image)
+    (warning,) = result.warnings
+    start, _, reason = warning.partition(": ")
+    assert start.startswith("the picture is black")
+    assert "\n" not in warning
+    return reason
+
+
+def assert_told(line, reason):
+    assert re.match(reason, line), line
+
+
+def lit_by(*lights, **changes):
+    return SCENE.replace(lights=lights, **changes)
+
+
+def coloured(*rgb):
+    colour = np.broadcast_to(np.float32(rgb), (*VOLUME.shape, 3))
+    return tfm.Volume(VOLUME.data, colour=colour, world_from_index=VOLUME.world_from_index)
+
+
+def specks():
+    """Two voxels far apart."""
+    density = np.zeros((60, 60, 60), np.float32)
+    density[0, 0, 0] = density[-1, -1, -1] = 1
+    return tfm.Volume(density, voxel_size=0.04, origin=(-1.2, -1.2, -1.2), density_scale=100)
+
+
+AT_SPECK = CAMERA.replace(from_=(1.18, 1.18, 4.0), to=(1.18, 1.18, 1.18), fov=10)
+"""Sees one of `specks` in its middle."""
+
+OF_MEDIUM = {
+    "density_scale 0": (SCENE.replace(volume=VOLUME.with_density_scale(0)), "array: density_scale is 0"),
+    "an empty grid": (
+        SCENE.replace(volume=tfm.Volume(np.zeros((4, 5, 6)), name="flame")),
+        "flame: all voxels are 0",
+    ),
+    "several volumes": (
+        SCENE.replace(
+            volume=Volumes([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])
+        ),
+        "flame: all voxels are 0; array: density_scale is 0",
+    ),
+    "colours of 0": (SCENE.replace(volume=coloured(0, 0, 0)), "array: all voxels times their colours are 0"),
+    "density 0": (SCENE.replace(volume=tfm.BoxVolume(density=0)), "volume.density is 0"),
+    "absorbs only": (
+        SCENE.replace(medium=MEDIUM.replace(sigma_s=0)),
+        "medium.sigma_s is 0: the medium absorbs light and scatters none",
+    ),
+    "no medium": (
+        SCENE.replace(medium=MEDIUM.replace(sigma_s=0, sigma_a=0)),
+        "medium.sigma_s and sigma_a are 0: there is nothing to be seen",
+    ),
+    "absorbs what the colours have": (
+        SCENE.replace(volume=coloured(1, 0, 0), medium=MEDIUM.replace(sigma_s=(0, 1, 1))),
+        "medium.sigma_s is 0 in all channels that the volume's colours have",
+    ),
+    "thin": (
+        SCENE.replace(volume=VOLUME.with_density_scale(1e-38)),
+        "the medium is too thin to be seen, its optical depth at most .*: raise density_scale",
+    ),
+}
+
+OF_CAMERA = {
+    "looks away": (
+        SCENE.replace(camera=CAMERA.replace(to=(0.6, 0.8, 9))),
+        "the medium, around .*, is behind the camera",
+    ),
+    "looks to the right": (
+        SCENE.replace(camera=CAMERA.replace(to=(9, 0.8, 4))),
+        "the medium lies left of the picture",
+    ),
+    "looks down": (
+        SCENE.replace(camera=CAMERA.replace(to=(0.6, -9, 0))),
+        "the medium lies above the picture",
+    ),
+    "far away": (
+        SCENE.replace(camera=CAMERA.replace(from_=(0, 0, 1e5))),
+        "the camera sees the medium only 0.0008 pixels wide, .*: bring the camera nearer",
+    ),
+    "voxels between pixels": (
+        SCENE.replace(volume=specks()),
+        "the camera's rays meet no density within .* between the pixels or between the 30 steps",
+    ),
+    "away from a box": (
+        SCENE.replace(volume=tfm.BoxVolume(), camera=CAMERA.replace(to=(0, 0, 9))),
+        "the medium, around 0,0,0, is behind the camera",
+    ),
+}
+
+OF_LIGHTS = {
+    "intensity 0": (lit_by(DARK), "light.intensity is 0"),
+    "all intensities 0": (
+        lit_by(DARK, PointLight(from_=(0, 3, 0), intensity=0)),
+        "all 2 lights have intensity 0",
+    ),
+    "no colour in common": (
+        lit_by(LIGHT.replace(intensity=(1, 0, 1)), medium=MEDIUM.replace(sigma_s=(0, 1, 0))),
+        "the medium scatters green only, of which there is no light",
+    ),
+    "no colour in common with the ambient": (
+        lit_by(DARK, medium=MEDIUM.replace(sigma_s=(0, 1, 1)), ambient=Ambient(radiance=(1, 0, 0))),
+        "the medium scatters green and blue only, of which there is no light",
+    ),
+    "no colour in common with the volume": (
+        lit_by(LIGHT.replace(intensity=(0, 1, 1)), volume=coloured(1, 0, 0)),
+        "the medium scatters red only, of which there is no light",
+    ),
+    "misses": (
+        lit_by(LIGHT.replace(to=AWAY)),
+        "no light reaches the medium: the cone of light 1 misses it",
+    ),
+    "misses a coloured volume": (
+        lit_by(LIGHT.replace(to=AWAY), volume=coloured(1, 0, 0)),
+        "no light reaches the medium: the cone of light 1 misses it",
+    ),
+    "misses a ball": (
+        lit_by(LIGHT.replace(to=AWAY), volume=tfm.SphereVolume()),
+        "no light reaches the medium: the cone of light 1 misses it",
+    ),
+    "thin beside a dark one": (
+        lit_by(DARK, LIGHT.replace(cone=1e-3)),
+        "the cone of light 2 is only 0.00099 pixels wide",
+    ),
+    "dark ones are not told of": (
+        lit_by(DARK, LIGHT.replace(to=AWAY)),
+        "no light reaches the medium: the cone of light 2 misses it",
+    ),
+    "ends before": (
+        lit_by(LIGHT.replace(reach=0.5), PointLight(from_=(0, 5, 0), reach=1)),
+        "no light reaches the medium: light 1 ends at its reach of 0.5, .*; light 2 .* begins 3.28 away",
+    ),
+    "thinner than a pixel": (
+        lit_by(LIGHT.replace(cone=1e-3)),
+        "the cone of light 1 is only 0.00099 pixels wide where it meets the medium, and falls between them",
+    ),
+    "smaller than a pixel": (
+        lit_by(PointLight(from_=(0.0123, 0.0234, 0.1), reach=1e-4)),
+        "the reach of light 1 is only 0.0012 pixels wide",
+    ),
+    "thinner than a pixel, everywhere": (
+        lit_by(LIGHT.replace(cone=1e-3), volume=tfm.EverywhereVolume(density=0.1)),
+        "the cone of light 1 is only .* pixels wide",
+    ),
+    "behind the camera": (
+        lit_by(
+            LIGHT.replace(from_=(0, 0, 9), to=(0, 0, 20), cone=10), volume=tfm.EverywhereVolume(density=0.1)
+        ),
+        "the lights reach the medium only outside of what the picture shows",
+    ),
+    "behind the medium": (
+        lit_by(LIGHT, volume=tfm.EverywhereVolume(density=1e8)),
+        r"what the lights reach of the medium lies behind more of it \(lower volume.density\)",
+    ),
+    "between specks": (
+        lit_by(
+            LIGHT.replace(from_=(-3, 0, 3), to=(1.18, 1.18, 0.3), cone=2),
+            volume=specks(),
+            camera=AT_SPECK,
+            march=tfm.MarchSettings(steps=400),
+        ),
+        "what the lights reach of the medium has no density",
+    ),
+    "swallowed": (
+        lit_by(PointLight(from_=(0, 0, -0.1)), volume=VOLUME.with_density_scale(1e6)),
+        "the medium swallows the light before it gets to what the camera sees: lower density_scale",
+    ),
+    "too faint": (
+        lit_by(LIGHT.replace(from_=(2.2e4, 3e4, 1.2e4), cone=1, intensity=1e-32, falloff="inverse-square")),
+        "too little light for float32 numbers arrives at .*: raise light.intensity",
+    ),
+}
+
+WALL = BoxSolid(from_=(-3, -3, 2.5), to=(3, 3, 2.6), albedo=0)
+OF_SOLIDS = {
+    "hides the medium": (
+        SCENE.replace(solids=(WALL,)),
+        "solids hide the medium from the camera; the solids in view have the albedo 0",
+    ),
+    "surrounds the light": (
+        SCENE.replace(solids=(SphereSolid(centre=LIGHT.from_, radius=0.3),)),
+        "solids keep the light from the medium",
+    ),
+    "ceiling": (
+        lit_by(
+            SunLight(from_=(0, 1, 0), to=(0, 0, 0)), solids=(PlaneSolid(point=(0, 3, 0), normal=(0, 1, 0)),)
+        ),
+        "solids keep the light from the medium; no light reaches the solids in view",
+    ),
+    "in view, unlit": (
+        lit_by(DARK, solids=(SphereSolid(centre=(0, 0, 0), radius=0.5),)),
+        "light.intensity is 0; no light reaches the solids in view",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("scene", "reason"), [*OF_MEDIUM.values(), *OF_CAMERA.values()], ids=[*OF_MEDIUM, *OF_CAMERA]
+)
+def test_of_medium_and_camera(renderer, scene, reason):
+    assert_told(told(renderer, scene), reason)
+
+
+@pytest.mark.parametrize(("scene", "reason"), OF_LIGHTS.values(), ids=OF_LIGHTS)
+def test_of_lights(renderer, scene, reason):
+    assert_told(told(renderer, scene), reason)
+
+
+@pytest.mark.parametrize(("scene", "reason"), OF_SOLIDS.values(), ids=OF_SOLIDS)
+def test_of_solids(renderer, scene, reason):
+    assert_told(told(renderer, scene), reason)
+
+
+@pytest.mark.parametrize("name", ["misses", "swallowed", "thinner than a pixel", "intensity 0"])
+def test_from_maps_it_is_the_same_reason(renderer, name):
+    scene, reason = OF_LIGHTS[name]
+    assert_told(told(renderer, scene, method="tfm"), reason)
+    maps = renderer.build_maps(scene)
+    assert_told(told(renderer, scene, method="tfm", maps=maps), reason)
+
+
+@pytest.fixture
+def textures(tmp_path):
+    """``textures(pixels)`` is the path of an image."""
+
+    def save(pixels):
+        path = tmp_path / "slide.png"
+        PIL.Image.fromarray(np.asarray(pixels, np.uint8)).save(path)
+        return str(path)
+
+    return save
+
+
+def test_of_black_textures(renderer, textures):
+    path = textures(np.zeros((4, 4, 3)))
+    black = f"the texture of light 1 is black: {path}"
+    assert told(renderer, lit_by(LIGHT.replace(texture=path))) == black
+    assert told(renderer, lit_by(EnvironmentLight(texture=path, samples=2))) == black
+
+
+def test_of_a_texture_that_is_black_where_it_is_needed(renderer, textures):
+    pixels = np.zeros((64, 64, 3))
+    pixels[0, 0] = 255
+    scene = lit_by(LIGHT.replace(texture=textures(pixels), cone=60.0))
+    assert told(renderer, scene) == (
+        "the texture of light 1 is black where the camera sees it fall on the medium"
+    )
+
+
+def test_within_a_crop(renderer):
+    result = renderer.render(SCENE, method="dual", crop=(0, 0, 2, 2))
+    assert result.warnings == (
+        "the picture is black within the crop 0,0,2,2: the camera's rays meet no density there",
+    )
+    small = SCENE.replace(camera=CAMERA.replace(fov=120))
+    result = renderer.render(small, method="dual", crop=(0, 0, 2, 2))
+    assert result.warnings == (
+        "the picture is black within the crop 0,0,2,2: the medium lies right of the crop",
+    )
+
+
+@pytest.mark.parametrize("volume", [VOLUME, coloured(1, 0, 0), tfm.SphereVolume()], ids=str)
+def test_a_picture_with_light_is_not_asked(renderer, monkeypatch, volume):
+    monkeypatch.setattr("tfm_cl.render.diagnosis.why_black", None)
+    assert renderer.render(SCENE.replace(volume=volume), method="dual").warnings == ()
+
+
+def test_ambient_light_alone_is_light(renderer):
+    result = renderer.render(lit_by(DARK, ambient=Ambient(radiance=0.1)), method="dual")
+    assert result.warnings == ()
+    assert result.image[..., 0].max() > 0.01
+
+
+def test_a_picture_that_no_exposure_shows_is_black():
+    image = np.zeros((3, 4, 4), np.float32)
+    image[2, 3] = 0, FAINTEST / 1.01, 0, 1
+    assert is_black(image)
+    image[2, 3, 1] = FAINTEST * 1.01
+    assert not is_black(image)
+
+
+def levels(result, exposure):
+    """Whether the PNG of a picture shows anything."""
+    return np.asarray(PIL.Image.open(io.BytesIO(png_bytes(result.image, exposure)))).max()
+
+
+@pytest.mark.parametrize("intensity", [0.0002, 1e-9])
+def test_below_an_8_bit_step(renderer, intensity):
+    result = renderer.render(lit_by(LIGHT.replace(intensity=intensity)), method="dual")
+    assert result.warnings == ()
+    said = too_dark(result, 0.0)
+    brightest = result.image[..., :3].max()
+    assert said.startswith(
+        f"the picture is black: its brightest value, {brightest:.3g}, is less than an 8-bit step: --exposure "
+    )
+    assert levels(result, 0.0) == 0
+    stops = int(said.split("--exposure ")[1].split()[0])
+    assert levels(result, stops) > 80
+    assert too_dark(result, stops) == ""
+
+
+def test_no_more_stops_are_proposed_than_there_are(renderer):
+    result = renderer.render(lit_by(LIGHT.replace(intensity=1e-31)), method="dual")
+    assert "--exposure 100 shows it" in too_dark(result, 0.0)
+    assert levels(result, 100) > 0
+
+
+def test_just_an_8_bit_step_is_no_warning(renderer):
+    result = renderer.render(SCENE, method="dual")
+    at_step = np.log2(EIGHT_BIT_STEP / result.image[..., :3].max())
+    for exposure in (at_step - 0.01, at_step + 0.01):
+        assert (too_dark(result, exposure) == "") is bool(levels(result, exposure))
+
+
+def test_below_an_8_bit_step_a_thin_medium_is_told_too(renderer):
+    scene = SCENE.replace(volume=VOLUME.with_density_scale(1e-6))
+    said = too_dark(renderer.render(scene, method="dual"), 0.0)
+    assert "; the medium is too thin to be seen, its optical depth at most " in said
+    assert said.endswith(": raise density_scale")
+
+
+def test_a_density_too_thin_for_the_largest_scale():
+    volume = tfm.Volume(1e-40 * blobs(), density_scale=1e25)
+    scene = SCENE.replace(volume=volume)
+    assert too_thin(scene.volume, scene.medium).endswith(" even with the largest density_scale, 1e+25")

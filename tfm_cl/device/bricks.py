@@ -1,0 +1,365 @@
+"""The volume on the device: records of voxels for the blocks that hold density, and a table of all bricks.
+
+The grid padded with one zero voxel on each side is cut into bricks of 4×4×4 cells (a cell is the cube
+between eight voxel centres) and blocks of 2×2×2 bricks. A block with density has a record of every voxel
+that its cells touch, so that a trilinear sample reads one record. The table says for a brick with density
+which record is its block's, and for one without how far the nearest with density is, so that a march jumps
+there. Memory follows the blocks with density; nothing dense is ever made.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+from tfm_cl.device.launch import int4
+from tfm_cl.errors import DeviceMemoryError
+from tfm_cl.scene.bodies.leaves import LEAF, Leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from tfm_cl.device.launch import Launcher
+
+VoxelType = Literal["f32", "f16", "u8"]
+
+BRICK_EDGE = 4
+"""Cells along a brick's edge, as in ``kernels/volume.h``."""
+BLOCK_BRICKS = 2
+"""Bricks along a block's edge."""
+MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
+"""Lanes -> cells along an axis within which a tile's lanes share reads, as in ``kernels/volume.h``."""
+VOXEL_BITS: dict[VoxelType, int] = {"f32": 32, "f16": 16, "u8": 8}
+MOST_POOLS = 8
+MAX_INDEX = (1 << 31) - 1
+"""Largest voxel index within a pool, and largest number of bricks: the kernels' ints."""
+FARTHEST = 32
+"""Largest distance, in bricks, that the table tells."""
+SLAB_BYTES = 64 << 20
+"""Leaves uploaded at a time."""
+TABLE_ENTRY = 4
+"""Bytes of a brick in the table."""
+ANY_GRID = {"TFM_POOLS": 1, "TFM_VOLUMES": 1}
+"""Macros of kernels that make records and read none."""
+BATCH = 1024
+"""Leaves looked at at a time on the host."""
+
+
+@dataclass(frozen=True)
+class BrickGrid:
+    """The bricks of one or several volumes on a device."""
+
+    table: cl.Buffer
+    """int [z, y, x] of the bricks, a volume after the other: number of the record, from 1, or minus the
+    distance to the nearest."""
+    pools: tuple[cl.Buffer, ...]
+    """Records, ``pool_size`` each; record 0 is all zero."""
+    brick_counts: tuple[tuple[int, int, int], ...]
+    """Of each volume, bricks along x, y, z."""
+    occupied: int
+    """Bricks with density."""
+    records: int
+    """Blocks with density, and the zero record."""
+    pool_size: int
+    voxels: VoxelType
+    exponents: tuple[int, ...]
+    """A stored voxel times two to this power is its volume's."""
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Macros of every kernel that reads the grid."""
+        return {
+            "TFM_VOXEL_BITS": VOXEL_BITS[self.voxels],
+            "TFM_POOLS": 1 if len(self.pools) == 1 else MOST_POOLS,
+            "TFM_VOLUMES": len(self.brick_counts),
+        }
+
+    @property
+    def arguments(self) -> tuple[cl.Buffer, ...]:
+        """Kernel arguments: the table, and one or `MOST_POOLS` pools."""
+        if len(self.pools) == 1:
+            return (self.table, *self.pools)
+        return (self.table, *self.pools, *(self.pools[:1] * (MOST_POOLS - len(self.pools))))
+
+    @property
+    def nbytes(self) -> int:
+        """Size on the device."""
+        return sum(int(buffer.size) for buffer in (self.table, *self.pools))
+
+
+def record_voxels(lanes: int) -> int:
+    """Voxels of a record, rounded up to 4."""
+    edge = BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]
+    return -(-(edge**3) // 4) * 4
+
+
+def record_bytes(lanes: int, voxels: VoxelType) -> int:
+    """Size of a record; 8 bits come with the float that 255 stands for."""
+    return record_voxels(lanes) * VOXEL_BITS[voxels] // 8 + (4 if voxels == "u8" else 0)
+
+
+def brick_count_of(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Bricks along x, y, z, of whole blocks, that cover the padded grid of ``shape`` (z, y, x) voxels."""
+    z, y, x = (((n + 1) // (BLOCK_BRICKS * BRICK_EDGE) + 1) * BLOCK_BRICKS for n in shape)
+    return x, y, z
+
+
+def device_bytes(leaves: Leaves, lanes: int, voxels: VoxelType) -> int:
+    """Size that `build_bricks` will give a volume, without a device: `BrickGrid.nbytes`."""
+    records = 1 + _count_blocks(leaves, lanes)  # the first record is zero
+    return records * record_bytes(lanes, voxels) + TABLE_ENTRY * math.prod(brick_count_of(leaves.shape))
+
+
+def _count_blocks(leaves: Leaves, lanes: int) -> int:
+    """Count the blocks whose records have a voxel > 0."""
+    edge = BLOCK_BRICKS * BRICK_EDGE
+    size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
+    found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
+    # Padded by one voxel, a leaf begins at the same place within a block wherever it lies.
+    shift = np.array([1 - first for first in leaves.first])
+    candidates = np.arange(-1, 1 + LEAF // edge)
+    low = edge * candidates[:, None] - shift[:, None, None] % edge
+    reads = (low <= np.arange(LEAF)) & (np.arange(LEAF) < low + edge + MOST_SHARED[lanes])
+    for start in range(0, len(leaves.values), BATCH):
+        occupied = (leaves.values[start : start + BATCH] > 0).astype(np.float32)
+        z, y, x = reads.astype(np.float32)
+        touched = np.einsum("nzyx,kz,jy,ix->nkji", occupied, z, y, x, optimize=True) > 0
+        leaf, *place = np.nonzero(touched)
+        base = (LEAF * leaves.coordinates[start : start + BATCH].astype(np.int64) + shift) // edge
+        block = base[leaf] + candidates[np.stack(place, axis=-1)]
+        inside = ((block >= 0) & (block < size)).all(axis=1)
+        found = np.union1d(found, np.ravel_multi_index(tuple(block[inside].T), size))
+    return len(found)
+
+
+def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxels: VoxelType) -> BrickGrid:
+    """Put the leaves of volumes on the device as bricks.
+
+    Parameters
+    ----------
+    volumes
+        Each volume's voxels.
+    what
+        Names them in messages.
+    voxels
+        Type that records are stored in. ``f16``: relative error 2⁻¹¹ (absolute 3e-8 of the largest
+        density); ``u8``: absolute error 1/510 of the largest density of the block.
+
+    Raises
+    ------
+    DeviceMemoryError
+        When the records exceed the device's memory, or `MOST_POOLS` of its largest buffers.
+    """
+    counts = tuple(brick_count_of(leaves.shape) for leaves in volumes)
+    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * check_count(volumes, what))
+    slabs = [list(_slabs(launcher, leaves, count[2])) for leaves, count in zip(volumes, counts, strict=True)]
+    flags = [
+        np.concatenate([_occupied(launcher, slab, count) for slab in of_volume])
+        for of_volume, count in zip(slabs, counts, strict=True)
+    ]
+    blocks = [_any_of_blocks(of_volume) for of_volume in flags]
+    records = 1 + sum(int(np.count_nonzero(of_volume)) for of_volume in blocks)
+    pools, pool_size = _allocate(launcher, what, records, voxels)
+    exponents = tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in volumes)
+    occupied = sum(int(np.count_nonzero(of_volume)) for of_volume in flags)
+    grid = BrickGrid(table, pools, counts, occupied, records, pool_size, voxels, exponents)
+    done, tables = 1, []
+    for i, of_volume in enumerate(slabs):
+        tables.append(brick_table(flags[i], blocks[i], done).ravel())
+        for slab in of_volume:
+            first, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
+            places = np.argwhere(blocks[i][first:end])[:, ::-1] + (0, 0, first)
+            _fill(launcher, slab, grid, exponents[i], places, done)
+            done += len(places)
+    launcher.write(table, np.concatenate(tables))
+    return grid
+
+
+def check_count(volumes: Sequence[Leaves], what: str) -> int:
+    """Count the bricks of volumes, also empty ones.
+
+    Raises
+    ------
+    DeviceMemoryError
+        More than kernels can index on any device.
+    """
+    bricks = sum(math.prod(brick_count_of(leaves.shape)) for leaves in volumes)
+    if bricks > MAX_INDEX:
+        raise DeviceMemoryError(f"{what} has {bricks:,} bricks; kernels index {MAX_INDEX:,}")
+    return bricks
+
+
+def _any_of_blocks(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which blocks have a brick that is flagged."""
+    z, y, x = (n // BLOCK_BRICKS for n in flags.shape)
+    split = flags.reshape(z, BLOCK_BRICKS, y, BLOCK_BRICKS, x, BLOCK_BRICKS)
+    return np.asarray(split.any(axis=(1, 3, 5)))
+
+
+def brick_table(
+    flags: NDArray[np.bool_], blocks: NDArray[np.bool_], first_record: int = 1
+) -> NDArray[np.int32]:
+    """Give bricks with density their block's record, others minus their chessboard distance.
+
+    Records are numbered from ``first_record``, z-major. Distances stop at `FARTHEST`: a jump may be shorter
+    than it could.
+    """
+    table = np.full(flags.shape, -FARTHEST, np.int32)
+    reached = flags
+    for distance in range(1, FARTHEST):
+        grown: NDArray[np.bool_] = _dilated(reached)
+        table[grown & ~reached] = -distance
+        if np.array_equal(grown, reached):
+            break
+        reached = grown
+    numbers = np.zeros(blocks.shape, np.int32)
+    numbers[blocks] = np.arange(first_record, first_record + np.count_nonzero(blocks), dtype=np.int32)
+    for axis in range(3):
+        numbers = numbers.repeat(BLOCK_BRICKS, axis=axis)
+    np.copyto(table, numbers, where=flags)
+    return table
+
+
+def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Every brick that touches one of the flagged, corners too."""
+    for axis in range(3):
+        grown = flags.copy()
+        low, high = [slice(None)] * 3, [slice(None)] * 3
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        grown[tuple(low)] |= flags[tuple(high)]
+        grown[tuple(high)] |= flags[tuple(low)]
+        flags = grown
+    return flags
+
+
+@dataclass(frozen=True)
+class _Slab:
+    """Brick layers, and the leaves that they touch."""
+
+    first_layer: int
+    end_layer: int
+    table: NDArray[np.int32]
+    """[z, y, x] of leaves: their numbers in ``values``, or -1."""
+    values: NDArray[np.float32]
+    first: tuple[int, int, int]
+    """Where voxel (0, 0, 0) (x, y, z) of the padded grid lies, from the slab's first leaf voxel."""
+
+
+def _slabs(launcher: Launcher, leaves: Leaves, layers: int) -> Iterator[_Slab]:
+    """Cut the volume into slabs of block layers whose leaves take about `SLAB_BYTES`."""
+    beyond = MOST_SHARED[launcher.lanes]
+    most = min(SLAB_BYTES, launcher.largest_buffer)
+    leaf_layers, rows, columns = leaves.dims
+    starts = np.searchsorted(leaves.coordinates[:, 0], np.arange(leaf_layers + 1))
+    layer = 0
+    while layer < layers:
+        end = layer + BLOCK_BRICKS
+        low, high = _leaf_range(leaves, layer, end, leaf_layers, beyond)
+        while end < layers:
+            wider = _leaf_range(leaves, layer, end + BLOCK_BRICKS, leaf_layers, beyond)
+            if (starts[wider[1]] - starts[wider[0]]) * 4 * LEAF**3 > most:
+                break
+            low, high = wider
+            end += BLOCK_BRICKS
+        chosen = slice(int(starts[low]), int(starts[high]))
+        table = np.full((max(high - low, 1), rows, columns), -1, np.int32)
+        z, y, x = leaves.coordinates[chosen].T
+        table[z - low, y, x] = np.arange(len(z), dtype=np.int32)
+        first = (leaves.first[2] - 1, leaves.first[1] - 1, leaves.first[0] - 1 - low * LEAF)
+        yield _Slab(layer, end, table, leaves.values[chosen], first)
+        layer = end
+
+
+def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: int) -> tuple[int, int]:
+    """Leaf layers that the records of brick layers ``layer`` to ``end`` (excluded) read."""
+    low = (layer * BRICK_EDGE - 1 + leaves.first[0]) // LEAF
+    high = (end * BRICK_EDGE - 2 + beyond + leaves.first[0]) // LEAF + 1
+    return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
+
+
+def _leaf_arguments(launcher: Launcher, slab: _Slab) -> tuple[object, ...]:
+    z, y, x = slab.table.shape
+    values = slab.values if len(slab.values) else np.zeros(1, np.float32)
+    return (
+        launcher.upload("the leaf table", slab.table),
+        launcher.upload("the leaves", values),
+        int4(x, y, z, 0),
+        int4(*slab.first, 0),
+    )
+
+
+def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> NDArray[np.bool_]:
+    """Which bricks [z, y, x] of a slab hold density."""
+    shape = (slab.end_layer - slab.first_layer, count[1], count[0])
+    if not len(slab.values):
+        return np.zeros(shape, np.bool_)
+    kernel = launcher.kernels.kernel("find_occupied", "bricks.cl", (), {"TFM_VOXEL_BITS": 32, **ANY_GRID})
+    flags = launcher.empty("the occupied bricks", math.prod(shape))
+    launcher.run(
+        kernel,
+        shape[::-1],
+        *_leaf_arguments(launcher, slab),
+        int4(*shape[::-1], 0),
+        np.int32(slab.first_layer),
+        flags,
+    )
+    return launcher.download(flags, shape, np.uint8).astype(np.bool_)
+
+
+def _allocate(
+    launcher: Launcher, what: str, records: int, voxels: VoxelType
+) -> tuple[tuple[cl.Buffer, ...], int]:
+    """Make the pools for so many records; the first record is zero."""
+    size = record_bytes(launcher.lanes, voxels)
+    pool_size = min(launcher.largest_buffer // size, MAX_INDEX // (record_voxels(launcher.lanes) + 4))
+    if records > MOST_POOLS * pool_size:
+        hint = "" if voxels == "u8" else "; smaller voxels may fit: --voxels f16 or u8"
+        raise DeviceMemoryError(
+            f"{what} needs {records * size / 2**20:,.1f} MiB; {launcher.device.name.strip()} allows "
+            f"{MOST_POOLS * launcher.largest_buffer / 2**20:,.1f} MiB in {MOST_POOLS} buffers{hint}"
+        )
+    counts = [min(pool_size, records - start) for start in range(0, records, pool_size)]
+    pools = tuple(launcher.empty(what, size * count) for count in counts)
+    launcher.write(pools[0], np.zeros(size, np.uint8))
+    return pools, pool_size
+
+
+def _exponent(largest: float) -> int:
+    """Find the power of two that brings voxels into [0, 2): exact for values that are halves already."""
+    return math.frexp(largest)[1] - 1 if largest > 0 else 0
+
+
+def _fill(
+    launcher: Launcher,
+    slab: _Slab,
+    grid: BrickGrid,
+    exponent: int,
+    places: NDArray[np.int64],
+    record: int,
+) -> None:
+    """Write the records of the blocks at ``places`` [N, 3] (x, y, z), numbered from ``record``."""
+    if not len(places):
+        return
+    kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), grid.defines | ANY_GRID)
+    leaf_arguments = _leaf_arguments(launcher, slab)
+    while len(places):
+        pool, within = divmod(record, grid.pool_size)
+        here = places[: grid.pool_size - within]
+        blocks = np.zeros((len(here), 4), np.int32)
+        blocks[:, :3] = here
+        launcher.run(
+            kernel,
+            (len(here),),
+            *leaf_arguments,
+            launcher.upload("the blocks' places", blocks),
+            np.int32(len(here)),
+            np.int32(within),
+            np.int32(-exponent),
+            grid.pools[pool],
+        )
+        places, record = places[len(here) :], record + len(here)

@@ -1,0 +1,164 @@
+"""Choosing an OpenCL device by name, and describing what there is."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pyopencl as cl
+
+from tfm_cl.device.kernel_cache import kernel_cache
+from tfm_cl.errors import DeviceError, NoDeviceError
+from tfm_cl.interrupts import interrupts_held
+
+DEFAULT_PLATFORM = "Portable Computing Language"
+"""PoCL, which pip installs with us: the device used when none is named."""
+
+HOW_TO_GET_ONE = "install the embedded CPU device with: pip install 'pyopencl[pocl]'"
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One row of ``tfm devices``."""
+
+    name: str
+    platform: str
+    version: str
+    kind: str
+    compute_units: int
+    global_memory: int
+    """Bytes."""
+    max_allocation: int
+    """Bytes of the largest single buffer."""
+    max_work_group: int
+    default: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return asdict(self)
+
+
+def list_devices() -> list[DeviceInfo]:
+    """Describe every OpenCL device of this machine; an empty list when there is none."""
+    devices = _all_devices()
+    default = _preferred(devices) if devices else None
+    return [
+        DeviceInfo(
+            name=device.name.strip(),
+            platform=device.platform.name.strip(),
+            version=device.platform.version.strip(),
+            kind=_kind(device.type),
+            compute_units=device.max_compute_units,
+            global_memory=device.global_mem_size,
+            max_allocation=device.max_mem_alloc_size,
+            max_work_group=device.max_work_group_size,
+            default=device is default,
+        )
+        for device in devices
+    ]
+
+
+def choose_device(name: str | None = None) -> cl.Device:
+    """Find a device.
+
+    Parameters
+    ----------
+    name
+        Part of the device's or its platform's name, in any case; by default PoCL, else the first device.
+
+    Raises
+    ------
+    NoDeviceError
+        There is none (says how to get PoCL), or none of that name (lists the names).
+    """
+    devices = _all_devices()
+    if not devices:
+        raise NoDeviceError(f"no OpenCL device found; {HOW_TO_GET_ONE}")
+    if name:
+        wanted = name.casefold()
+        for device in devices:
+            if wanted in f"{device.platform.name} {device.name}".casefold():
+                return device
+        names = ", ".join(f"'{device.platform.name.strip()}: {device.name.strip()}'" for device in devices)
+        raise NoDeviceError(f"no OpenCL device with '{name}' in its name; there is {names}")
+    return _preferred(devices)
+
+
+def _preferred(devices: list[cl.Device]) -> cl.Device:
+    ours = [device for device in devices if DEFAULT_PLATFORM in device.platform.name]
+    return (ours or devices)[0]
+
+
+def _kind(bits: int) -> str:
+    kinds = {"CPU": cl.device_type.CPU, "GPU": cl.device_type.GPU, "accelerator": cl.device_type.ACCELERATOR}
+    return next((name for name, bit in kinds.items() if bits & int(bit)), "other")
+
+
+def was_forked() -> bool:
+    """Tell whether this process was forked from one that used OpenCL."""
+    return bool(_used_by) and os.getpid() not in _used_by
+
+
+def check_process() -> None:
+    """Refuse OpenCL to a process that was forked from one that used it: its first call would never return.
+
+    Raises
+    ------
+    DeviceError
+        In such a process.
+    """
+    if was_forked():
+        raise DeviceError(
+            "this process was forked from one that uses OpenCL, which does not survive that; start processes "
+            "with spawn: multiprocessing.get_context('spawn')"
+        )
+
+
+_used_by: set[int] = set()
+"""The process that has used OpenCL, if any; a forked one inherits its number."""
+
+
+def _all_devices() -> list[cl.Device]:
+    check_process()
+    _used_by.add(os.getpid())
+    devices = []
+    with interrupts_held(), _own_caches() as refusal:  # drivers start threads, which begin compilers
+        try:
+            platforms = cl.get_platforms()
+        except cl.Error:  # the loader reports "no platform" as an error
+            platforms = []
+        for platform in platforms:
+            with contextlib.suppress(cl.Error):  # a platform without a device
+                devices += platform.get_devices()
+    if refusal is not None and not devices:
+        raise refusal
+    return devices
+
+
+@contextlib.contextmanager
+def _own_caches() -> Iterator[DeviceError | None]:
+    """Let PoCL and pyopencl start with caches of this process; yields why they cannot.
+
+    Each looks for its folder once, so the environment names them only while they start.
+    """
+    if os.name != "posix":
+        yield None
+        return
+    try:
+        cache = kernel_cache()
+    except DeviceError as error:
+        yield error
+        return
+    folders = {"POCL_CACHE_DIR": str(cache.folder), "XDG_CACHE_HOME": str(cache.others)}
+    before = {name: os.environ.get(name) for name in folders}
+    os.environ.update(folders)
+    try:
+        import pyopencl.invoker  # noqa: F401, PLC0415 - opens its database when it is imported
+
+        yield None
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value

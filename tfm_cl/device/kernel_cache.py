@@ -1,0 +1,275 @@
+"""Keeping what PoCL compiled, so that no run can spoil a later one.
+
+PoCL ends the whole process where its cache has no room or holds damaged files. So each process has a cache of
+its own, empty at first, in a folder with room (`tfm_cl.device.scratch`). What ran well there is kept for
+later processes in a folder of the user's: one file for each program, which begins with its digest.
+"""
+
+import contextlib
+import functools
+import hashlib
+import io
+import os
+import shutil
+import tempfile
+import threading
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from tfm_cl.device.scratch import Scratch, make_scratch
+from tfm_cl.errors import DeviceError
+
+KEPT_DAYS = 90
+"""Programs that were not used for so long are removed."""
+
+MOST_BYTES = 64 << 20
+"""Of a kept program; they have a few hundred KiB."""
+
+SUFFIX = ".kernels"
+
+
+class Store:
+    """The folder of the user's in which programs are kept.
+
+    Parameters
+    ----------
+    folder
+        Made if missing. Where it cannot be used nothing is kept, and `take_notes` says so.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._usable = self._writable = True
+        self._damaged = 0
+        self._notes: list[str] = []
+        try:
+            _make_own(folder)
+        except OSError as error:
+            self._usable = False
+            self._tell(error)
+
+    def read(self, name: str) -> bytes | None:
+        """Return what was kept under a name, or None; a damaged file is thrown away."""
+        path = self._folder / f"{name}{SUFFIX}"
+        if not self._usable or not os.path.lexists(path):
+            return None
+        content = b""
+        with contextlib.suppress(OSError):
+            if path.is_file() and path.stat().st_size <= MOST_BYTES:
+                content = path.read_bytes()
+        digest, packed = content[:32], content[32:]
+        if digest != hashlib.sha256(packed).digest():
+            self._damaged += 1
+            _remove(path)
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)
+        return packed
+
+    def write(self, name: str, packed: bytes) -> None:
+        """Keep something under a name, or take note of why it cannot be kept."""
+        if not self._usable or not self._writable:
+            return
+        temporary = None
+        try:
+            with tempfile.NamedTemporaryFile(dir=self._folder, suffix=f"{SUFFIX}.tmp", delete=False) as file:
+                temporary = Path(file.name)
+                file.write(hashlib.sha256(packed).digest() + packed)
+            temporary.replace(self._folder / f"{name}{SUFFIX}")
+        except OSError as error:
+            self._writable = False
+            self._tell(error)
+            if temporary is not None:
+                _remove(temporary)
+        self._remove_old()
+
+    def take_notes(self) -> tuple[str, ...]:
+        """Return what the user should know, once."""
+        notes, self._notes = self._notes, []
+        if self._damaged:
+            files = "1 damaged file" if self._damaged == 1 else f"{self._damaged} damaged files"
+            notes.append(f"{self._folder}: {files} thrown away, the kernels in there were compiled again")
+            self._damaged = 0
+        return tuple(notes)
+
+    def _tell(self, error: OSError) -> None:
+        self._notes.append(
+            f"{self._folder}: compiled kernels cannot be kept there ({error.strerror or error}), so each run "
+            "compiles them again; set POCL_CACHE_DIR to a folder of your own that has room"
+        )
+
+    @functools.cache  # noqa: B019 - once for the one store of a process
+    def _remove_old(self) -> None:
+        with contextlib.suppress(OSError):
+            for path in self._folder.glob(f"*{SUFFIX}*"):
+                if time.time() - path.lstat().st_mtime > KEPT_DAYS * 86400:
+                    _remove(path)
+
+
+class KernelCache:
+    """PoCL's cache of this process, filled from a store and into it.
+
+    Parameters
+    ----------
+    scratch
+        Folder of this process.
+    store
+        Where programs are kept for other processes.
+    """
+
+    def __init__(self, scratch: Scratch, store: Store) -> None:
+        self.folder = scratch.path / "pocl"
+        """PoCL's own, ``POCL_CACHE_DIR``."""
+        self.others = scratch.path / "caches"
+        """``XDG_CACHE_HOME`` for the database of pyopencl: what it saves is made again in no time."""
+        for folder in (self.folder, self.others):
+            folder.mkdir()
+        self._scratch, self._store = scratch, store
+        self._programs: dict[str, KeptProgram] = {}
+        self.lock = threading.Lock()
+        """Held while a program is built, so that it is known which folders are its own."""
+
+    def program(self, *key: str) -> "KeptProgram":
+        """Return the program that these texts tell from all others."""
+        name = hashlib.sha256("\0".join(key).encode()).hexdigest()
+        return self._programs.setdefault(name, KeptProgram(self, name))
+
+    def take_notes(self) -> tuple[str, ...]:
+        """Return what the user should know, once."""
+        return self._store.take_notes()
+
+    def folders(self) -> set[Path]:
+        """Return PoCL's folders, one for each program."""
+        return {path for path in self.folder.glob("*/*") if path.is_dir()}
+
+    def restore(self, name: str) -> None:
+        """Give PoCL what is kept of a program, or make sure that there is room to compile it.
+
+        Raises
+        ------
+        DeviceError
+            When there is none.
+        """
+        packed = self._store.read(name)
+        try:
+            if packed is None:
+                self._scratch.check_room()
+            else:
+                zipfile.ZipFile(io.BytesIO(packed)).extractall(self.folder)
+        except OSError as error:
+            raise DeviceError(
+                f"{self._scratch.path.parent}: no room is left for compiling kernels "
+                f"({error.strerror or error}); make room there, or set TMPDIR to a folder that has it"
+            ) from error
+
+    def keep(self, name: str, folders: set[Path]) -> None:
+        """Keep what PoCL has of a program."""
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", strict_timestamps=False) as archive:
+            for path in sorted(path for folder in folders for path in folder.rglob("*")):
+                archive.write(path, path.relative_to(self.folder))
+        self._store.write(name, packed.getvalue())
+
+
+class KeptProgram:
+    """A program in a `KernelCache`.
+
+    Parameters
+    ----------
+    cache
+        Where it is built.
+    name
+        What it is kept by.
+    """
+
+    def __init__(self, cache: KernelCache, name: str) -> None:
+        self._cache, self._name = cache, name
+        self._folders: set[Path] = set()
+        self._kept: set[Path] = set()
+
+    @contextlib.contextmanager
+    def building(self) -> Iterator[None]:
+        """Build it in here, with what is kept of it, if anything.
+
+        Raises
+        ------
+        DeviceError
+            When it is not kept and there is no room to compile it.
+        """
+        with self._cache.lock:
+            if self._folders:  # built before, in another context
+                yield
+                return
+            before = self._cache.folders()
+            try:
+                self._cache.restore(self._name)
+                restored = self._cache.folders() - before
+                yield
+            except BaseException:
+                for folder in self._cache.folders() - before:
+                    _remove(folder)
+                raise
+            # PoCL makes another one where what was kept is of another processor or another included file.
+            self._folders = self._cache.folders() - before - restored or restored
+            self._kept = self._compiled(restored)
+
+    def keep(self) -> None:
+        """Keep it with all that was compiled so far; call it when that has run."""
+        compiled = self._compiled(self._folders)
+        if not compiled <= self._kept:
+            self._kept = compiled
+            self._cache.keep(self._name, self._folders)
+
+    @staticmethod
+    def _compiled(folders: set[Path]) -> set[Path]:
+        """Return folders: a program's, and one for each work-group size of a kernel with machine code."""
+        return folders | {path for folder in folders for path in folder.glob("*/*")}
+
+
+@functools.cache
+def kernel_cache() -> KernelCache:
+    """Return this process's cache; it is made at the first call.
+
+    Raises
+    ------
+    DeviceError
+        There is no room for it anywhere.
+    """
+    folder = store_folder()
+    store = Store(folder)
+    return KernelCache(make_scratch(others=[folder]), store)
+
+
+def take_notes() -> tuple[str, ...]:
+    """Return what the user should know of this process's cache, if it has one; each line once."""
+    return kernel_cache().take_notes() if kernel_cache.cache_info().currsize else ()
+
+
+def store_folder() -> Path:
+    """Where compiled kernels are kept: ``POCL_CACHE_DIR``, or else the user's cache folder."""
+    if named := os.environ.get("POCL_CACHE_DIR"):
+        return Path(named).absolute() / "tfm_cl" / "kernels"
+    caches = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")  # noqa: PTH111
+    return Path(caches) / "tfm_cl" / "kernels"
+
+
+def _make_own(folder: Path) -> None:
+    """Make a folder, or an OSError where it is not this user's alone: what is in there is run."""
+    if not folder.is_absolute():
+        raise FileNotFoundError(0, "there is no home folder")
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.stat()
+    if found.st_uid != os.geteuid():
+        raise PermissionError(0, "it belongs to somebody else")
+    if found.st_mode & 0o022:
+        raise PermissionError(0, "others may write there")
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()

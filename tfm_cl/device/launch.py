@@ -1,0 +1,292 @@
+"""What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Literal
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+from pyopencl import cltypes
+from pyopencl.tools import ImmediateAllocator, MemoryPool
+
+from tfm_cl.device.device import check_process, was_forked
+from tfm_cl.device.program import KernelLibrary, build
+from tfm_cl.errors import DeviceError, DeviceMemoryError
+
+Progress = Callable[[str, float], None]
+"""Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
+
+LAUNCH_SECONDS = 0.1
+"""Work is cut so that a launch takes about this long: a device shared with a screen stays responsive, and
+Ctrl-C is heard."""
+
+FIRST_SAMPLES = 1 << 25
+"""Density samples, at most, of the first launch of a pass: the following ones are cut by its time."""
+MOST_SAMPLES = 1 << 28
+"""Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
+
+WORK_GROUPS: dict[int, tuple[int, ...]] = {1: (64,), 2: (4, 4), 3: (4, 4, 4)}
+"""Dimensions -> work-group size. Always the same: CPU drivers compile a kernel anew for every size; kernels
+check their bounds."""
+GPU_TILES = (8, 8)
+"""Work-group of texels and pixels where a work-item carries one."""
+
+TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
+"""Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/lanes.h``."""
+
+
+def int4(x: int, y: int, z: int, w: int) -> Any:
+    """Make a kernel argument of OpenCL's type int4."""
+    return cltypes.make_int4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
+
+
+def float4(x: float, y: float, z: float, w: float) -> Any:
+    """Make a kernel argument of OpenCL's type float4."""
+    return cltypes.make_float4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
+
+
+LANES_PROBE = """
+#if defined(__AVX512F__)
+__kernel void lanes_16(void) {}
+#elif defined(__AVX__)
+__kernel void lanes_8(void) {}
+#else
+__kernel void lanes_4(void) {}
+#endif
+"""
+"""Its kernel's name tells how many floats fit a register of what a CPU's driver compiles for."""
+
+
+def lanes_of(context: cl.Context) -> tuple[int, ...]:
+    """Rays that a work-item may carry on the context's device; the last is what suits it best.
+
+    On a CPU as many as fit a register of the code that the driver's compiler makes, which need not be the
+    processor's: PoCL 3.0 compiles for a Zen 3 on its successors, and links built-in functions for AVX-512;
+    callers and functions of wider vectors then disagree about where these are. Hardware that groups
+    work-items itself takes any number, best one.
+    """
+    (device,) = context.devices
+    if not device.type & cl.device_type.CPU:
+        return (*sorted(TILE, reverse=True),)
+    program, kept = build(context, LANES_PROBE, ("-cl-std=CL1.2",))
+    (name,) = program.kernel_names.split(";")
+    if kept is not None:
+        kept.keep()
+    return tuple(lanes for lanes in TILE if lanes <= int(name.removeprefix("lanes_")))
+
+
+class Launcher:
+    """One device's context, queue and kernels.
+
+    Parameters
+    ----------
+    device
+        OpenCL device.
+    options
+        Further compiler options.
+    lanes
+        Rays a work-item carries, 1, 4, 8 or 16; by default what suits the device.
+    largest_buffer
+        Bytes; by default the device's limit.
+    work_group
+        Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
+
+    Raises
+    ------
+    DeviceError
+        Lanes that the device does not have.
+    """
+
+    def __init__(
+        self,
+        device: cl.Device,
+        options: tuple[str, ...] = (),
+        *,
+        lanes: int | None = None,
+        largest_buffer: int | None = None,
+        work_group: tuple[int, int] | Literal["auto"] | None = "auto",
+    ) -> None:
+        self.device = device
+        self._context = cl.Context([device])
+        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self.lanes_possible = lanes_of(self.context)
+        self.lanes = self.lanes_possible[-1] if lanes is None else lanes
+        if self.lanes not in self.lanes_possible:
+            possible = ", ".join(map(str, sorted(self.lanes_possible)))
+            raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
+        self._kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
+        tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
+        self._groups: dict[int, tuple[int, ...] | None] = {
+            **WORK_GROUPS,
+            2: tiles if work_group == "auto" else work_group,
+        }
+        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+
+    # All that is done on the device goes through one of these three.
+
+    @property
+    def context(self) -> cl.Context:
+        """With the one device."""
+        check_process()
+        return self._context
+
+    @property
+    def queue(self) -> cl.CommandQueue:
+        """In order, with times."""
+        check_process()
+        return self._queue
+
+    @property
+    def kernels(self) -> KernelLibrary:
+        """All kernels used so far."""
+        check_process()
+        return self._kernels
+
+    def run(self, kernel: cl.Kernel, size: tuple[int, ...], *args: Any) -> float:
+        """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
+
+        The size is rounded up to whole work-groups: kernels check their bounds.
+        """
+        group = self._groups[len(size)]
+        whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
+        try:
+            event = kernel(self.queue, whole, group, *args)
+            event.wait()
+        except cl.MemoryError as error:
+            raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
+        except cl.Error as error:
+            raise DeviceError(
+                f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
+            ) from error
+        self.kernels.ran(kernel)
+        return float(event.profile.end - event.profile.start) * 1e-9
+
+    def run_tiles(self, kernel: cl.Kernel, window: tuple[int, int, int, int], *args: Any) -> float:
+        """Run a kernel whose work-items each take a tile, over the tiles that x0, y0, x1, y1 touches."""
+        return self.run(kernel, self.tiles(window), *args)
+
+    def tiles(self, window: tuple[int, int, int, int]) -> tuple[int, int]:
+        """Tiles along x and y that x0, y0, x1, y1 touches."""
+        x0, y0, x1, y1 = window
+        width, height = TILE[self.lanes]
+        return -(-x1 // width) - x0 // width, -(-y1 // height) - y0 // height
+
+    def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
+        """Allocate a device buffer.
+
+        Parameters
+        ----------
+        what
+            Names it in messages.
+        reuse
+            Take memory that an earlier frame gave back: fresh pages cost as much as filling them.
+
+        Raises
+        ------
+        DeviceMemoryError
+            When it exceeds the device's largest allocation, or allocation fails: with both numbers.
+        """
+        limit = self.largest_buffer
+        if nbytes > limit:
+            raise DeviceMemoryError(
+                f"{what} needs a buffer of {nbytes / 2**20:,.0f} MiB; "
+                f"{self.device.name.strip()} allows {limit / 2**20:,.0f} MiB"
+            )
+        try:
+            if reuse:
+                pooled: cl.Buffer = self._pool.allocate(max(nbytes, 16))  # type: ignore[assignment]
+                return pooled
+            return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+        except cl.Error as error:
+            raise DeviceMemoryError(
+                f"{what}: {self.device.name.strip()} could not allocate {nbytes / 2**20:,.0f} MiB "
+                f"of its {self.device.global_mem_size / 2**20:,.0f} MiB ({error})"
+            ) from error
+
+    def zeros(self, what: str, nbytes: int) -> cl.Buffer:
+        """Allocate a device buffer of zeros, reusing memory."""
+        buffer = self.empty(what, nbytes, reuse=True)
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, 16))
+        return buffer
+
+    def release(self) -> None:
+        """Give back the memory kept for reuse."""
+        if was_forked():  # it is not this process's
+            return
+        self.queue.finish()
+        self._pool.free_held()
+
+    def upload(self, what: str, array: NDArray[Any]) -> cl.Buffer:
+        """Copy an array to the device."""
+        buffer = self.empty(what, array.nbytes)
+        self.write(buffer, array)
+        return buffer
+
+    def write(self, buffer: cl.Buffer, array: NDArray[Any]) -> None:
+        """Copy an array into a buffer of its size."""
+        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
+
+    def download(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+        """Copy a buffer to the host."""
+        array = np.empty(shape, dtype)
+        cl.enqueue_copy(self.queue, array, buffer)
+        return array
+
+
+class Windows:
+    """Cuts a rectangle into windows whose launches take about `LAUNCH_SECONDS` each.
+
+    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, the next ones
+    follow from its time.
+
+    Parameters
+    ----------
+    x0, y0, x1, y1
+        The rectangle.
+    samples_per_item
+        Density samples that one texel or pixel may need.
+    """
+
+    EDGE = 32
+    """Windows end at multiples of it: a multiple of every tile and work-group."""
+
+    def __init__(self, x0: int, y0: int, x1: int, y1: int, samples_per_item: int) -> None:
+        self._bounds = x0, y0, x1, y1
+        self._most = max(self.EDGE**2, MOST_SAMPLES // samples_per_item)
+        self._items = max(self.EDGE**2, FIRST_SAMPLES // samples_per_item)
+        self._area = 0
+        self._done = 0
+
+    def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield windows, row by row."""
+        x0, y0, x1, y1 = self._bounds
+        x, y = x0, y0
+        while y < y1:
+            # Cut where tiles of the whole frame end.
+            rows = min(self.EDGE - y % self.EDGE, y1 - y)
+            columns = x1 - x
+            if self._items < rows * columns:
+                wide = max(self._items // rows // self.EDGE, 1) * self.EDGE
+                columns = min(columns, wide - x % self.EDGE)
+            elif x == x0:
+                more = max(self._items // columns // self.EDGE - 1, 0) * self.EDGE
+                rows = min(rows + more, y1 - y)
+            self._area = rows * columns
+            self._done += self._area
+            yield x, y, x + columns, y + rows
+            x += columns
+            if x >= x1:
+                x, y = x0, y + rows
+
+    def took(self, seconds: float) -> float:
+        """Choose the next window's size by the seconds that the last one took; returns them."""
+        wanted = self._area * LAUNCH_SECONDS / max(seconds, 1e-6)
+        self._items = int(min(max(wanted, self._items / 4), 8 * self._items, self._most))
+        return seconds
+
+    @property
+    def done(self) -> float:
+        """The part of the rectangle handed out, 0 to 1."""
+        x0, y0, x1, y1 = self._bounds
+        return self._done / ((x1 - x0) * (y1 - y0))

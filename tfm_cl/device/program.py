@@ -1,0 +1,209 @@
+"""Building kernels: one small stub a program, that names the headers and the entry file.
+
+Drivers cache what they compile. PoCL has, by the preprocessed text, each program and, for each work-group
+size a kernel is launched with, its machine code; `tfm_cl.device.kernel_cache` keeps that for later
+processes. For drivers without a cache of their own pyopencl keeps binaries.
+"""
+
+import contextlib
+import hashlib
+import importlib.util
+import os
+import shutil
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pyopencl as cl
+
+from tfm_cl.device.device import DEFAULT_PLATFORM
+from tfm_cl.device.kernel_cache import KeptProgram, kernel_cache
+from tfm_cl.device.params import c_declaration
+from tfm_cl.errors import KernelBuildError
+from tfm_cl.interrupts import interrupts_ours
+
+
+def kernels_dir() -> Path:
+    """Return the folder of the OpenCL sources: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "kernels", package.parent / "kernels"):
+        if (folder / "light_pass.cl").is_file():
+            return folder
+    raise KernelBuildError(f"the OpenCL sources are missing from {package}; reinstall tfm_cl")
+
+
+def source(entry: str, headers: tuple[str, ...], defines: dict[str, int]) -> str:
+    """Return the text handed to the compiler.
+
+    The sources are included, not pasted, so that the compiler's messages name file and line. Ours by their
+    whole path: drivers look in the working directory first, where a file may have the same name.
+    """
+    folder = kernels_dir()
+    lines = [f"#define {name} {value}" for name, value in sorted(defines.items())]
+    files = [folder / name if (folder / name).is_file() else name for name in (*headers, entry)]
+    return "\n".join([*lines, c_declaration(), *(f'#include "{name}"' for name in files), ""])
+
+
+def fingerprint(folder: Path) -> str:
+    """Return a digest of all OpenCL sources below a folder, by name and content."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".cl", ".h"}):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()} {len(content)} ".encode() + content)
+    return digest.hexdigest()
+
+
+def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.Program, KeptProgram | None]:
+    """Build a program; returns it, and what keeps it where the driver leaves that to us."""
+    (device,) = context.devices
+    kept = None
+    if os.name == "posix" and DEFAULT_PLATFORM in device.platform.name:
+        _check_linker(device.platform.version)
+        versions = device.name, device.driver_version, device.platform.version
+        kept = kernel_cache().program(text, *options, *versions)
+    keeping = kept.building() if kept else contextlib.nullcontext()
+    with warnings.catch_warnings(), keeping, interrupts_ours():
+        # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        program: cl.Program = cl.Program(context, text).build(list(options))
+    return program, kept
+
+
+def _check_linker(version: str) -> None:
+    """Refuse to compile where the PoCL that pip installs would end the process for want of a linker."""
+    pip_installed = importlib.util.find_spec("pocl_binary_distribution") is not None
+    if not pip_installed or "PoCL 3.0" not in version:
+        return
+    folders = os.pathsep.join((os.environ.get("PATH", ""), *LINKER_FOLDERS))
+    if shutil.which("ld", path=folders) is None:
+        raise KernelBuildError(
+            "PoCL needs the linker 'ld', which is not installed; on Debian and Ubuntu: apt install binutils"
+        )
+
+
+LINKER_FOLDERS = ("/usr/bin", "/usr/local/bin", "/bin")
+"""Where PoCL finds it even if PATH does not name them."""
+
+
+class _LaunchClock:
+    """Adds up what the driver does between taking a launch and starting it on the device.
+
+    That is compilation: PoCL makes a kernel's machine code when it first meets a work-group size, and GPU
+    drivers finish theirs likewise. The launches before it on an in-order queue are not counted.
+    """
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._events: list[cl.Event] = []
+        self._busy_until = 0
+
+    def add(self, event: cl.Event) -> None:
+        """Take note of a launch."""
+        self._settle()
+        self._events.append(event)
+
+    @property
+    def seconds(self) -> float:
+        """Of the launches that are finished."""
+        self._settle()
+        return self._seconds
+
+    def _settle(self) -> None:
+        running = []
+        for event in self._events:
+            if event.command_execution_status > cl.command_execution_status.COMPLETE:
+                running.append(event)
+                continue
+            try:
+                queued, start, end = event.profile.queued, event.profile.start, event.profile.end
+            except cl.Error:  # it failed, or its queue takes no times
+                continue
+            self._seconds += max(0, start - max(queued, self._busy_until)) * 1e-9
+            self._busy_until = end
+        self._events = running
+
+
+class _Kernel(cl.Kernel):
+    """A kernel whose launches are timed."""
+
+    def __init__(self, program: cl.Program, name: str, clock: _LaunchClock, kept: KeptProgram | None) -> None:
+        super().__init__(program, name)
+        self._clock, self._kept = clock, kept
+
+    def keep(self) -> None:
+        """Keep what was compiled for its launches so far, which have ended."""
+        if self._kept is not None:
+            self._kept.keep()
+
+    def __call__(self, *args: Any, **options: Any) -> cl.Event:
+        """Launch it, as `pyopencl.Kernel` does."""
+        event = super().__call__(*args, **options)
+        self._clock.add(event)
+        return event
+
+
+class KernelLibrary:
+    """Compiled programs of one context; each variant is built once and its kernels are kept.
+
+    Parameters
+    ----------
+    context
+        With one device.
+    options
+        Further compiler options; ``-Werror`` makes warnings errors.
+    """
+
+    def __init__(self, context: cl.Context, options: tuple[str, ...] = ()) -> None:
+        self._context = context
+        self._options = ("-cl-std=CL1.2", *options)
+        self._kernels: dict[tuple[object, ...], cl.Kernel] = {}
+        self._build_seconds = 0.0
+        self._clock = _LaunchClock()
+
+    @property
+    def seconds(self) -> float:
+        """Time spent compiling so far: building programs, and what drivers put off until a launch."""
+        return self._build_seconds + self._clock.seconds
+
+    def kernel(
+        self, name: str, entry: str, headers: tuple[str, ...] = (), defines: dict[str, int] | None = None
+    ) -> cl.Kernel:
+        """Return kernel ``name`` of the file ``entry``.
+
+        Parameters
+        ----------
+        entry
+            Name below ``kernels/``.
+        headers
+            Included before it: the basis, light and phase function chosen.
+        defines
+            Macros that the entry file lists as required.
+
+        Raises
+        ------
+        KernelBuildError
+            With the compiler's log.
+        """
+        variant = (entry, headers, *sorted((defines or {}).items()))
+        if (name, variant) not in self._kernels:
+            started = time.perf_counter()
+            program, kept = self._build(source(entry, headers, defines or {}), entry)
+            for found in program.kernel_names.split(";"):
+                self._kernels[found, variant] = _Kernel(program, found, self._clock, kept)
+            self._build_seconds += time.perf_counter() - started
+        return self._kernels[name, variant]
+
+    def ran(self, kernel: cl.Kernel) -> None:
+        """Take note that launches of a kernel have ended well: what was compiled for them can be kept."""
+        if isinstance(kernel, _Kernel):
+            kernel.keep()
+
+    def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:
+        folder = kernels_dir()
+        # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
+        text += f"/* kernels: {fingerprint(folder)} */\n"
+        try:
+            return build(self._context, text, (*self._options, "-I", str(folder)))
+        except cl.Error as error:
+            raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error

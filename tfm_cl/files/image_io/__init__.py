@@ -1,0 +1,162 @@
+"""Image files: one module a format, found by the file's extension.
+
+To add a format, write a module with ``write(path, image, options)`` and ``read(path)`` (see
+`ImageFormat`) and name it in ``FORMATS``.
+"""
+
+import importlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import ImageError
+from tfm_cl.files import paths as files
+from tfm_cl.files.image_io.image import Image, Picture
+from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
+
+FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
+"""Extension -> module of this package; imported when an image of that kind is read or written."""
+
+MAX_PIXELS = 1 << 28
+"""Largest image read (4 GiB of float32 RGBA)."""
+
+PixelType = Literal["half", "float"]
+
+__all__ = [
+    "FORMATS",
+    "MAX_PIXELS",
+    "Image",
+    "Picture",
+    "WriteOptions",
+    "check_writable",
+    "holds_layers",
+    "load_image",
+    "load_picture",
+    "save",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WriteOptions:
+    """How to write an image; each format takes what applies to it."""
+
+    pixel_type: PixelType = "half"
+    """EXR: of the colours; scalar AOVs are always float."""
+    exposure: float = 0.0
+    """PNG: stops, the image is multiplied by 2 to this power."""
+
+    def __post_init__(self) -> None:
+        if self.pixel_type not in {"half", "float"}:
+            raise ImageError(f"pixel_type is 'half' or 'float'; got {self.pixel_type!r}")
+        if not (math.isfinite(self.exposure) and abs(self.exposure) <= 100):  # noqa: PLR2004 - beyond float32
+            raise ImageError(f"exposure is a number of stops from -100 to 100; got {self.exposure}")
+
+
+class ImageFormat(Protocol):
+    """A module of this package that reads and writes one kind of file."""
+
+    HOLDS_LAYERS: bool
+    """Whether AOVs are written; else they are left out."""
+
+    def write(self, path: Path, image: Image, options: WriteOptions) -> None:
+        """Write to a file, empty so far; may leave half of it when it raises."""
+        ...
+
+    def read(self, path: Path) -> Picture:
+        """Read colours, scene-linear; raises `ImageError` on damage."""
+        ...
+
+
+def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", exposure: float = 0.0) -> None:
+    """Write an image; the extension tells the format.
+
+    The file appears complete or not at all: it is written under another name in the same directory,
+    flushed to the disk, and renamed. A file of that name is replaced.
+
+    Parameters
+    ----------
+    path
+        ``.exr`` (colours, AOVs, windows and metadata), ``.png`` (colours over black, 8 bit sRGB) or
+        ``.npy`` (float32 [H, W, 4]).
+    image
+        The picture.
+    pixel_type
+        EXR only: type of the colours, ``half`` (clipped to ±65504) or ``float``.
+    exposure
+        PNG only: stops.
+
+    Raises
+    ------
+    ImageError
+        Unknown extension, or the file cannot be written (the message says why).
+    """
+    path = path_of(path, ImageError)
+    options = WriteOptions(pixel_type=pixel_type, exposure=exposure)
+    module = _format(path)
+    with replacing(path, ImageError) as temporary:
+        try:
+            module.write(temporary, image, options)
+        except ImageError as error:
+            raise ImageError(f"{path}: {error}") from error
+
+
+def load_image(path: str | Path) -> NDArray[np.float32]:
+    """Read an image: [H, W, 3], or [H, W, 4] where it has an alpha channel.
+
+    EXR and ``.npy`` are returned as they are (of an EXR the data window of the layer that is the picture);
+    a PNG is decoded from sRGB to linear light, premultiplied.
+
+    Raises
+    ------
+    ImageError
+        As `load_picture`.
+    """
+    return load_picture(path).pixels
+
+
+def load_picture(path: str | Path) -> Picture:
+    """Read an image as `load_image`, and where an EXR says that it lies in the full frame.
+
+    Raises
+    ------
+    ImageError
+        Missing, damaged or unknown file, or one of more than `MAX_PIXELS`.
+    """
+    path = source_of(path, error=ImageError)
+    module = _format(path)
+    check_readable(path, ImageError)
+    try:
+        return module.read(path)
+    except (OSError, MemoryError) as error:
+        raise ImageError(f"{path}: cannot be read ({reason_of(error)})") from error
+
+
+def holds_layers(path: str | Path) -> bool:
+    """Tell whether `save` writes AOVs to a file of that name, or leaves them out; raises `ImageError`."""
+    return _format(path_of(path, ImageError)).HOLDS_LAYERS
+
+
+def check_writable(path: str | Path) -> None:
+    """Find out whether `save` could write there, before the hours that make the image.
+
+    Raises
+    ------
+    ImageError
+        Unknown extension, no such directory, no right to write there, or a directory of that name.
+    """
+    path = path_of(path, ImageError)
+    _format(path)
+    files.check_writable(path, ImageError)
+
+
+def _format(path: Path) -> ImageFormat:
+    module_name = FORMATS.get(path.suffix.lower())
+    if module_name is None:
+        raise ImageError(
+            f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
+        )
+    return cast("ImageFormat", importlib.import_module(f"{__name__}.{module_name}"))

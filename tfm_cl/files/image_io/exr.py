@@ -1,0 +1,227 @@
+"""OpenEXR: colours, AOVs, windows and metadata.
+
+Channels: ``R G B A``; a scalar AOV by its name (``depth``); a colour AOV as ``name.R name.G name.B``.
+Matrices in the metadata act on column vectors here, ``v' = M v``; EXR's act on row vectors, so that what
+is stored is the transpose.
+"""
+
+import contextlib
+import io
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from tfm_cl.errors import ImageError
+from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions
+from tfm_cl.files.image_io.exr_layers import Part, beauty
+from tfm_cl.files.image_io.image import Image, Metadata, Picture, Window
+
+HOLDS_LAYERS = True
+REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""Chromaticities: x and y of red, green, blue and white."""
+
+_HALF_MAX = 65504.0
+_INT32_MAX = 2**31 - 1
+_MAX_RATIO = 1 << 16  # pixels to a byte; beyond what any of the compressions reaches on real pictures
+_RESERVED = {
+    *("channels", "chromaticities", "compression", "dataWindow", "displayWindow", "lineOrder"),
+    *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles"),
+    *("type", "name", "version", "chunkCount"),
+}
+_stderr_lock = threading.Lock()
+
+
+def write(path: Path, image: Image, options: WriteOptions) -> None:
+    """Write the colours, the AOVs and the metadata; ZIP compression."""
+    x0, y0, x1, y1 = image.data_window
+    width, height = image.frame_size
+    header: dict[str, Any] = {name: _attribute(name, value) for name, value in image.metadata.items()}
+    header |= {
+        "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "chromaticities": REC_709,
+        "dataWindow": ((x0, y0), (x1 - 1, y1 - 1)),  # EXR includes the last pixel
+        "displayWindow": ((0, 0), (width - 1, height - 1)),
+    }
+    channels = {"RGBA": _colours(image.rgba, options.pixel_type)}
+    for name, aov in image.aovs.items():
+        if not re.fullmatch(r"\w[\w-]*", name) or name in {"R", "G", "B", "A", "RGB", "RGBA"}:
+            raise ImageError(f"AOV '{name}' cannot be the name of an EXR channel; use letters, digits and _")
+        scalar = aov.ndim == 2  # noqa: PLR2004 - height and width
+        channels[name] = (
+            np.ascontiguousarray(aov, np.float32) if scalar else _colours(aov, options.pixel_type)
+        )
+    stored = _write_file(header, channels, path)
+    # OpenEXR does not report all that fails on a full disk; what was written must be there again.
+    try:
+        complete = {name: pixels.shape for name, pixels in _pixels(path).items()} == stored
+    except ImageError:
+        complete = False
+    if not complete:
+        raise ImageError("was not written completely; is the disk full?")
+
+
+def read(path: Path) -> Picture:
+    """Read the colours of the data window; `beauty` says of which channels and part.
+
+    Raises
+    ------
+    ImageError
+        Damaged, deep, or without channels that are the picture.
+    """
+    parts = _declared(path)
+    try:
+        layer = beauty(parts)
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from None
+    pixels = _pixels_of(path, parts)[layer.part]
+    part = parts[layer.part]
+    return Picture(_stacked([pixels[name] for name in layer.colours], path), part.window, part.frame)
+
+
+def read_aov(path: Path, name: str) -> NDArray[np.float32]:
+    """Read one AOV: [H, W], or [H, W, 3] of one with the channels ``name.R name.G name.B``.
+
+    Raises
+    ------
+    ImageError
+        Damaged, or no AOV of that name (the message lists the channels).
+    """
+    pixels = _pixels(path)
+    if name in pixels:
+        return pixels[name].astype(np.float32)
+    colours = [pixels[f"{name}.{c}"] for c in "RGB" if f"{name}.{c}" in pixels]
+    if len(colours) != len("RGB"):
+        raise ImageError(f"{path}: has no AOV '{name}'; its channels are {' '.join(sorted(pixels))}")
+    return _stacked(colours, path)
+
+
+def _attribute(name: str, value: Metadata) -> Any:
+    """Convert metadata to what OpenEXR stores (it takes other integers for 0, or refuses them)."""
+    if name in _RESERVED or not name or not name.isprintable():
+        raise ImageError(
+            f"metadata '{name}' cannot be set: EXR has an attribute of that name for its own use"
+        )
+    if isinstance(value, np.ndarray):
+        if value.shape != (4, 4) or not np.isfinite(value).all():
+            raise ImageError(f"metadata '{name}' is a finite 4×4 matrix; got the shape {value.shape}")
+        return np.ascontiguousarray(value.T, dtype=np.float32)
+    if isinstance(value, int | np.integer):
+        return int(value) if abs(value) <= _INT32_MAX else str(value)
+    return float(value) if isinstance(value, float | np.floating) else str(value)
+
+
+def _colours(values: NDArray[np.float32], pixel_type: PixelType) -> NDArray[np.float16 | np.float32]:
+    if pixel_type == "float":
+        return np.ascontiguousarray(values, np.float32)
+    return np.ascontiguousarray(np.clip(values, -_HALF_MAX, _HALF_MAX), np.float16)
+
+
+def _write_file(
+    header: dict[str, Any], channels: dict[str, NDArray[Any]], path: Path
+) -> dict[str, tuple[int, ...]]:
+    """Write, and tell the shape of each channel that is then in the file."""
+    try:
+        # A stream and not a name, which OpenEXR would only take in UTF-8.
+        with path.open("wb") as stream:
+            OpenEXR.File(header, dict(channels)).write(stream)  # it changes the dict it is given
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise ImageError(f"OpenEXR cannot write it ({_line(error)})") from error
+    suffixes = {2: ("",), 3: (".R", ".G", ".B")}
+    names = {
+        f"{name}{suffix}" for name, a in channels.items() if name != "RGBA" for suffix in suffixes[a.ndim]
+    }
+    return dict.fromkeys(names | set("RGBA"), channels["RGBA"].shape[:2])
+
+
+def _pixels(path: Path) -> dict[str, NDArray[Any]]:
+    """Read all channels; of those of one name in several parts, the first."""
+    pixels: dict[str, NDArray[Any]] = {}
+    for part in reversed(_pixels_of(path, _declared(path))):
+        pixels |= part
+    return pixels
+
+
+def _declared(path: Path) -> list[Part]:
+    """Read the headers of all parts, and check that what they declare can be read."""
+    try:
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
+            parts = [_part(part.header) for part in file.parts]
+    except Exception as error:  # the binding raises whatever its C++ side does
+        raise ImageError(f"{path}: not a readable EXR ({_line(error)})") from error
+    if not parts:
+        raise ImageError(f"{path}: damaged EXR (no part of it can be read)")
+    for part in parts:
+        if not part.is_flat:
+            raise ImageError(f"{path}: is a deep image, without one value for a pixel; flatten it first")
+        x0, y0, x1, y1 = part.window
+        width, height, channels = x1 - x0, y1 - y0, len(part.channels)
+        values = width * height * channels
+        if min(width, height) < 1 or width * height > MAX_PIXELS or values > path.stat().st_size * _MAX_RATIO:
+            raise ImageError(
+                f"{path}: declares {width}×{height} pixels of {channels} channels; it is damaged"
+            )
+    return parts
+
+
+def _part(header: dict[str, Any]) -> Part:
+    return Part(
+        str(header.get("name", "")),
+        {channel.name: max(channel.xSampling, channel.ySampling) > 1 for channel in header["channels"]},
+        _window(header["dataWindow"]),
+        _window(header["displayWindow"]),
+        header["type"] in {OpenEXR.scanlineimage, OpenEXR.tiledimage},
+    )
+
+
+def _pixels_of(path: Path, declared: list[Part]) -> list[dict[str, NDArray[Any]]]:
+    """Read all channels of all parts."""
+    try:
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, separate_channels=True) as file:
+            parts = [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
+    except Exception as error:
+        raise ImageError(f"{path}: damaged EXR ({_line(error)})") from error
+    if [set(part) for part in parts] != [set(part.channels) for part in declared]:
+        raise ImageError(f"{path}: damaged EXR (not all that it declares can be read)")
+    return parts
+
+
+def _window(corners: Any) -> Window:
+    (x0, y0), (x1, y1) = (tuple(map(int, corner)) for corner in corners)
+    return x0, y0, x1 + 1, y1 + 1  # EXR includes the last pixel
+
+
+def _stacked(channels: list[NDArray[Any]], path: Path) -> NDArray[np.float32]:
+    if len({channel.shape for channel in channels}) != 1:
+        raise ImageError(f"{path}: its channels are of different sizes (subsampled); save it as plain RGB")
+    return np.stack(channels, axis=2).astype(np.float32)
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep off the terminal what OpenEXR prints of damaged files; it also raises, and that is what counts.
+
+    Its C++ side writes to the process's stderr, its Python side to ``sys.stdout``.
+    """
+    with _stderr_lock, contextlib.redirect_stdout(io.StringIO()), contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # a process without a stderr
+            sys.stderr.flush()
+            kept = os.dup(2)
+            stack.callback(os.close, kept)
+            null = os.open(os.devnull, os.O_WRONLY)
+            stack.callback(os.close, null)
+            os.dup2(null, 2)
+            stack.callback(os.dup2, kept, 2)
+        yield
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:160] or type(error).__name__

@@ -1,0 +1,48 @@
+"""Images as NumPy arrays: float32 [H, W, 4], scene-linear, premultiplied."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tfm_cl.errors import ImageError
+from tfm_cl.files.image_io import MAX_PIXELS, WriteOptions
+from tfm_cl.files.image_io.image import Image, Picture
+from tfm_cl.files.volume_io.numpy_array import read_header
+
+HOLDS_LAYERS = False
+
+
+def write(path: Path, image: Image, _options: WriteOptions) -> None:
+    """Write the colours."""
+    with path.open("wb") as stream:
+        np.save(stream, image.rgba.astype("<f4"), allow_pickle=False)
+
+
+def read(path: Path) -> Picture:
+    """Read an array [H, W, 3 or 4] of real numbers of any type.
+
+    Raises
+    ------
+    ImageError
+        Another kind of array, pickled objects (never loaded), or a file cut short.
+    """
+    with path.open("rb") as stream:
+        try:
+            header = read_header(stream)
+        except ValueError as error:
+            reason = " ".join(str(error).split())[:120]
+            raise ImageError(f"{path}: not a readable NumPy array ({reason})") from error
+        height, width, channels = header.shape if len(header.shape) == 3 else (0, 0, 0)  # noqa: PLR2004
+        if header.dtype.kind not in "fiub" or channels not in {3, 4} or height * width == 0:
+            raise ImageError(
+                f"{path}: an image is an array [height, width, 3 or 4] of numbers; this one is "
+                f"{header.dtype.name} {header.shape}"
+            )
+        if height * width > MAX_PIXELS:
+            raise ImageError(f"{path}: {width}×{height} pixels; the limit is {MAX_PIXELS:,}")
+        if header.header_bytes + header.data_bytes > path.stat().st_size:
+            raise ImageError(f"{path}: declares {header.shape} but is cut short")
+        values = np.frombuffer(stream.read(header.data_bytes), header.dtype)
+    with np.errstate(over="ignore", invalid="ignore"):
+        image = values.reshape(header.shape, order=header.order).astype(np.float32)
+    return Picture(np.ascontiguousarray(image))

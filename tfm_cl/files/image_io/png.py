@@ -1,0 +1,110 @@
+"""PNG: 8-bit RGB over black, sRGB.
+
+Tone mapping is an exposure and a clip, nothing else, so that numbers measured on the picture mean
+something.
+"""
+
+import io
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+from PIL.PngImagePlugin import PngInfo
+
+from tfm_cl.errors import ImageError
+from tfm_cl.files.image_io import MAX_PIXELS, WriteOptions
+from tfm_cl.files.image_io.image import Image, Picture, check_finite
+
+HOLDS_LAYERS = False
+_MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
+_RGB = 3
+_DAMAGE = (  # what Pillow's chunk parsers and zlib come upon
+    *(OSError, SyntaxError, ValueError, ArithmeticError, LookupError, EOFError, TypeError),
+    *(struct.error, zlib.error, PIL.Image.DecompressionBombError),
+)
+
+
+def write(path: Path, image: Image, options: WriteOptions) -> None:
+    """Write the colours; premultiplied, they lie over black as they are."""
+    path.write_bytes(png_bytes(image.rgba[..., :3], options.exposure))
+
+
+def png_bytes(rgb: NDArray[np.float32], exposure: float = 0.0) -> bytes:
+    """Encode a picture in memory.
+
+    Parameters
+    ----------
+    rgb
+        [H, W, 3] scene-linear, Rec. 709 primaries; of [H, W, 4] the alpha channel is left out.
+    exposure
+        Stops; the picture is multiplied by 2 to this power.
+
+    Raises
+    ------
+    ImageError
+        Another shape, or values that are NaN or infinite.
+    """
+    if rgb.ndim != _RGB or rgb.shape[2] not in {3, 4} or rgb.size == 0:
+        raise ImageError(f"a picture is [height, width, 3 or 4] and not empty; got the shape {rgb.shape}")
+    exposure = WriteOptions(exposure=exposure).exposure
+    check_finite(rgb, "the picture")
+    linear = rgb[..., :3].astype(np.float64) * 2.0**exposure
+    encoded = srgb_from_linear(np.clip(linear, 0, 1))
+    pixels = np.floor(encoded * 255 + 0.5).astype(np.uint8)
+    tagged = PngInfo()
+    tagged.add(b"sRGB", b"\x00")  # says what the numbers are; 0: perceptual intent
+    stream = io.BytesIO()
+    PIL.Image.fromarray(pixels).save(stream, format="PNG", pnginfo=tagged, compress_level=4)
+    return stream.getvalue()
+
+
+def read(path: Path) -> Picture:
+    """Read [H, W, 3], or [H, W, 4] premultiplied where there is an alpha channel; in linear light.
+
+    Raises
+    ------
+    ImageError
+        Damaged, or not a PNG.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Pillow's own limit on pixels; ours is MAX_PIXELS
+            return Picture(_decode(path))
+    except _DAMAGE as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise ImageError(f"{path}: not a readable PNG ({reason})") from error
+
+
+def linear_from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert the sRGB transfer function (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)  # noqa: PLR2004
+
+
+def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Apply the sRGB transfer function (IEC 61966-2-1) to values ≥ 0."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)  # noqa: PLR2004
+
+
+def _decode(path: Path) -> NDArray[np.float32]:
+    with PIL.Image.open(path, formats=["PNG"]) as picture:
+        pixels = picture.width * picture.height
+        if pixels > MAX_PIXELS or pixels // 8 > path.stat().st_size * _MAX_DEFLATE_RATIO:
+            raise ImageError(
+                f"{path}: declares {picture.width}×{picture.height} pixels, more than it can hold"
+            )
+        deep = picture.mode.startswith("I")  # 16-bit grey, which Pillow would clip to 8 bits
+        alpha = "A" in picture.mode or "transparency" in picture.info
+        values = np.asarray(picture if deep else picture.convert("RGBA" if alpha else "RGB"))
+    if deep:
+        values = np.repeat(values[..., np.newaxis], 3, axis=2)
+    linear = linear_from_srgb(values[..., :3] / (65535.0 if deep else 255.0))
+    if values.shape[2] == _RGB:
+        return linear.astype(np.float32)
+    opacity = values[..., 3:] / 255.0
+    return np.concatenate([linear * opacity, opacity], axis=2).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Reading meshes, bounded and without trust."""

@@ -1,0 +1,87 @@
+"""What a glTF file announces, before memory is taken for it.
+
+Accessors, buffer views and primitives refer to the same bytes as often as they like: a few kilobytes can ask
+for terabytes. (glTF 2.0, 3.6: https://registry.khronos.org/glTF/specs/2.0/)
+"""
+
+import json
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from tfm_cl.errors import SceneError
+from tfm_cl.render.tracing.triangles import MAX_CORNERS, MAX_FACES
+
+COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+WIDEST = 4
+"""Bytes of a component."""
+MAX_ENTRIES = 1_000_000
+"""Of any of the file's lists."""
+
+
+def check_gltf(path: Path, stream: IO[bytes], largest: int) -> None:
+    """Check a .glb or .gltf stream's own figures; it is rewound.
+
+    Raises
+    ------
+    SceneError
+        It would need more than ``largest`` bytes, twice, or too many triangles, or it is compressed.
+    ValueError, KeyError, TypeError
+        It is no glTF.
+    """
+    header = _header(stream)
+    stream.seek(0)
+    for key in ("accessors", "bufferViews", "meshes", "nodes", "materials", "images", "buffers"):
+        if len(header.get(key, [])) > MAX_ENTRIES:
+            raise SceneError(f"{path}: {len(header[key]):,} {key}; the limit is {MAX_ENTRIES:,}")
+    accessors = header.get("accessors", [])
+    for index, accessor in enumerate(accessors):
+        if "bufferView" not in accessor:
+            raise SceneError(
+                f"{path}: accessor {index} has no plain data (compressed or sparse); "
+                "save the file without compression"
+            )
+    counts = [_count(accessor["count"]) for accessor in accessors]
+    numbers = sum(
+        count * COLUMNS[accessor["type"]] for count, accessor in zip(counts, accessors, strict=True)
+    )
+    views = sum(_count(view["byteLength"]) for view in header.get("bufferViews", []))
+    if max(views, numbers * WIDEST) > 2 * largest:
+        raise SceneError(
+            f"{path}: announces {max(views, numbers * WIDEST):,} bytes; the limit is {2 * largest:,}"
+        )
+    corners = _corners(header, counts)
+    if corners > MAX_CORNERS:
+        raise SceneError(f"{path}: announces {corners // 3:,} triangles; the limit is {MAX_FACES:,}")
+
+
+def _corners(header: dict[str, Any], counts: list[int]) -> int:
+    """Count what the primitives read, each for itself: vertices or indices, whichever are more."""
+    return sum(
+        max(counts[primitive["attributes"]["POSITION"]], counts[primitive.get("indices", 0)])
+        for mesh in header.get("meshes", [])
+        for primitive in mesh["primitives"]
+    )
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or value < 0:
+        raise ValueError(f"a count is a whole number, not {value!r}")
+    return value
+
+
+def _header(stream: IO[bytes]) -> dict[str, Any]:
+    """Read the JSON of either kind of file."""
+    stream.seek(0)
+    start = stream.read(20)
+    if start[:4] == b"glTF":
+        if len(start) < 20:  # noqa: PLR2004 - header, then length and type of the first chunk
+            raise ValueError("it is cut short")
+        text = stream.read(int(np.frombuffer(start[12:16], "<u4")[0]))
+    else:
+        text = start + stream.read()
+    header = json.loads(text)
+    if not isinstance(header, dict):
+        raise TypeError("its JSON is not a table")
+    return header

@@ -1,0 +1,573 @@
+"""Scene files: TOML to a scene and back."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import tomli_w
+from pydantic import BeforeValidator, Field, PlainValidator
+
+from tfm_cl.errors import Faults, InputError, SceneError
+from tfm_cl.files import volume_io
+from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
+from tfm_cl.files.volume_io import colour as colour_io
+from tfm_cl.model import LARGEST_COLOUR, SPELLINGS, Model, Vec3, is_auto, nearest, number_or_auto, unknown_key
+from tfm_cl.plan import placement
+from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
+from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.bodies.volumes import MOST_VOLUMES, joined
+from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.lights import LIGHTS, Light, parse_light
+from tfm_cl.scene.medium import Medium
+from tfm_cl.scene.scene import Media, Scene
+from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.scene.solids import Solid, parse_solid
+from tfm_cl.scene.transform import Transform
+
+MAX_BYTES = 1 << 20
+"""A scene file larger than this is not one."""
+
+Values = dict[str, Any]
+"""A scene as TOML gives it: nested tables."""
+
+
+def _sizes(value: Any) -> Any:
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _file(value: Any) -> str:
+    return name_of(value, "a volume file")
+
+
+def _colour_source(value: Any) -> Any:
+    if value is None or value is False:
+        return value
+    names = [value] if isinstance(value, str) else value
+    what = (
+        "an array, of a grid of vectors or of a file with one, three names of grids ['r', 'g', 'b'], or false"
+    )
+    if not isinstance(names, list | tuple) or len(names) != (1 if isinstance(value, str) else 3):
+        raise ValueError(f"should be the name of {what}")
+    checked = tuple(name_of(name, what) for name in names)
+    return value if isinstance(value, str) else checked
+
+
+def _window(value: Any) -> Any:
+    if value is None:
+        return value
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 2  # noqa: PLR2004 - low and high
+        or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in value)
+        or not -LARGEST_COLOUR <= value[0] < value[1] <= LARGEST_COLOUR
+    ):
+        raise ValueError("should be two numbers [low, high], low < high")
+    return float(value[0]), float(value[1])
+
+
+class VolumeSettings(Model):
+    """Which grid of which file, and where it lies."""
+
+    SECTION: ClassVar[str] = "volume"
+
+    file: Annotated[str, PlainValidator(_file)] = Field(description="volume file, relative to the scene file")
+    grid: str | None = Field(None, description="name of the grid")
+    colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, PlainValidator(_colour_source)] = (
+        Field(
+            None,
+            description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
+            "same npz, a grid of vectors of the same file ('Cd'), a file with such an array or grid "
+            "(relative to the scene file), or three grids of the same file; false: none; left out: the array "
+            "'colour' of an npz, if any",
+        )
+    )
+    offset: float = Field(
+        0.0,
+        ge=-LARGEST_COLOUR,
+        le=LARGEST_COLOUR,
+        description="added to each value of the grid, for instance 1000 to a CT in Hounsfield units; what is "
+        "then below 0 becomes 0",
+    )
+    window: Annotated[tuple[float, float] | None, BeforeValidator(_window)] = Field(
+        None,
+        description="low,high: of the values of the grid (after the offset) these become 0 and 1, those "
+        "between in proportion, others the nearer of the two",
+    )
+    density_scale: Annotated[float | Literal["auto"], number_or_auto(0, LARGEST_COLOUR)] = Field(
+        1.0,
+        description="density = density_scale * grid; auto: a sensible optical depth (bare volumes' default)",
+    )
+    voxel_size: Annotated[Vec3 | None, BeforeValidator(_sizes)] = Field(
+        None, description="edge of a voxel, world units, one number or x,y,z (files without a transform)"
+    )
+    origin: Vec3 | None = Field(
+        None, description="world position of the low corner of voxel 0,0,0 (files without a transform)"
+    )
+    transform: Transform | None = Field(
+        None,
+        description="4x4, 16 numbers row by row: moves the volume from where its file, or voxel_size and "
+        "origin, put it",
+    )
+    sanitize: bool = Field(
+        default=False, description="set NaN, infinite and negative densities and colours to 0"
+    )
+
+    def load(self, folder: Path) -> Volume:
+        """Read the volume."""
+        volume = Volume.load(
+            source_of(self.file, folder),
+            self.grid,
+            colour=self._colour_in(folder),
+            offset=self.offset,
+            window=self.window,
+            voxel_size=self.voxel_size,
+            origin=self.origin,
+            sanitize=self.sanitize,
+        )
+        if self.transform is not None:
+            volume = volume.transformed(self.transform)
+        if self.density_scale == "auto":
+            return volume.with_density_scale(placement.density_scale_for(volume))
+        return volume.with_density_scale(self.density_scale)
+
+    def _colour_in(self, folder: Path) -> colour_io.ColourSource:
+        is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
+        return source_of(str(self.colour), folder) if is_file else self.colour
+
+    def resolved(self, folder: Path, volume: Volume) -> Values:
+        """Return the section of a scene file anywhere that loads ``volume`` again."""
+        colour = self._colour_in(folder)
+        if isinstance(colour, Path):
+            colour = str(real_path(colour))
+        elif colour is None and volume.colour is not None and self.file.lower().endswith(".npz"):
+            colour = volume_io.COLOUR
+        return self.to_dict() | {
+            "file": str(real_path(source_of(self.file, folder))),
+            "grid": volume.name or None,
+            "colour": list(colour) if isinstance(colour, tuple) else colour,
+            "density_scale": volume.density_scale,
+        }
+
+
+SECTIONS: dict[str, type[Model]] = {
+    cls.SECTION: cls
+    for cls in (
+        VolumeSettings,
+        Medium,
+        Camera,
+        Ambient,
+        ShadowSettings,
+        MapSettings,
+        MarchSettings,
+        ImageSettings,
+    )
+}
+"""Tables of a scene file; besides them there are arrays of tables."""
+ARRAYS = ("light", "solid")
+"""Arrays of tables, ``[[light]]``; ``[[volume]]`` may be one too."""
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file with the command line's overrides, checked as far as it can be without volume and meshes.
+
+    ``light`` is None when the scene leaves its light to us; then ``placed_light`` holds what was said of
+    it. Keys missing in ``camera`` are placed too.
+    """
+
+    path: Path
+    volumes: tuple[VolumeSettings | Homogeneous, ...]
+    medium: Medium
+    solids: tuple[Solid, ...]
+    ambient: Ambient
+    shadow: ShadowSettings
+    map: MapSettings
+    march: MarchSettings
+    image: ImageSettings
+    camera: Values
+    light: tuple[Light, ...] | None
+    placed_light: Values
+
+    @classmethod
+    def read(cls, path: Path, overrides: Iterable[tuple[str, Any]] = ()) -> SceneFile:
+        """Read a scene (``.toml``), or make one around a bare volume file.
+
+        Parameters
+        ----------
+        overrides
+            Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
+            ``light.KEY`` means the first light, ``light.1.KEY`` the second; likewise solids and volumes.
+
+        Raises
+        ------
+        SceneError
+            Unknown key (names the nearest), wrong type or impossible value.
+        VolumeError
+            Neither a scene nor a volume.
+        """
+        values, placed_light = _values_of(path), Values()
+        overrides, faults = list(overrides), Faults()
+        _make_way(values, {key for key, _ in overrides})
+        for key, value in overrides:
+            with faults.collect():
+                _override(values, placed_light, key, value)
+        sections = cls._sections(_tables(values, faults), path.parent, faults)
+        with faults.collect():
+            _check_placed(placed_light, path.parent)
+        try:
+            faults.raise_any()
+        except SceneError as error:
+            raise error.within(str(path)) from None
+        return cls(path=path, placed_light=placed_light, **sections)
+
+    @staticmethod
+    def _sections(tables: Values, folder: Path, faults: Faults) -> Values:
+        """Check all tables, each by itself, and return what they make by the name of the attribute."""
+        makers: dict[str, Callable[[Any], Any]] = {name: cls.from_table for name, cls in SECTIONS.items()}
+        makers |= {
+            "volume": _volumes,
+            "camera": _camera,
+            "light": lambda lights: _each("light", lights, lambda table: _light(table, folder)),
+            "solid": lambda solids: _each("solid", solids, lambda table: _solid(table, folder)),
+        }
+        attributes = {"volume": "volumes", "solid": "solids"}
+        made: Values = {"light": None, "solids": ()}
+        for name in dict.fromkeys([*tables, *makers]):
+            table = tables.get(name, None if name in ARRAYS else {})
+            if table is not None:
+                with faults.collect():
+                    made[attributes.get(name, name)] = makers[name](table)
+        return made
+
+    def scene(self) -> Scene:
+        """Read the volume and place what the file left out.
+
+        Raises
+        ------
+        SceneError, VolumeError
+            Impossible camera or light, or a volume that cannot be used.
+        """
+        volume = self._volume()
+        try:
+            lights = self.light
+            camera = placement.camera_for(volume, **self.camera)
+            if lights is None:
+                placed = _beside(self.placed_light, "texture", self.path.parent)
+                lights = (placement.light_for(volume, camera, **placed),)
+            self._check_crop(camera)
+            return Scene(
+                volume,
+                self.medium,
+                camera,
+                lights,
+                self.map,
+                self.march,
+                solids=self.solids,
+                ambient=self.ambient,
+                shadow=self.shadow,
+            )
+        except SceneError as error:
+            raise error.within(str(self.path)) from None
+
+    def _volume(self) -> Media:
+        grids = []
+        for settings in self.volumes:
+            if isinstance(settings, Homogeneous):
+                return settings  # it stands alone
+            grids.append(settings.load(self.path.parent))
+        return joined(grids)
+
+    def files(self) -> list[Path]:
+        """Return all files that the scene reads, but its own."""
+        named: list[str | None] = []
+        for volume in self.volumes:
+            if isinstance(volume, VolumeSettings):
+                named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
+        named += [getattr(light, "texture", None) for light in self.light or ()]
+        named += [getattr(solid, "mesh", None) for solid in self.solids]
+        return [source_of(name, self.path.parent) for name in named if name]
+
+    def _check_crop(self, camera: Camera) -> None:
+        width, height = camera.res
+        if self.image.crop is not None and (self.image.crop[2] > width or self.image.crop[3] > height):
+            crop = list(self.image.crop)
+            raise SceneError(f"image.crop = {crop}: does not lie in the image of {width}×{height} pixels")
+
+    def chosen(self, scene: Scene) -> Values:
+        """Return what was placed, scaled or counted by itself, by dotted key, to be fixed by hand."""
+        values: Values = {}
+        for number, settings, volume in self._grids(scene):
+            if settings.density_scale == "auto":
+                values[f"volume.{number}density_scale"] = volume.density_scale
+        camera = scene.camera.to_dict()
+        values |= {f"camera.{key}": camera[key] for key in ("from", "to") if key not in self.camera}
+        if self.light is None:
+            light = scene.lights[0].to_dict()
+            placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
+            values |= {f"light.{key}": light[key] for key in placed if key in light}
+        if scene.map.max_error is not None:
+            return values
+        resolved = scene.resolved()
+        for section, key in COUNTS:
+            if is_auto(getattr(getattr(self, section), key)):
+                values[f"{section}.{key}"] = getattr(getattr(resolved, section), key)
+        return values
+
+    def warnings(self, scene: Scene) -> tuple[str, ...]:
+        """Tell, one line each, what the file leaves out and most likely should not."""
+        return tuple(
+            f'{self.path}: volume.{number}density_scale is not given: 1 is used; "auto" would take '
+            f"{sensible:g}: give one of them"
+            for number, settings, volume in self._grids(scene)
+            if "density_scale" not in settings.model_fields_set
+            and _is_far_from_one(
+                sensible := placement.density_scale_for(volume), float(scene.medium.sigma_t.max())
+            )
+        )
+
+    def _grids(self, scene: Scene) -> Iterator[tuple[str, VolumeSettings, Volume]]:
+        """Yield each volume that is a grid, with its settings and what its keys' section is numbered with."""
+        for i, (settings, volume) in enumerate(zip(self.volumes, scene.volume.parts, strict=False)):
+            if isinstance(settings, VolumeSettings):
+                yield f"{i}." if len(self.volumes) > 1 else "", settings, volume
+
+    def resolved(self, scene: Scene) -> Values:
+        """Return every option as resolved, in the shape of a scene file that reproduces this run.
+
+        What ``map.max_error`` chooses stays ``"auto"``: it is found by rendering.
+        """
+        scene = scene if scene.map.max_error is not None else scene.resolved()
+        volumes = [
+            settings.resolved(self.path.parent, volume) for _, settings, volume in self._grids(scene)
+        ] or [settings.to_dict() for settings in self.volumes]
+        return {
+            "volume": volumes[0] if len(volumes) == 1 else volumes,
+            "medium": scene.medium.to_dict(),
+            "camera": scene.camera.to_dict(),
+            "light": [light.to_dict() for light in scene.lights],
+            "solid": [solid.to_dict() for solid in scene.solids],
+            "ambient": scene.ambient.to_dict(),
+            "shadow": scene.shadow.to_dict(),
+            "map": scene.map.to_dict(),
+            "march": scene.march.to_dict(),
+            "image": self.image.to_dict(),
+        }
+
+
+FAR = 2.0
+"""Factor between two density scales that makes another picture."""
+
+
+def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
+    """Tell whether a density scale of 1 gives a much worse optical depth than ``sensible`` would.
+
+    ``sensible`` is for σ_t = 1. A medium of another σ_t may say by it what the density scale does not: then
+    both together would be worse.
+    """
+    if sigma_t <= 0:
+        return False
+    # Of logarithms, since a quotient may be beyond float64.
+    as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
+    return as_it_is >= math.log(FAR) and as_it_is > with_sensible
+
+
+COUNTS = (("map", "res"), ("map", "steps"), ("march", "steps"))
+"""Sections and keys of the numbers that follow voxels and image where they are ``"auto"``."""
+
+NUMBERS = ("coeffs", "bytes", "max_error")
+"""Keys of the map that each say how many numbers a texel has."""
+
+
+def _make_way(values: Values, overridden: set[str]) -> None:
+    """Drop what a file says of the map's numbers where an override says it in another way."""
+    if isinstance(values.get("map"), dict) and overridden & {f"map.{key}" for key in NUMBERS}:
+        values["map"] = {key: value for key, value in values["map"].items() if key not in NUMBERS}
+
+
+def to_toml(values: Values) -> str:
+    """Write resolved options as TOML; what is None is left out."""
+    return tomli_w.dumps(_without_none(values))
+
+
+def scene_text(values: Values) -> str:
+    """Write resolved options as a scene file.
+
+    Raises
+    ------
+    SceneError
+        Where a file's name is not UTF-8, as all of TOML is.
+    """
+    text = to_toml(values)
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        line = text[text.rfind("\n", 0, error.start) + 1 :].partition("\n")[0]
+        raise SceneError(f"{line}: a name that is not UTF-8 cannot be in a scene file; rename it") from None
+    return text
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def _values_of(path: Path) -> Values:
+    if path.suffix.lower() in volume_io.FORMATS:
+        return {
+            "volume": {"file": path.name, "density_scale": "auto"},
+            "map": {"res": "auto", "steps": "auto"},
+            "march": {"steps": "auto"},
+        }
+    if path.suffix.lower() != ".toml":
+        known = " ".join([".toml", *sorted(volume_io.FORMATS)])
+        raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
+    if check_readable(path, SceneError) > MAX_BYTES:
+        raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
+    try:
+        # Editors on Windows put a byte order mark in front.
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SceneError(f"{path}: not TOML: {error}") from None
+
+
+def _tables(values: Values, faults: Faults) -> Values:
+    """Return the tables that are there, None for those of a wrong form; a misspelt one counts too."""
+    known = list(dict.fromkeys([*SECTIONS, *ARRAYS]))
+    tables: Values = {}
+    for name, table in values.items():
+        if name in known:
+            form, is_one = _form(name, table)
+            tables[name] = table if is_one else None
+            if not is_one:
+                faults.add(f"{name} should be {form}")
+            continue
+        faults.add(unknown_key(name, known))
+        meant = nearest(name, known)
+        if meant is not None and meant not in values and _form(meant, table)[1]:
+            tables[meant] = table
+    return tables
+
+
+def _form(name: str, table: Any) -> tuple[str, bool]:
+    """Say what form a section has, and whether it is that of ``table``."""
+    if name in ARRAYS:
+        return f"[[{name}]] tables", isinstance(table, list)
+    if name == "volume":
+        return "a table [volume] or [[volume]] tables", isinstance(table, dict | list)
+    return f"a table [{name}]", isinstance(table, dict)
+
+
+def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:
+    """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``."""
+    section, _, rest = key.partition(".")
+    if section not in ARRAYS and not isinstance(values.get(section), list):
+        table = values.setdefault(section, {})
+    else:
+        number, dot, after = rest.partition(".")
+        index, rest = (int(number), after) if dot and number.isdecimal() else (0, rest)
+        tables = values.get(section)
+        if section == "light" and tables is None and index == 0:
+            table = placed_light
+        elif isinstance(tables, list) and index < len(tables):
+            table = tables[index]
+        else:
+            number_of = len(tables) if isinstance(tables, list) else "no"
+            raise SceneError(f"{key}: the scene has {number_of} [[{section}]] tables; they count from 0")
+    if not rest or not isinstance(table, dict):
+        known = dict.fromkeys([*SECTIONS, *ARRAYS])
+        raise SceneError(f"{key}: should be SECTION.KEY with a section of {', '.join(known)}")
+    *tables, last = rest.split(".")
+    for name in tables:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise SceneError(f"{key}: '{name}' is not a table")
+    for spellings in SPELLINGS.items():
+        if last in spellings:
+            table.pop(spellings[last == spellings[0]], None)  # the other one
+    table[last] = value
+
+
+def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, ...]:
+    """Make what every table of an array says; the faults of all are told, with their numbers."""
+    made, faults = [], Faults()
+    for i, table in enumerate(tables):
+        with faults.collect(f"{name} {i}"):
+            if not isinstance(table, dict):
+                raise SceneError(f"{name} should be a table")
+            made.append(make(table))
+    faults.raise_any()
+    return tuple(made)
+
+
+def _volumes(tables: Values | list[Any]) -> tuple[VolumeSettings | Homogeneous, ...]:
+    if isinstance(tables, dict):
+        return (_volume(tables),)
+    if not 1 <= len(tables) <= MOST_VOLUMES:
+        raise SceneError(f"a scene has 1 to {MOST_VOLUMES} [[volume]] tables; got {len(tables)}")
+    if len(tables) > 1 and any(isinstance(table, dict) and "shape" in table for table in tables):
+        raise SceneError("volume.shape: a homogeneous volume stands alone; give it as the only [volume]")
+    return _each("volume", tables, _volume)
+
+
+def _volume(table: Values) -> VolumeSettings | Homogeneous:
+    return parse_homogeneous(table) if "shape" in table else VolumeSettings.from_table(table)
+
+
+def _light(table: Values, folder: Path) -> Light:
+    if not isinstance(table.get("type", ""), str):
+        raise SceneError("light should be a table with a name as its type")
+    return parse_light(_beside(table, "texture", folder))
+
+
+def _solid(table: Values, folder: Path) -> Solid:
+    return parse_solid(_beside(table, "mesh", folder))
+
+
+PLACED: Values = {"from": (1.0, 2.0, 3.0), "to": (0.0, 0.0, 0.0)}
+"""Stands in for what is placed once the volume is there."""
+
+
+def _camera(table: Values) -> Values:
+    """Return the keys that are given, each checked."""
+    _without_place("camera", table, lambda: Camera.from_table(PLACED | table))
+    return table
+
+
+def _check_placed(table: Values, folder: Path) -> None:
+    """Check what is given of a light that is to be placed."""
+    kind = LIGHTS.get(str(table.get("type", "spot")))
+    placed = {key: value for key, value in PLACED.items() if kind is None or key in kind.keys()}  # noqa: SIM118 - no dict
+    _without_place("light", table, lambda: _light(placed | table, folder))
+
+
+def _without_place(section: str, table: Values, make: Callable[[], Any]) -> None:
+    """Raise what is wrong with the keys of a table, but for how a place that stands in goes with them."""
+    try:
+        make()
+    except SceneError as error:
+        complete = all(key in table for key in PLACED)
+        faults = [fault for fault in error.args if complete or not fault.startswith(f"{section}: ")]
+        if faults:
+            raise SceneError(*faults) from None
+
+
+def _beside(table: Values, key: str, folder: Path) -> Values:
+    """Make a file's name, relative to the scene file, absolute."""
+    name = table.get(key)
+    if not isinstance(name, str) or not name:
+        return table
+    try:
+        return table | {key: str(real_path(source_of(name, folder)))}
+    except InputError:
+        return table  # whose own check says what is wrong with the name

@@ -1,0 +1,131 @@
+"""Images that colour a light: read, checked, reduced to what is needed, and kept."""
+
+import math
+from functools import lru_cache
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import PlainValidator
+
+from tfm_cl.errors import ImageError, SceneError
+from tfm_cl.files.image_io import load_image
+from tfm_cl.files.paths import name_of, reason_of, source_of
+from tfm_cl.model import LARGEST_COLOUR
+
+TEXTURE_RES = 2048
+"""Most texels along a side; larger images are reduced to it."""
+KEPT = 4
+"""Images kept for the next render (50 MiB each at most)."""
+
+
+def _name(value: Any) -> str:
+    return "" if value == "" else name_of(value, "an image file")
+
+
+ImagePath = Annotated[str, PlainValidator(_name)]
+"""Path of an image file; empty for none."""
+
+
+def texture_for(path: str, intensity: tuple[float, float, float]) -> NDArray[np.float32] | None:
+    """Return the texture of a light of some intensity, or None without a path.
+
+    Returns
+    -------
+    ndarray or None
+        Scene-linear [height, width, RGB], read-only, at most `TEXTURE_RES` a side. A PNG is decoded from
+        sRGB; of an image with alpha the premultiplied colours are taken: what is transparent is dark.
+
+    Raises
+    ------
+    SceneError
+        As `read`, or brighter together with the intensity than a light may be.
+    """
+    if not path:
+        return None
+    image = _kept(path, stamp(path))
+    check_brightness(path, float(image.max()), intensity)
+    return image
+
+
+def read(path: str) -> NDArray[np.float32]:
+    """Read an image [height, width, RGB] of finite values ≥ 0.
+
+    Raises
+    ------
+    SceneError
+        No such file, not an image, or other values; one line that names the key and the file.
+    """
+    try:
+        image = load_image(path)[..., :3]
+    except ImageError as error:
+        raise SceneError(f"light.texture: {error}") from None
+    wrong = ~(image >= 0) | np.isinf(image)
+    if wrong.any():
+        y, x, channel = np.argwhere(wrong)[0]
+        raise SceneError(
+            f"light.texture: {path}: should hold finite numbers ≥ 0; x={x}, y={y} is {image[y, x, channel]:g}"
+        )
+    return image
+
+
+def stamp(path: str) -> tuple[int, int]:
+    """Return what changes when a file does; raises `SceneError` when it is not there."""
+    try:
+        status = source_of(path, error=SceneError).stat()
+    except OSError as error:
+        raise SceneError(f"light.texture = {path!r}: cannot be read ({reason_of(error)})") from None
+    return status.st_mtime_ns, status.st_size
+
+
+def check_brightness(path: str, brightest: float, intensity: tuple[float, float, float]) -> None:
+    """Raise `SceneError` when intensity times ``brightest`` is more than a light may have."""
+    if brightest * max(intensity) > LARGEST_COLOUR:
+        raise SceneError(
+            f"light.texture: {path}: {brightest:g} times the intensity {max(intensity):g} should be at most "
+            f"{LARGEST_COLOUR:g}"
+        )
+
+
+def look_up(image: NDArray[np.floating], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Interpolate [height, width, n] bilinearly at u, v [points, 2]: v = 1 is the top, clamped at the edges.
+
+    ``kernels/texture.h`` in float64.
+    """
+    height, width = image.shape[:2]
+    x = np.clip(positions[:, 0] * width - 0.5, 0, width - 1)
+    y = np.clip((1 - positions[:, 1]) * height - 0.5, 0, height - 1)
+    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    fx, fy = (x - left)[:, None], (y - top)[:, None]
+    upper = (1 - fx) * image[top, left] + fx * image[top, right]
+    lower = (1 - fx) * image[below, left] + fx * image[below, right]
+    mixed: NDArray[np.float64] = (1 - fy) * upper + fy * lower
+    return mixed
+
+
+def reduced(image: NDArray[np.float32], most: int = TEXTURE_RES) -> NDArray[np.float32]:
+    """Average an image over areas, so that no side has more than ``most`` texels; its mean stays."""
+    for axis in (0, 1):
+        if image.shape[axis] > most:
+            image = np.moveaxis(_reduced_rows(np.moveaxis(image, axis, 0), most), 0, axis)
+    return image
+
+
+def _reduced_rows(image: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+    """Fewer rows, each the mean of those it covers, the first and the last of them in part."""
+    rows = np.empty((count, *image.shape[1:]), np.float32)
+    size = len(image) / count
+    for row in range(count):
+        begin, end = row * size, min((row + 1) * size, len(image))
+        first, last = math.floor(begin), math.ceil(end)
+        weights = np.minimum(np.arange(first, last) + 1, end) - np.maximum(np.arange(first, last), begin)
+        rows[row] = np.tensordot(weights / weights.sum(), image[first:last], axes=1)
+    return rows
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(path: str, _stamp: tuple[int, int]) -> NDArray[np.float32]:
+    image = np.array(reduced(read(path)), dtype=np.float32, order="C")
+    image.flags.writeable = False
+    return image

@@ -1,0 +1,215 @@
+"""Volume files: one module a format, found by the file's extension.
+
+To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (see
+`tfm_cl.files.volume_io.grid.VolumeFormat`) and name it in ``FORMATS``.
+"""
+
+import importlib
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.files.paths import check_readable
+from tfm_cl.files.volume_io.grid import Grid, VolumeFormat, shown, shown_names
+from tfm_cl.scene.bodies.leaves import MAX_LEAVES, Leaves
+
+FORMATS: dict[str, str] = {
+    ".vdb": "vdb",
+    ".nvdb": "nvdb",
+    ".npy": "numpy_array",
+    ".npz": "numpy_array",
+    ".vol": "mitsuba_vol",
+    ".nrrd": "nrrd_file",
+    ".nhdr": "nrrd_file",
+    ".raw": "raw",
+}
+"""Extension -> module of this package; imported when a file of that kind is opened."""
+
+DEFAULT_NAME = "density"
+"""Grid that is rendered when none is named."""
+COLOUR = "colour"
+"""Grid or array that is a colour, where none is named."""
+MAX_VOXELS = 1 << 31
+"""Largest dense grid read into memory (8 GiB of float32)."""
+MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
+"""Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
+
+__all__ = [
+    "COLOUR",
+    "DEFAULT_NAME",
+    "FORMATS",
+    "MAX_BOX_EDGE",
+    "MAX_BOX_VOXELS",
+    "MAX_VOXELS",
+    "beyond_limits",
+    "choose_grid",
+    "find_grid",
+    "open_grids",
+    "read_grid",
+    "read_stored",
+    "read_vectors",
+    "refusal",
+    "too_large",
+    "too_many_leaves",
+]
+
+
+def open_grids(path: Path) -> list[Grid]:
+    """Describe the grids of a volume file without reading their voxels.
+
+    Raises
+    ------
+    VolumeError
+        Missing, damaged or unknown file.
+    """
+    module_name = FORMATS.get(path.suffix.lower())
+    if module_name is None:
+        raise VolumeError(
+            f"{path}: not a known volume format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
+        )
+    check_readable(path, VolumeError)
+    module: VolumeFormat = importlib.import_module(f"{__name__}.{module_name}")
+    try:
+        grids = module.open_grids(path)
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if not grids:
+        raise VolumeError(f"{path}: holds no grid")
+    return grids
+
+
+def choose_grid(path: Path, name: str | None = None) -> Grid:
+    """Find the grid to render: the one named, else ``density``, else the file's only fog volume.
+
+    Where grids share a name it means the first of them, as in OpenVDB; a note of the grid says so, and
+    ``name[1]`` means the second. Of grids of one value a voxel and of three (colours), the former are
+    preferred.
+
+    Raises
+    ------
+    VolumeError
+        No such grid, or none can be chosen (the message lists the names), or it is a level set or of
+        a type that cannot be a density.
+    """
+    grids = open_grids(path)
+    grid = _default_grid(path, grids) if name is None else find_grid(path, grids, name)
+    reason = refusal(grid)
+    if reason:
+        raise VolumeError(f"{path}: grid {shown(grid.name)} {reason}")
+    return grid
+
+
+def find_grid(path: Path, grids: list[Grid], name: str) -> Grid:
+    """Find the grid of a name among those of ``path``.
+
+    Raises
+    ------
+    VolumeError
+        No grid has it; the message lists the names.
+    """
+    for grid in grids:
+        if grid.name == name:
+            return grid
+    sharing = [grid for grid in grids if grid.shared_name == name]
+    if not sharing:
+        raise VolumeError(
+            f"{path}: no grid named {shown(name)}; it has {shown_names([grid.name for grid in grids])}"
+        )
+    return _first_of(path, sharing, sharing)
+
+
+def _default_grid(path: Path, grids: list[Grid]) -> Grid:
+    whole = [grid for grid in grids if not grid.is_part]
+    named = [grid for grid in whole if DEFAULT_NAME in (grid.name, grid.shared_name)]
+    found = named or whole
+    if len(found) > 1:
+        found = [grid for grid in found if refusal(grid) == ""]
+        found = [grid for grid in found if grid.read_colour is None] or found
+    if found and named:
+        return _first_of(path, found, named)
+    if len(found) != 1:
+        names = shown_names([grid.name for grid in grids])
+        raise VolumeError(f"{path}: several grids ({names}); choose one with --grid NAME")
+    return found[0]
+
+
+def _first_of(path: Path, found: list[Grid], sharing: list[Grid]) -> Grid:
+    first = found[0]
+    if len(sharing) == 1:
+        return first
+    others = shown_names([grid.name for grid in sharing if grid is not first])
+    note = (
+        f"{path}: {len(sharing)} grids are named {shown(str(first.shared_name))}; this is "
+        f"{shown(first.name)}, choose {others} with --grid"
+    )
+    return replace(first, notes=(*first.notes, note))
+
+
+def read_grid(path: Path, grid: Grid) -> NDArray[np.float32]:
+    """Read the voxels of a grid of ``path`` as float32 [z, y, x], within `MAX_VOXELS`."""
+    try:
+        return grid.read()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
+    """Read the voxels of a grid of ``path`` in the form its format stores: leaves of a tree, or all."""
+    if grid.read_leaves is None:
+        return read_grid(path, grid)
+    try:
+        return grid.read_leaves()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def read_vectors(path: Path, grid: Grid) -> NDArray[np.float32]:
+    """Read a grid of three values a voxel as float32 [z, y, x, 3]."""
+    if grid.read_colour is None:
+        raise VolumeError(f"{path}: grid {shown(grid.name)} has one value a voxel, not three")
+    try:
+        return grid.read_colour()
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def beyond_limits(grid: Grid) -> str:
+    """Why a grid is too large to be read with `read_stored`; empty when it is not."""
+    if grid.read_colour is not None:
+        z, y, x = grid.shape
+        return too_large((z, y, 3 * x), sparse=False)
+    return too_large(grid.shape, sparse=grid.read_leaves is not None) or too_many_leaves(grid.leaf_count)
+
+
+def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
+    """Why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty when it can."""
+    z, y, x = shape
+    limit = MAX_BOX_VOXELS if sparse else MAX_VOXELS
+    if math.prod(shape) > limit:
+        return f"spans {x}×{y}×{z} = {x * y * z:,} voxels; the limit is {limit:,}"
+    if sparse and max(shape) > MAX_BOX_EDGE:
+        return f"spans {x}×{y}×{z} voxels; the limit along an axis is {MAX_BOX_EDGE:,}"
+    return ""
+
+
+def too_many_leaves(count: int) -> str:
+    """Why that many leaves cannot be read; empty when they can."""
+    return f"takes {count:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" if count > MAX_LEAVES else ""
+
+
+def refusal(grid: Grid) -> str:
+    """Why a grid cannot be rendered as a density; empty when it can."""
+    if grid.unsupported:
+        return f"cannot be rendered: {grid.unsupported}"
+    if grid.grid_class == "level set":
+        return (
+            "is a level set (signed distances), not a fog volume: its values are not densities; "
+            "convert it first, for instance with OpenVDB's sdfToFogVolume"
+        )
+    if min(grid.shape) < 1:
+        return "is empty: it stores no voxel"
+    return beyond_limits(grid)

@@ -1,0 +1,106 @@
+"""From the values that a file stores to densities: an offset and a window, as CT data need them."""
+
+import math
+import reprlib
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.files.volume_io import too_large
+from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.scene.bodies.leaves import Leaves
+
+
+def _is_number(value: Any) -> bool:
+    is_real = isinstance(value, int | float | np.integer | np.floating)
+    return is_real and bool(-LARGEST_COLOUR <= value <= LARGEST_COLOUR)  # NaN is not
+
+
+class ValueMap(NamedTuple):
+    """What happens to stored values, before the density scale.
+
+    Each becomes ``value + offset``. Without a window what is then below 0 becomes 0; with one, low to high
+    become 0 to 1, and what is outside the window the nearer of these. NaN stays NaN. Where neither is given
+    values stay what they are.
+    """
+
+    offset: float = 0.0
+    window: tuple[float, float] | None = None
+    """(low, high), low < high."""
+
+    def check(self, label: str) -> None:
+        """Raise `VolumeError` when the numbers are not finite, too large, or no window."""
+        if not _is_number(self.offset):
+            raise VolumeError(
+                f"{label}: offset is a finite number, at most {LARGEST_COLOUR:g}; got "
+                f"{reprlib.repr(self.offset)}"
+            )
+        match self.window:
+            case None:
+                return
+            case [low, high] if _is_number(low) and _is_number(high) and np.float32(low) < np.float32(high):
+                return
+        raise VolumeError(
+            f"{label}: window is two numbers [low, high], low < high; got {reprlib.repr(self.window)}"
+        )
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether values stay what they are."""
+        return self.offset == 0 and self.window is None
+
+    def of_number(self, value: float) -> float:
+        """Return what one stored value becomes."""
+        return float(self.of_array(np.array([value], np.float32))[0])
+
+    def of_array(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Map an array in place, and return it."""
+        if self.is_identity:
+            return values
+        with np.errstate(invalid="ignore", over="ignore"):
+            values += np.float32(self.offset)
+            if self.window is None:
+                return np.maximum(values, np.float32(0), out=values)
+            low, high = (np.float32(end) for end in self.window)
+            values -= low
+            values /= high - low
+            return np.clip(values, np.float32(0), np.float32(1), out=values)
+
+    def of_stored(self, stored: NDArray[np.float32] | Leaves, label: str) -> NDArray[np.float32] | Leaves:
+        """Map voxels as a file stores them: a dense array in place, leaves as new ones.
+
+        Leaves become a dense array where the empty space between them does not stay 0.
+
+        Raises
+        ------
+        VolumeError
+            That array would be too large.
+        """
+        if not isinstance(stored, Leaves):
+            return self.of_array(stored)
+        if self.is_identity:
+            return stored
+        empty = self.of_number(0.0)
+        if empty == 0:
+            mapped = self.of_array(stored.values.copy())
+            return Leaves(stored.shape, stored.first, stored.coordinates, mapped)
+        reason = too_large(stored.shape, sparse=False)
+        if reason:
+            raise VolumeError(
+                f"{label}: offset and window make its empty space {empty:g}, so that all of it takes memory; "
+                f"it {reason}; choose them so that 0 stays 0"
+            )
+        return self.of_array(stored.to_dense())
+
+    def note(self, outside: float, label: str) -> str:
+        """Say what becomes of the value that a file has outside its voxels; nothing where it is 0."""
+        value = self.of_number(outside)
+        if value == 0:
+            return ""
+        shown = "no number" if math.isnan(value) else f"{value:g}"
+        return (
+            f"{label}: outside what the file stores its value is {shown} without end; it is that inside the "
+            "box around what is stored, and 0 outside"
+        )

@@ -1,0 +1,1 @@
+"""Transmittance function maps: what they are made of, and how they are made."""

@@ -1,0 +1,37 @@
+"""Bases of the transmittance function: one module and one kernel header each.
+
+To add one, write both and list it in ``BASES``.
+"""
+
+from tfm_cl.maps.bases.base import Basis
+from tfm_cl.maps.bases.cosine import DCT, HCOS
+from tfm_cl.maps.bases.fourier import FOURIER
+from tfm_cl.maps.bases.klt import KLT
+from tfm_cl.maps.bases.legendre import LEGENDRE
+from tfm_cl.maps.bases.moments import MOMENTS
+from tfm_cl.maps.bases.nodes import NODES, NODES_T
+from tfm_cl.maps.bases.piecewise import PIECEWISE
+from tfm_cl.maps.bases.slices import SLICES, SLICES_CUBIC
+
+BASES: dict[str, Basis] = {
+    basis.name: basis
+    for basis in (
+        DCT,
+        HCOS,
+        KLT,
+        FOURIER,
+        LEGENDRE,
+        SLICES,
+        SLICES_CUBIC,
+        PIECEWISE,
+        MOMENTS,
+        NODES,
+        NODES_T,
+    )
+}
+"""Name in scene files -> basis."""
+
+BEST = "klt"
+"""What ``basis = "auto"`` means."""
+
+__all__ = ["BASES", "BEST", "Basis"]

@@ -1,0 +1,142 @@
+"""What a basis is to the rest of the project."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tfm_cl.maps.bases.curves import Curves
+    from tfm_cl.scene.settings import MapSettings
+
+Floats = NDArray[np.float64]
+Target = Literal["transmittance", "optical-depth", "extinction"]
+Fit = Literal["l2", "visibility"]
+Range = Literal["box", "trimmed", "visible", "global"]
+Lookup = Literal["interpolate", "reconstruct", "stochastic"]
+
+TARGETS: dict[Target, int] = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
+"""What a basis approximates, f = T^{1/α}, τ or σ, and its number in the kernels."""
+FITS: dict[Fit, int] = {"l2": 0, "visibility": 1}
+"""How its numbers are found, and the number of that in the kernels."""
+RANGES: tuple[Range, ...] = ("box", "trimmed", "visible", "global")
+LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 2}
+UNIFORM_SHARE = 0.02
+"""Of the visibility-weighted fit: keeps what no light reaches from going anywhere. Of 0.01, 0.02, 0.03, 0.1
+and 0.3 the first three differ by a few per cent on six volumes, the last two are worse by 10 and 20 %."""
+
+
+RIDGE = 1e-6
+"""Of normal equations, as a part of their mean diagonal; ``TFM_RIDGE`` of ``kernels/projection.h``."""
+
+
+class Functions(Protocol):
+    """The functions B_j(v) of one map, v in [0, 1] along the range of a light ray.
+
+    The target's approximation is Σ_j c_j B_j(v); for the extinction, τ(v) = Σ_j c_j ∫_0^v B_j.
+    """
+
+    @property
+    def modes(self) -> NDArray[np.float32]:
+        """What the kernel header needs to evaluate them, besides the numbers of a texel; may be empty."""
+
+    def values(self, v: Floats) -> Floats:
+        """B_j of the target at v: [len(v), n]; the integrals where the target is the extinction."""
+
+    def analysis(self, steps: int) -> Floats:
+        """L2: the linear functionals that give the numbers, [steps, n].
+
+        c_j = Σ_k f_k a_jk over the steps' middles, or, for the extinction, Σ_k d_k a_jk with the optical
+        depth d_k of every step.
+        """
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """What a basis does where the settings say ``auto``."""
+
+    target: Target
+    fit: Fit
+    range: Range
+    lookup: Lookup
+
+
+@dataclass(frozen=True)
+class Basis:
+    """A way to keep the transmittance along a light ray in a few numbers."""
+
+    name: str
+    """Name in scene files and on the command line."""
+    header: str
+    """Kernel header, below ``kernels/``, with the functions that ``kernels/basis/README.md`` names."""
+    summary: str
+    """One line for ``--help``."""
+    defaults: Defaults
+    functions: Callable[[MapSettings, Curves | None], Functions] | None
+    """Makes the functions for resolved settings; None where the kernel header accumulates in its own way.
+    `Curves`, light rays of the map itself, are given where `needs_curves` says so."""
+    targets: tuple[Target, ...] = ("transmittance", "optical-depth", "extinction")
+    """That make sense for it."""
+    fits: tuple[Fit, ...] = ("l2", "visibility")
+    needs_curves: bool = False
+    lerps: bool = True
+    """Whether numbers of neighbouring texels may be interpolated."""
+    counts: tuple[int, ...] = field(default=tuple(range(1, 33)))
+    """Numbers a texel that it can have."""
+
+    def table(self, functions: Functions, settings: MapSettings, steps: int) -> NDArray[np.float32]:
+        """Make what ``kernels/projection.h`` wants for every step of a march.
+
+        Parameters
+        ----------
+        settings
+            Resolved.
+        steps
+            Along a ray's range.
+        """
+        n = settings.coeffs
+        if settings.fit == "l2":
+            analysis = functions.analysis(steps)
+            rows = analysis if settings.target == "extinction" else _suffix_sums(analysis)
+            return rows.astype(np.float32).ravel()
+        values = functions.values(middles(steps))
+        below = np.tril_indices(n)
+        products = values[:, below[0]] * values[:, below[1]]
+        rows = np.concatenate([_suffix_sums(values / steps), values, products], axis=1)
+        return np.concatenate([products.mean(axis=0), rows.ravel()]).astype(np.float32)
+
+
+def middles(steps: int) -> Floats:
+    """Middles of equal steps in [0, 1]."""
+    return (np.arange(steps) + 0.5) / steps
+
+
+def least_squares(values: Floats) -> Floats:
+    """Functionals of the plain least-squares fit to values at the steps' middles, [steps, n].
+
+    ``values`` are [steps, n]. For cosines on the middles they are TFM's eq. 10, normalised: the cosines are
+    orthogonal there too. M middles determine M numbers, and those beyond are 0: they would only alias.
+    """
+    found = np.zeros_like(values)
+    found[:, : len(values)] = np.linalg.pinv(values[:, : len(values)]).T
+    return found
+
+
+def weighted_fit(weight: Floats, target: Floats, functions: Floats) -> Floats:
+    """Weighted least squares of every row of ``target`` [rows, points] in functions: [rows, n]."""
+    n = functions.shape[1]
+    products = (functions[:, :, None] * functions[:, None, :]).reshape(len(functions), -1)
+    # In float32: it is the largest part of the work, and needs no more digits than the ridge leaves.
+    gram = (weight.astype(np.float32) @ products.astype(np.float32)).astype(np.float64).reshape(-1, n, n)
+    ridge = RIDGE / n * np.trace(gram, axis1=1, axis2=2) + 1e-300
+    right = ((weight * target) @ functions)[:, :, None]
+    solved: Floats = np.linalg.solve(gram + ridge[:, None, None] * np.eye(n), right)[:, :, 0]
+    return solved
+
+
+def _suffix_sums(rows: Floats) -> Floats:
+    return rows[::-1].cumsum(axis=0)[::-1]

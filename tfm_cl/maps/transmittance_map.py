@@ -1,0 +1,194 @@
+"""A transmittance function map: what the light pass makes and the view pass looks up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tfm_cl.errors import SceneError
+from tfm_cl.scene.lights import Light
+from tfm_cl.scene.settings import STORAGE_BITS, MapSettings
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.maps.bases.base import Functions
+    from tfm_cl.maps.light_pass import LightPass, MapBuffers
+    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.bodies.volumes import Volumes
+    from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.solids import Solid
+
+
+@dataclass(frozen=True, eq=False)
+class TransmittanceMap:
+    """The transmittance of the density along every ray of one light, in a few numbers a texel.
+
+    Only the density is projected; colours enter as an exponent at look-up (TFM eq. 11–14), so that one
+    map serves every ``sigma_s``, ``sigma_a`` and phase function. It lives on the device of the renderer
+    that built it.
+    """
+
+    light: Light
+    settings: MapSettings
+    """Resolved: no ``"auto"``."""
+    requested: MapSettings
+    """The scene's own."""
+    volume: Volume | Volumes
+    solids: tuple[Solid, ...]
+    """That stood in the light's way."""
+    shadow_res: int
+    """Of the shadow map that says how far their shadow leaves the rays open."""
+    density_weighting: float
+    """The α in use."""
+    largest_optical_depth: float
+    """Of the density, along the rays of all the scene's lights, on a coarse map."""
+    extinction: float
+    """At density 1, for which visibility is meant: of the fit, of the range ``visible`` and of `residual`."""
+    number_unit: float
+    """Stored numbers are in this unit (half precision only)."""
+    functions: Functions | None
+    """Of the basis."""
+    field: NDArray[np.float32]
+    """Ranges of the light rays, [size, size, 4]: begin and end (distances from the light), slope beyond,
+    last density. Without meaning for the range ``box``."""
+    buffers: MapBuffers
+    params: cl.Buffer
+    bricks: BrickGrid
+    light_pass: LightPass
+
+    @cached_property
+    def coefficients(self) -> NDArray[np.float32]:
+        """The numbers of every texel, float32 [y, x, n] (a copy on the host)."""
+        return self.light_pass.read(self.settings, self.buffers, self.number_unit)
+
+    @cached_property
+    def occupied(self) -> NDArray[np.float32]:
+        """Where along every texel's light ray there is density, float32 [y, x, 2].
+
+        Distances from the light, world units, of the begin of the first step with density and of the end of
+        the last, within the map's range; both are 0 for a ray without density.
+        """
+        return self.light_pass.read_occupied(self.settings, self.buffers)
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the texels' numbers on the device; `bytes_per_texel` has the ranges too."""
+        return STORAGE_BITS[self.settings.storage] // 8 * self.settings.coeffs * self.settings.res**2
+
+    @property
+    def bytes_per_texel(self) -> float:
+        """All numbers of a texel and its share of the ranges."""
+        return self.settings.bytes_per_texel(self.settings.coeffs, self.settings.range)
+
+    @cached_property
+    def _residuals(self) -> NDArray[np.float32]:
+        return self.light_pass.residual(
+            self.settings, self.light, self.params, self.bricks, self.buffers, clipped=bool(self.solids)
+        )
+
+    @cached_property
+    def residual(self) -> NDArray[np.float32]:
+        """Where the map cannot be trusted: relative error of T of every texel, float32 [y, x].
+
+        √(∫ D (T_map - T)² / ∫ D T²) along the texel's light ray, with T marched in four times the map's
+        steps between the medium's bounds, for the extinction `extinction`; 0 where the ray meets no density.
+        """
+        error, light = self._residuals[..., 0], self._residuals[..., 1]
+        return np.sqrt(np.divide(error, light, out=np.zeros_like(error), where=light > 0))
+
+    @property
+    def error(self) -> float:
+        """`residual` of all rays together: √(Σ ∫ D (T_map - T)² / Σ ∫ D T²)."""
+        error, light = self._residuals.sum(axis=(0, 1), dtype=np.float64)
+        return float(np.sqrt(error / light)) if light > 0 else 0.0
+
+    def curve(
+        self, u: float, v: float, count: int = 256
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Follow one light ray: what the map says of its transmittance, and what is true.
+
+        Parameters
+        ----------
+        u, v
+            Map position in [0, 1]².
+        count
+            Points along the ray between the medium's bounds.
+
+        Returns
+        -------
+        distance, exact, of_map
+            float64 [count]: distances from the light, and the transmittance for the extinction `extinction`,
+            marched on the host in steps between the points, and looked up.
+
+        Raises
+        ------
+        SceneError
+            When the ray misses the medium.
+        """
+        from tfm_cl import reference  # noqa: PLC0415 - few need it
+
+        rays = reference.map_rays(self.light, np.array([[u, v]]))
+        begin, end = (float(bound[0]) for bound in reference.march_bounds(self.volume, *rays))
+        if not begin < end:
+            raise SceneError(f"the light ray of map position {u:g}, {v:g} misses the medium")
+        distance = begin + (np.arange(count) + 0.5) * (end - begin) / count
+        points = rays.origins + distance[:, None] * rays.directions
+        depth = self.extinction * reference.density(self.volume, points) * (end - begin) / count
+        exact = np.exp(-(np.cumsum(depth) - 0.5 * depth))
+        return distance, exact, self.evaluate(points, self.extinction).astype(np.float64)
+
+    def evaluate(self, points: ArrayLike, sigma_t: ArrayLike = 1.0) -> NDArray[np.float32]:
+        """Transmittance from the light to points, as the view pass sees it.
+
+        Parameters
+        ----------
+        points
+            World positions, shape (..., 3).
+        sigma_t
+            Extinction coefficient at density 1: one number, or RGB. The default gives the map's own
+            colourless transmittance (eq. 13).
+
+        Returns
+        -------
+        ndarray
+            T in [0, 1], shape (...), or (..., 3) for RGB; 0 where the light does not reach.
+
+        Raises
+        ------
+        SceneError
+            When the points are not finite triples.
+        """
+        world = np.asarray(points, dtype=np.float64)
+        if world.shape[-1:] != (3,) or not np.isfinite(world).all():
+            raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
+        device = (world - self.volume.bounds.mean(axis=0)).astype(np.float32).reshape(-1, 3)
+        depths = self.light_pass.evaluate(
+            self.settings, self.light, self.params, self.bricks, self.buffers, device
+        )
+        depths = depths.reshape(world.shape[:-1])
+        sigma = np.asarray(sigma_t, dtype=np.float32)
+        reached = depths >= 0
+        if sigma.ndim:
+            depths, reached = depths[..., None], reached[..., None]
+        transmittance: NDArray[np.float32] = np.where(reached, np.exp(-sigma * np.maximum(depths, 0)), 0)
+        return transmittance.astype(np.float32)
+
+    def check_serves(self, scene: Scene, index: int) -> None:
+        """Raise `SceneError` unless this map is right for light ``index`` of a scene."""
+        light = scene.lights[index].fitted(scene.volume.occupied_bounds)
+        for what, same in (
+            ("volume", self.volume.same_density(scene.volume)),
+            ("set of solids", self.solids == scene.solids),
+            ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
+            ("light", self.light.map_key() == light.map_key()),
+            ("map settings", self.requested == scene.map),
+            ("voxel type", self.bricks.voxels == scene.march.voxels),
+        ):
+            if not same:
+                raise SceneError(f"map {index + 1} was built for another {what}; build the maps again")

@@ -1,1 +1,0 @@
-"""The passes: one class each, owning its kernels and the buffers it fills."""

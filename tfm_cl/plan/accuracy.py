@@ -1,0 +1,335 @@
+"""Numbers for ``map.max_error``: chosen by measuring some pixels against the converged dual march.
+
+The error asked for is that of the picture: the root mean square over its lit pixels, relative to their mean
+(`tfm_cl.metrics`). A pilot, the same camera with fewer pixels, is rendered by the dual march in ever more
+steps until it has converged, then with the camera's steps, and through maps with the numbers, until these
+agree with it. What is given is kept: only what is ``"auto"`` is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import DeviceMemoryError, SceneError
+from tfm_cl.maps.bases import BASES
+from tfm_cl.metrics import lit_mask
+from tfm_cl.model import is_auto
+from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.settings import AUTO
+
+if TYPE_CHECKING:
+    from tfm_cl.render.result import RenderResult
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.scene import Scene
+
+Crop = tuple[int, int, int, int]
+
+PIXELS, LEAST_PIXELS = 1 << 14, 1 << 11
+"""Lit pixels of a pilot, and how many there are at least where each is expensive. A picture with fewer is
+its own pilot: a few pixels at the edge of a shadow may hold most of the error."""
+SAMPLES = 2e10
+"""Of the converged dual march of a pilot, nominal: some seconds."""
+SCOUT_PIXELS = 4096
+"""Of the picture in which the lit part is found."""
+CONVERGED = 4
+"""Times the steps of ``"auto"``, at least: the dual march that is taken for the truth."""
+OF_TRUTH = 0.4
+"""Of the error asked for: what half the truth's steps may differ by. A march's error falls with the square of
+its steps: a third of it is left."""
+OF_CAMERA = 0.5
+"""Of the error asked for: what the camera's steps may take, a quarter of the squared error."""
+ENOUGH, AIM = 0.5, 0.95
+"""Of the error asked for: below the first cheaper numbers are tried; the second is kept."""
+MOST = {"steps": 8192, "light_steps": 2048, "res": 4096}
+"""Where the search ends."""
+LEAST = 16
+"""Steps, or texels along a side."""
+FINER, FAR = 1.5, 2.0
+"""Times the texels along a side, or the steps, that are tried next; where the error is that many times what
+is asked for."""
+MUCH = 0.3
+"""Of the squared error that is too much: what takes so much off is taken without trying anything else."""
+MOST_TRIALS = 30
+"""Pilots that are rendered for a choice."""
+LADDER = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Numbers a texel that are tried: each has kernels of its own, which take seconds to compile."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What is chosen."""
+
+    steps: int
+    """Of the camera's rays."""
+    light_steps: int
+    res: int
+    coeffs: int
+
+    def of(self, scene: Scene) -> Scene:
+        """Return the scene with these numbers, and no other wish."""
+        of_map = {"res": self.res, "steps": self.light_steps, "coeffs": self.coeffs, "max_error": None}
+        return scene.replace(map=scene.map.replace(**of_map), march=scene.march.replace(steps=self.steps))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A scene with numbers for all that was asked of its error, and what it errs by."""
+
+    scene: Scene
+    estimate: float
+    """Relative RMSE of the picture's lit pixels against the converged dual march, as measured."""
+
+
+class Chooser:
+    """Chooses the numbers with which a picture keeps ``map.max_error``.
+
+    Parameters
+    ----------
+    render
+        ``render(scene, method, crop)`` renders a scene without ``max_error``.
+    scene
+        With it.
+    method
+        ``tfm`` or ``dual``.
+    crop
+        Pixels x0, y0, x1, y1 of the picture.
+    progress
+        Called as ``progress("choosing", fraction)``.
+    """
+
+    def __init__(
+        self,
+        render: Callable[[Scene, str, Crop], RenderResult],
+        scene: Scene,
+        method: str,
+        crop: Crop,
+        progress: Callable[[str, float], None],
+    ) -> None:
+        self._render, self._scene, self._method, self._crop = render, scene, method, crop
+        self._progress, self._trials = progress, 0
+        self._error = float(scene.map.max_error or 0)
+        self._has_maps = method == "tfm" and not isinstance(scene.volume, Homogeneous)
+        plain = scene.replace(map=scene.map.replace(max_error=None)).resolved()
+        settings = plain.map.resolved()
+        counts = BASES[settings.basis].counts
+        self._coeffs = sorted({max((n for n in counts if n <= most), default=min(counts)) for most in LADDER})
+        light_steps, res = (1, 1) if isinstance(scene.volume, Homogeneous) else (settings.steps, settings.res)
+        self._pilot = scene.camera, crop
+        self._first = Numbers(plain.march.steps, light_steps, res, settings.coeffs)
+        # The truth follows the medium, whatever was given.
+        auto = plain.replace(
+            map=settings.replace(steps=AUTO), march=plain.march.replace(steps=AUTO)
+        ).resolved()
+        self._auto = auto.march.steps, 1 if isinstance(scene.volume, Homogeneous) else auto.map.steps
+
+    def choice(self) -> Choice:
+        """Choose.
+
+        Raises
+        ------
+        SceneError
+            When no numbers do: says what was reached.
+        """
+        pilot = self._choose_pilot()
+        if pilot is None:  # nothing is seen, whatever the numbers
+            return Choice(self._first.of(self._scene), 0.0)
+        self._pilot = pilot
+        numbers = self._camera_steps()
+        first = numbers
+        numbers, error = self._better(numbers, self._error_of(numbers))
+        if error > self._error:
+            raise SceneError(self._refusal(numbers, error))
+        if numbers != first or error < ENOUGH * self._error:
+            numbers, error = self._cheaper(numbers, error)
+        return Choice(numbers.of(self._scene), error)
+
+    # ------------------------------------------------------------------------------------ the pilot
+
+    def _choose_pilot(self) -> tuple[Camera, Crop] | None:
+        """Camera and crop of the pilot, with about `PIXELS` lit pixels; None where nothing is lit."""
+        camera, crop = self._reduced(SCOUT_PIXELS, self._crop)
+        # Light does not matter here.
+        scout = replace(self._first, light_steps=1).of(self._scene.replace(camera=camera))
+        lit = lit_mask(self._render(scout, "dual", crop).image)
+        if not lit.any():
+            return None
+        rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
+        scale = np.divide(self._scene.camera.res, camera.res)
+        low = np.floor((np.array([columns[0], rows[0]]) + crop[:2]) * scale).astype(int)
+        high = np.ceil((np.array([columns[-1], rows[-1]]) + crop[:2] + 1) * scale).astype(int)
+        x0, y0 = np.maximum(low, self._crop[:2]).tolist()
+        x1, y1 = np.minimum(high, self._crop[2:]).tolist()
+        share = float(lit[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].mean())
+        lights = sum(len(light.parts()) for light in self._scene.lights)
+        a_pixel = CONVERGED**2 * math.prod(self._auto) * lights
+        return self._reduced(
+            float(np.clip(SAMPLES / a_pixel, LEAST_PIXELS, PIXELS)) / share, (x0, y0, x1, y1)
+        )
+
+    def _reduced(self, pixels: float, crop: Crop) -> tuple[Camera, Crop]:
+        """Return the camera with fewer pixels, and a crop in these."""
+        x0, y0, x1, y1 = crop
+        width, height = self._scene.camera.res
+        scale = min(1.0, math.sqrt(pixels / ((x1 - x0) * (y1 - y0))))
+        res = max(1, round(width * scale)), max(1, round(height * scale))
+        across, down = res[0] / width, res[1] / height
+        left, top = min(int(x0 * across), res[0] - 1), min(int(y0 * down), res[1] - 1)
+        right, bottom = max(left + 1, math.ceil(x1 * across)), max(top + 1, math.ceil(y1 * down))
+        return self._scene.camera.replace(res=res), (left, top, min(right, res[0]), min(bottom, res[1]))
+
+    def _image(self, numbers: Numbers, method: str) -> NDArray[np.float32]:
+        camera, crop = self._pilot
+        self._trials += 1
+        self._progress("choosing", min(self._trials / MOST_TRIALS, 1.0))
+        return self._render(numbers.of(self._scene.replace(camera=camera)), method, crop).image
+
+    @cached_property
+    def _truth(self) -> tuple[NDArray[np.float32], Numbers]:
+        """Pilot of the dual march in so many steps that half of them change little, and these steps."""
+        factor, coarse = CONVERGED, self._image(self._times(CONVERGED / 2), "dual")
+        while True:
+            steps = self._times(factor)
+            truth = self._image(steps, "dual")
+            if difference(coarse, truth) <= OF_TRUTH * self._error or 2 * steps.steps > MOST["steps"]:
+                return truth, steps
+            factor, coarse = 2 * factor, truth
+
+    def _times(self, factor: float) -> Numbers:
+        steps, light_steps = (math.ceil(factor * auto) for auto in self._auto)
+        return replace(self._first, steps=steps, light_steps=light_steps)
+
+    def _error_of(self, numbers: Numbers, method: str | None = None) -> float:
+        """Measure an error; from a sample of the pixels with its standard error: few may hold most of it."""
+        truth, _ = self._truth
+        image = self._image(numbers, method or self._method)
+        return difference(image, truth, surely=self._pilot[0].res != self._scene.camera.res)
+
+    # ---------------------------------------------------------------------------------- the numbers
+
+    def _camera_steps(self) -> Numbers:
+        """Choose the camera's steps, with the truth's towards the light."""
+        numbers, allowed = self._first, OF_CAMERA * self._error
+        if not is_auto(self._scene.march.steps):
+            return numbers
+
+        def error(steps: int) -> float:
+            return self._error_of(replace(self._truth[1], steps=steps), "dual")
+
+        steps = numbers.steps
+        found = error(steps)
+        while found > allowed and steps < MOST["steps"]:
+            # It falls with the square of the steps, at edges less.
+            factor = min(max(1.1 * math.sqrt(found / allowed), 1.2), 4)
+            steps = min(math.ceil(factor * steps), MOST["steps"])
+            found = error(steps)
+        while found < allowed / 3 and steps > LEAST:
+            fewer = max(LEAST, steps // 2)
+            found = error(fewer)
+            if found > allowed:
+                break
+            steps = fewer
+        return replace(numbers, steps=steps)
+
+    def _free(self) -> Iterator[str]:
+        """Names of the numbers that may be chosen, what a map costs most by first."""
+        settings = self._scene.map
+        if self._has_maps and is_auto(settings.res):
+            yield "res"
+        if self._has_maps and is_auto(settings.coeffs):
+            yield "coeffs"
+        if is_auto(settings.steps) and not isinstance(self._scene.volume, Homogeneous):
+            yield "light_steps"
+        if is_auto(self._scene.march.steps):
+            yield "steps"
+
+    def _better(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
+        """Raise numbers until the error is what is asked for: the resolution, or where that is not it all."""
+        while error > AIM * self._error and self._trials < MOST_TRIALS:
+            too_much = error**2 - (AIM * self._error) ** 2
+            factor = FINER if error < FAR * self._error else FAR
+            best, least = numbers, error
+            for more in self._more(numbers, factor):
+                found = self._error_if_possible(more)
+                if found < least:
+                    best, least = more, found
+                if error**2 - found**2 > MUCH * too_much:
+                    break
+            if best == numbers:
+                break
+            numbers, error = best, least
+        return numbers, error
+
+    def _more(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
+        """Yield what is tried next: a finer map, and more of all numbers."""
+        together = numbers
+        for name in self._free():
+            more = self._changed(together, name, factor)
+            if name == "res" and more:
+                yield more
+            together = more or together
+        if together != numbers:
+            yield together
+
+    def _cheaper(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
+        """Lower one number after the other as long as the error stays below what is asked for."""
+        for name in self._free():
+            while self._trials < MOST_TRIALS:
+                factor = 0.5 if error < ENOUGH * self._error else 1 / FINER
+                fewer = self._changed(numbers, name, factor)
+                found = math.inf if fewer is None else self._error_of(fewer)
+                if fewer is None or found > AIM * self._error:
+                    break
+                numbers, error = fewer, found
+        return numbers, error
+
+    def _error_if_possible(self, numbers: Numbers) -> float:
+        """Infinite where a map is too large for the device."""
+        try:
+            return self._error_of(numbers)
+        except DeviceMemoryError:
+            return math.inf
+
+    def _changed(self, numbers: Numbers, name: str, factor: float) -> Numbers | None:
+        """Multiply a number, or for coefficients take the next count; None beyond its limits."""
+        now = getattr(numbers, name)
+        if name == "coeffs":
+            others = [n for n in self._coeffs if (n > now if factor > 1 else n < now)]
+            if not others:
+                return None
+            return replace(numbers, coeffs=others[0] if factor > 1 else others[-1])
+        changed = round(factor * now)
+        changed = min(changed, max(now, MOST[name])) if factor > 1 else max(changed, min(now, LEAST))
+        return None if changed == now else replace(numbers, **{name: changed})
+
+    def _refusal(self, numbers: Numbers, error: float) -> str:
+        settings, march = self._scene.map, self._scene.march
+        given = {"map.res": settings.res, "map.steps": settings.steps, "march.steps": march.steps}
+        fixed = [f"{key} = {value}" for key, value in given.items() if not is_auto(value)]
+        advice = f"leave out {', '.join(fixed)}, or ask" if fixed else "ask"
+        of_map = f"{numbers.coeffs} numbers a texel, " if self._has_maps else ""
+        return (
+            f"map.max_error = {self._error:g}: the picture reaches {error:.2g} with {of_map}map.res = "
+            f"{numbers.res}, map.steps = {numbers.light_steps}, march.steps = {numbers.steps}; "
+            f"{advice} for more"
+        )
+
+
+def difference(image: NDArray[np.float32], truth: NDArray[np.float32], *, surely: bool = False) -> float:
+    """RMSE of the truth's lit pixels relative to their mean; 0 where they are black.
+
+    ``surely``: with one standard error added to the mean square.
+    """
+    lit = lit_mask(truth)
+    mean = float(truth[lit, :3].mean(dtype=np.float64)) if lit.any() else 0.0
+    if mean == 0:
+        return 0.0
+    squared = np.square(image[lit, :3].astype(np.float64) - truth[lit, :3]).mean(axis=-1)
+    total = float(squared.mean()) + (float(squared.std()) / math.sqrt(squared.size) if surely else 0.0)
+    return math.sqrt(total) / mean

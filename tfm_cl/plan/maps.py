@@ -1,0 +1,151 @@
+"""What is decided before a map is built: α, ranges, and the functions of the basis and their number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tfm_cl.device import params as parameters
+from tfm_cl.device.launch import Launcher
+from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.light_pass import LARGEST_HALF, MapPlan
+from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
+from tfm_cl.scene.settings import MapSettings, field_res
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.maps.bases.base import Functions
+    from tfm_cl.maps.bases.curves import Curves
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
+
+AUTO_WEIGHTING = (1.0, 16.0)
+"""Range of α times the extinction that density_weighting = auto chooses from."""
+PROBE_RES = 64
+"""Light rays along a side of the map that density_weighting = auto looks at."""
+
+RANGE_STEPS = 128
+"""Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
+map."""
+
+
+Clip = Callable[["Light", int], np.ndarray | None]
+
+
+@dataclass(frozen=True)
+class Planned(MapPlan):
+    """A map's plan, and what it was made from."""
+
+    density_weighting: float
+    deepest: float
+    """Largest optical depth of the density along the rays of all lights, on a coarse map."""
+    extinction: float
+    """That visibility is meant for."""
+    seconds: float
+    """Device time of the probes."""
+
+
+class Planner:
+    """Looks at the light rays of a scene and plans its maps."""
+
+    def __init__(self, launcher: Launcher) -> None:
+        self._launcher = launcher
+        self._probe = LightProbe(launcher)
+
+    def plans(self, scene: Scene, bricks: BrickGrid, clip: Clip) -> list[Planned]:
+        """Plan one map for each light of a resolved scene; they differ only in what depends on the light.
+
+        Parameters
+        ----------
+        clip
+            Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
+        """
+        settings = scene.map.resolved()
+        extinction = parameters.reference_extinction(scene.medium)
+        params = [self._params(scene, light, bricks) for light in scene.lights]
+        coarse = [
+            self._probe.ranges(
+                light, of_light, bricks, PROBE_RES, np.inf, settings.steps, clip(light, PROBE_RES)
+            )
+            for light, of_light in zip(scene.lights, params, strict=True)
+        ]
+        deepest = max(float(probe.optical_depth.max()) for probe in coarse)
+        alpha = _density_weighting(scene, deepest)
+        # Not checked again: for media with tiny sigmas α follows the density's large optical depth.
+        settings = settings.model_copy(update={"density_weighting": alpha})
+        probe_steps = max(settings.steps, RANGE_STEPS)
+        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        probes = [
+            probe
+            if settings.range == "box"
+            else self._probe.ranges(
+                light, of_light, bricks, size := field_res(settings.res), cut, probe_steps, clip(light, size)
+            )
+            for light, of_light, probe in zip(scene.lights, params, coarse, strict=True)
+        ]
+        fields = [_field(settings, probe) for probe in probes]
+        curves: list[Curves | None] = [None] * len(fields)
+        seconds = [probe.seconds for probe in probes]
+        if BASES[settings.basis].needs_curves:
+            for i, light in enumerate(scene.lights):
+                curves[i], took = self._probe.curves(
+                    light,
+                    params[i],
+                    bricks,
+                    probes[i],
+                    None if settings.range == "box" else fields[i],
+                    extinction,
+                )
+                seconds[i] += took
+        unit = 1.0
+        if settings.storage == "f16" and settings.target != "transmittance":
+            unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
+        return [
+            Planned(
+                settings=settings,
+                field=field,
+                functions=functions_of(settings, of_light),
+                number_unit=unit,
+                density_weighting=alpha,
+                deepest=deepest,
+                extinction=extinction,
+                seconds=took,
+                clip=clip(light, settings.res),
+            )
+            for light, field, of_light, took in zip(scene.lights, fields, curves, seconds, strict=True)
+        ]
+
+    def _params(self, scene: Scene, light: Light, bricks: BrickGrid) -> cl.Buffer:
+        struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=bricks)
+        return self._launcher.upload("the parameters", struct)
+
+
+def functions_of(settings: MapSettings, curves: Curves | None) -> Functions | None:
+    """Make the functions of a basis, if it has any."""
+    make = BASES[settings.basis].functions
+    return None if make is None else make(settings, curves)
+
+
+def _field(settings: MapSettings, probe: Probe) -> np.ndarray:
+    if settings.range == "box":
+        return np.zeros((1, 1, 4), np.float32)
+    return probe.global_field() if settings.range == "global" else probe.field()
+
+
+def _density_weighting(scene: Scene, deepest: float) -> float:
+    """α of eq. 19: the scene's, or half the largest optical depth that its lights meet.
+
+    The range is that of the most extinguished colour's optical depth; α itself weights the density.
+    """
+    setting = scene.map.density_weighting
+    if setting != "auto":
+        return setting
+    sigma_t = float(scene.medium.sigma_t.max())
+    if sigma_t <= 0:
+        return 1.0
+    return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)

@@ -1,0 +1,148 @@
+"""Camera, light and optical depth for a volume that comes without: a good picture by itself."""
+
+import itertools
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
+from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.lights import LIGHTS, Light, parse_light
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.scene import Media
+
+TOWARDS_CAMERA = (0.35, 0.18, 1.0)
+"""From the volume to the camera: in front, a little to the right and above, where y is up."""
+TOWARDS_LIGHT = (-0.75, 0.9, 0.35)
+"""From the volume to the light: above, to the left, slightly in front: shape by half shadow."""
+LIGHT_DISTANCE = 4.0
+"""Radii of the bounding sphere between its centre and the light."""
+INTENSITY = 15.0
+"""An isotropic, white, dense medium returns about 1/4π of the light: this brings it near white."""
+WIDEST_CONE = 60.0
+"""Degrees."""
+OPTICAL_DEPTH = 7.0
+"""τ along axis-aligned lines of sight, their mean weighted by itself."""
+
+
+def camera_for(volume: "Media", /, **given: Any) -> Camera:
+    """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
+
+    It stands in the frame of ``up``: where z is up, x is still to the right, and it looks along +y.
+    """
+    if "from" in given and "to" in given:
+        return Camera(**given)
+    centre, radius = _sphere(volume)
+    given.setdefault("to", _point(centre, radius))
+    if "from" not in given:
+        towards = _from_y_up(given.get("up", (0, 1, 0))) @ TOWARDS_CAMERA
+        # Any place serves to check the other keys and learn the angle of view.
+        camera = Camera(**{**given, "from": _vector(given["to"]) + towards})
+        width, height = camera.res
+        tangent = np.tan(np.radians(camera.fov) / 2)
+        # Each corner of the bounds, in camera axes, has to stay within the frame's sides.
+        corners = _corners(volume) - _vector(given["to"])
+        right, up, forward = (corners @ camera.world_from_camera[:3, :3]).T
+        with np.errstate(over="ignore"):  # an angle of nearly 0: as far away as can be
+            distance = np.maximum(np.abs(right) * height / width, np.abs(up)) / tangent - forward
+        away = min(float(distance.max()), LARGEST_COORDINATE)
+        given["from"] = _along(_vector(given["to"]), towards, away, radius)
+    return Camera(**given)
+
+
+def light_for(volume: "Media", camera: Camera, /, **given: Any) -> Light:
+    """Make a light from the keys given: of any type, above and to the left; a spot's cone holds the medium.
+
+    With the intensity chosen here, what reaches the volume's centre through no medium is `INTENSITY`
+    whatever the type, falloff and distance.
+    """
+    kind = given.get("type", "spot")
+    keys = LIGHTS[kind].keys() if isinstance(kind, str) and kind in LIGHTS else {}
+    if "from" not in keys:
+        given.setdefault("intensity", round(INTENSITY / (4 * math.pi), 2))
+        return parse_light(given)
+    centre, radius = _sphere(volume)
+    right, up, forward = camera.world_from_camera[:3, :3].T
+    left_up_front = TOWARDS_LIGHT[0] * right + TOWARDS_LIGHT[1] * up - TOWARDS_LIGHT[2] * forward
+    given.setdefault("from", _along(centre, left_up_front, LIGHT_DISTANCE * radius, radius))
+    if "to" in keys:
+        given.setdefault("to", _point(centre, radius))
+    distance = float(np.linalg.norm(centre - _vector(given["from"])))
+    intensity = INTENSITY
+    if given.get("falloff") == "inverse-square":
+        # Three digits, and from inside as from the surface: the volume begins at no distance.
+        intensity = float(f"{min(INTENSITY * max(distance, radius) ** 2, LARGEST_COLOUR):.3g}")
+    given.setdefault("intensity", intensity)
+    if "cone" in keys:
+        # From inside the sphere no cone holds it: take a wide one.
+        half_angle = np.degrees(np.arcsin(radius / distance)) + 0.5 if distance > radius else WIDEST_CONE
+        given.setdefault("cone", round(min(float(half_angle), WIDEST_CONE), 1))
+    return parse_light(given)
+
+
+def density_scale_for(volume: "Volume") -> float:
+    """Scale the density to an optical depth that shows both body and detail (`OPTICAL_DEPTH`).
+
+    It is that of σ_t = 1, so that a medium given by hand does what its numbers say.
+    """
+    depths = [
+        volume.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True)
+    ]
+    lines = np.concatenate(depths)
+    if lines.max(initial=0.0) <= 0:
+        return 1.0
+    lines /= lines.max()
+    # Weighted by themselves: wisps fill much of the frame, but the body is what is looked at.
+    typical = float((lines**2).sum() / lines.sum()) * max(float(depth.max()) for depth in depths)
+    # Two digits are enough, and read better where the choice is printed.
+    return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
+
+
+def _corners(volume: "Media") -> np.ndarray:
+    return np.array(list(itertools.product(*volume.occupied_bounds.T)))
+
+
+def _sphere(volume: "Media") -> tuple[np.ndarray, float]:
+    low, high = volume.occupied_bounds
+    if not np.isfinite([low, high]).all():
+        raise SceneError("a medium everywhere has no middle: give the scene a camera and lights")
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+
+
+def _vector(value: Any) -> np.ndarray:
+    """Three numbers, or zeros for what the camera or the light will refuse with its own words."""
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(3)
+    return vector if vector.shape == (3,) and (np.abs(vector) <= LARGEST_COORDINATE).all() else np.zeros(3)
+
+
+def _from_y_up(up: Any) -> np.ndarray:
+    """Return the smallest rotation, 3×3, that takes +y to ``up``; none for what the camera will refuse."""
+    vector = _vector(up)
+    length = float(np.linalg.norm(vector))
+    if length == 0:
+        return np.eye(3)
+    x, y, z = vector / length
+    one_plus_y = 1 + y if y > 0 else (x * x + z * z) / (1 - y)  # which keeps its digits near -1
+    if one_plus_y == 0:
+        return np.diag([-1.0, -1.0, 1.0])  # of all half turns across y the one that stays in front
+    cross = np.array([[0, x, 0], [-x, 0, -z], [0, z, 0]])  # v ↦ (y × up) × v
+    rotation: np.ndarray = np.eye(3) + cross + cross @ cross / one_plus_y
+    return rotation
+
+
+def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Vec3:
+    return _point(centre + distance * direction / np.linalg.norm(direction), extent)
+
+
+def _point(position: np.ndarray, extent: float) -> Vec3:
+    # Four digits of the volume's extent, wherever it lies: good enough to type by hand.
+    digits = 4 - math.floor(math.log10(extent))
+    x, y, z = (round(float(item), digits) + 0.0 for item in position)
+    return x, y, z

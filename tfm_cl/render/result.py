@@ -1,0 +1,124 @@
+"""What a render returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl._version import __version__
+from tfm_cl.files import image_io
+from tfm_cl.files.image_io.image import Image, Metadata
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.settings import MapSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
+
+
+@dataclass
+class RenderStats:
+    """What a render cost."""
+
+    device: str
+    seconds: dict[str, float] = field(default_factory=lambda: {"light_pass": 0.0, "view_pass": 0.0})
+    """``compile`` and, where there are solids, ``trace`` on the host; ``light_pass`` and ``view_pass`` on the
+    device, over lights and tiles; ``total`` of everything."""
+    samples: dict[str, int] = field(default_factory=lambda: {"light_pass": 0, "view_pass": 0})
+    """Density samples of ``light_pass`` and ``view_pass``."""
+    map_bytes: int = 0
+    """Of the numbers of all maps together."""
+    map: MapSettings | None = None
+    """Of the maps in use, without ``"auto"``; None for the dual march."""
+    error_estimate: float | None = None
+    """Relative RMSE of the lit pixels against the converged dual march, measured where ``map.max_error`` asks
+    for it."""
+
+    def add_map(self, light_map: TransmittanceMap, *, built: bool) -> None:
+        """Count a map in use, and its light pass where it was built for this render."""
+        if built:
+            self.seconds["light_pass"] += light_map.buffers.seconds
+        self.samples["light_pass"] += light_map.buffers.samples
+        self.map_bytes += light_map.nbytes
+        self.map = light_map.settings
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "device": {"name": self.device},
+            "seconds": dict(self.seconds),
+            "samples": dict(self.samples),
+            "map_bytes": self.map_bytes,
+            "error_estimate": self.error_estimate,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RenderResult:
+    """A picture, its extra layers and what they cost."""
+
+    image: NDArray[np.float32]
+    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids."""
+    aovs: dict[str, NDArray[np.float32]]
+    """``depth`` and ``samples`` [H, W], ``transmittance`` and ``light_transmittance`` [H, W, 3]; with solids,
+    or asked for, ``solid_distance`` [H, W], ``normal`` and ``albedo`` [H, W, 3]."""
+    stats: RenderStats
+    scene: Scene
+    crop: tuple[int, int, int, int]
+    """Pixels x0, y0, x1, y1 of the full frame that ``image`` holds."""
+    warnings: tuple[str, ...] = ()
+    """Things a user should know: one line each."""
+    lit: bool = True
+    """Whether the camera sees any of the medium where lights reach, were nothing in their way."""
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        exposure: float = 0.0,
+        aovs: tuple[str, ...] = (),
+        pixel_type: image_io.PixelType = "float",
+        metadata: dict[str, Metadata] | None = None,
+    ) -> None:
+        """Write ``.exr`` (with the AOVs named), ``.png`` or ``.npy``; the file appears whole or not at all.
+
+        Parameters
+        ----------
+        exposure
+            Stops, for PNG.
+        aovs
+            Layers to add to an EXR; other files have no room for them (`image_io.holds_layers`).
+        pixel_type
+            ``float`` or ``half``, of an EXR's colours.
+        metadata
+            Further EXR attributes; camera matrices and the version are always written.
+
+        Raises
+        ------
+        ImageError
+            Unknown extension, or the file cannot be written.
+        """
+        camera = self.scene.camera
+        camera_from_world = np.linalg.inv(camera.world_from_camera).astype(np.float64)
+        picture = Image(
+            rgba=self.image,
+            aovs={name: self.aovs[name] for name in aovs},
+            display_window=camera.res,
+            crop=self.crop,
+            metadata={
+                "software": f"tfm_cl {__version__}",
+                "worldToCamera": camera_from_world,
+                "worldToNDC": camera.ndc_from_camera @ camera_from_world,
+                **(metadata or {}),
+            },
+        )
+        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type)
+
+    def _repr_png_(self) -> bytes:
+        """Show the picture in a notebook."""
+        from tfm_cl.files.image_io.png import png_bytes  # noqa: PLC0415 - only notebooks need it
+
+        return png_bytes(self.image)

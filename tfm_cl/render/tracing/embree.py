@@ -1,0 +1,138 @@
+"""Triangles and rays: Embree 4 finds the triangle, float64 tells where on it.
+
+Embree computes in float32. Its coordinates are relative to a centre and scaled to the meshes' size, and rays
+start where they reach the sphere around the meshes: neither a scene far from the world's origin nor a camera
+far from the scene costs digits. Its robust mode lets no ray through an edge that triangles share; of rays
+aimed at a vertex to the last bit a few in a thousand may pass.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from tfm_cl.scene.solids.mesh import MeshSolid
+
+BEYOND = 16.0
+"""Past every triangle, in Embree's units, in which the meshes' sphere has a radius of at most about 3."""
+
+MARGIN = 1 + 2.0**-20
+"""Of the sphere around the meshes: float32 roundings keep their triangles inside."""
+
+
+@dataclass(frozen=True)
+class MeshHits:
+    """Where some of the rays meet a triangle."""
+
+    rays: NDArray[np.intp]
+    """[M], which rays."""
+    distances: NDArray[np.float64]
+    """[M], world units."""
+    normals: NDArray[np.float64]
+    """[M, 3], unit, either side."""
+    albedo: NDArray[np.float32]
+    """[M, 3]."""
+
+
+class Meshes:
+    """All the meshes of a scene in one Embree tree."""
+
+    def __init__(self, solids: list[MeshSolid], origin: NDArray[np.float64] | None) -> None:
+        loaded = [solid.load() for solid in solids]
+        counts = [len(part.vertices) for part in loaded]
+        starts = np.cumsum([0, *counts])
+        self._vertices = np.concatenate([solid.world_vertices() for solid in solids])
+        self._faces = np.concatenate(
+            [part.faces + np.int32(start) for part, start in zip(loaded, starts[:-1], strict=True)]
+        )
+        colour_starts = np.cumsum([0, *(len(part.colours) for part in loaded)])
+        self._colours = np.concatenate([part.colours for part in loaded])
+        self._colour_of = np.concatenate(
+            [
+                np.broadcast_to(part.colour_of, part.faces.shape) + np.int32(start)
+                for part, start in zip(loaded, colour_starts[:-1], strict=True)
+            ]
+        )
+        used = np.zeros(len(self._vertices), dtype=bool)
+        used[self._faces] = True
+        low, high = self._vertices[used].min(axis=0), self._vertices[used].max(axis=0)
+        self._centre = (low + high) / 2
+        self._radius = max(float(np.linalg.norm(high - low)) / 2, 1e-290) * MARGIN
+        self._zero = self._centre if origin is None else origin
+        self.size = self._radius + float(np.linalg.norm(self._centre - self._zero))
+        """Largest distance from Embree's zero, world units."""
+        # A power of two, so that scaling rounds nothing.
+        self._scale = 2.0 ** -np.ceil(np.log2(self.size))
+        local = ((self._vertices - self._zero) * self._scale).astype(np.float32)
+        local[~used] = 0
+        self._device = EmbreeDevice()
+        self._scene = EmbreeScene(self._device, robust=True)
+        self._geometry = TriangleMesh(self._scene, local, self._faces)
+        # The first query builds the tree; the next ones may come from several threads.
+        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+
+    def nearest(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> MeshHits:
+        """Find the first triangles along world rays, [N, 3] each, with float64 distances."""
+        rays, starts, local, towards = self._local(origins, directions)
+        found = self._scene.run(local, towards, query="INTERSECT", output=1, dists=BEYOND)
+        hit = np.flatnonzero(found["primID"] >= 0)
+        rays, triangles = rays[hit], found["primID"][hit]
+        corners = self._vertices[self._faces[triangles]]
+        origins, directions = origins[rays], directions[rays]
+        edges = corners[:, 1:] - corners[:, :1]
+        normals = np.cross(edges[:, 0], edges[:, 1])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        reach = corners - origins[:, None]
+        slope = np.einsum("ij,ij->i", normals, directions)
+        height = np.einsum("ij,ij->i", normals, reach[:, 0])
+        along = np.einsum("ijk,ik->ij", reach, directions)
+        coarse = starts[hit] + found["tfar"][hit].astype(np.float64) / self._scale
+        exact = np.divide(height, slope, out=coarse, where=slope != 0)
+        # At a grazing angle the plane may be met beside the triangle that Embree's roundings met.
+        distances = np.clip(exact, np.maximum(along.min(axis=1), 0), np.maximum(along.max(axis=1), 0))
+        u, v = found["u"][hit, None], found["v"][hit, None]
+        colours = self._colours[self._colour_of[triangles]]
+        # Differences, so that one colour at all corners stays what it is.
+        first = colours[:, 0]
+        albedo = first + u * (colours[:, 1] - first) + v * (colours[:, 2] - first)
+        return MeshHits(rays, distances, normals, np.clip(albedo, 0, 1))
+
+    def distances(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """Find how far world rays go, to Embree's float32: the rays that end [M], and where [M]."""
+        rays, starts, local, towards = self._local(origins, directions)
+        found = self._scene.run(local, towards, query="DISTANCE", dists=BEYOND)
+        hit = np.flatnonzero(found < BEYOND)
+        return rays[hit], starts[hit] + found[hit] / self._scale
+
+    def occluded(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        distances: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Tell which world rays meet a triangle before ``distances`` [N]."""
+        rays, starts, local, towards = self._local(origins, directions)
+        limits = np.minimum((distances[rays] - starts) * self._scale, BEYOND).astype(np.float32)
+        found = self._scene.run(local, towards, query="OCCLUDED", dists=np.maximum(limits, 0))
+        result = np.zeros(len(origins), dtype=bool)
+        result[rays[(found >= 0) & (limits > 0)]] = True
+        return result
+
+    def _local(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
+        """Rays that reach the meshes' sphere [M], where they do [M], and Embree's rays from there [M, 3]."""
+        offset = origins - self._centre
+        middle = -np.einsum("ij,ij->i", offset, directions)
+        passing = offset + middle[:, None] * directions
+        near = np.einsum("ij,ij->i", passing, passing) <= self._radius**2
+        rays = np.flatnonzero(near & (middle >= -self._radius))
+        starts = np.maximum(middle[rays] - self._radius, 0)
+        entry = origins[rays] - self._zero + starts[:, None] * directions[rays]
+        local = (entry * self._scale).astype(np.float32)
+        return rays, starts, local, directions[rays].astype(np.float32)

@@ -1,0 +1,227 @@
+"""Visibility among solids: nearest surfaces, distances and shadows of many rays."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tfm_cl.scene.solids.base import AnalyticSolid, Solid
+from tfm_cl.scene.solids.mesh import MeshSolid
+
+if TYPE_CHECKING:
+    from tfm_cl.render.tracing.embree import Meshes
+
+CHUNK = 1 << 17
+"""Rays traced at a time by a thread: some 50 MB."""
+
+LIFT = 2.0**-20
+"""Part of the meshes' size, or of a ray's length, by which shadow rays start above the surface.
+
+In float32 a vertex and a ray's origin each move by up to √3·2⁻²⁴ of the meshes' size, the ray's direction
+bends it by as much over its length, and a distance kept as float32 is wrong by 2⁻²⁴ of itself: 2⁻²² in all.
+"""
+
+LIFT_EXACT = 2.0**-40
+"""The same for shapes, which are traced in float64, in parts of the coordinates."""
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What rays meet first."""
+
+    distance: NDArray[np.float32]
+    """[N], world units; inf where nothing."""
+    normal: NDArray[np.float32]
+    """[N, 3], unit, world, towards the ray's origin; 0 where nothing."""
+    albedo: NDArray[np.float32]
+    """[N, 3], linear; 0 where nothing."""
+
+
+class Tracer:
+    """Solids ready for rays. Its methods take many rays at once, use all cores and may be interrupted.
+
+    Rays are float64, [N, 3], in world units; either of origin and direction may be one [3] for all.
+    Directions have unit length.
+
+    Parameters
+    ----------
+    solids
+        What there is; mesh files are read here.
+    origin
+        Where meshes are traced with the finest coordinates, [3], world; None: their middle. Of use for a
+        detail that is small next to all the meshes.
+
+    Raises
+    ------
+    SceneError
+        A mesh file that cannot be used.
+    """
+
+    def __init__(self, solids: Sequence[Solid], origin: ArrayLike | None = None) -> None:
+        self._shapes = [solid for solid in solids if isinstance(solid, AnalyticSolid)]
+        meshes = [solid for solid in solids if isinstance(solid, MeshSolid)]
+        self._meshes = _embree(meshes, origin) if meshes else None
+        boxes = [box for box in (solid.bounds() for solid in solids) if box is not None]
+        self.bounds: NDArray[np.float64] | None = None
+        """Low and high corner of the finite solids, [2, 3], world; None without."""
+        if boxes:
+            corners = np.stack(boxes)
+            self.bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+    def nearest(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Find the first surface along rays; the distance is that of float64 vertices, then rounded."""
+        rays = _Rays(origins, directions)
+        hits = Hits(
+            np.full(rays.count, np.inf, np.float32),
+            np.zeros((rays.count, 3), np.float32),
+            np.zeros((rays.count, 3), np.float32),
+        )
+
+        def trace(part: slice) -> None:
+            distance, hits.normal[part], hits.albedo[part] = self._nearest(*rays[part])
+            hits.distance[part] = distance
+
+        _in_chunks(rays.count, trace)
+        return hits
+
+    def distances(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.float32]:
+        """Find how far rays go, [N]; inf where nothing. Faster than `nearest`.
+
+        Meshes' distances are Embree's, in float32: wrong by some `LIFT` of the meshes' size, divided by the
+        cosine at which the ray meets the triangle.
+        """
+        rays = _Rays(origins, directions)
+        result = np.full(rays.count, np.inf, np.float32)
+
+        def trace(part: slice) -> None:
+            start, towards = rays[part]
+            nearest = np.full(len(start), np.inf)
+            if self._meshes is not None:
+                found, distance = self._meshes.distances(start, towards)
+                nearest[found] = distance
+            for shape in self._shapes:
+                np.minimum(nearest, shape.distances(*shape.object_rays(start, towards)), out=nearest)
+            result[part] = nearest
+
+        _in_chunks(rays.count, trace)
+        return result
+
+    def occluded(self, origins: ArrayLike, directions: ArrayLike, distances: ArrayLike) -> NDArray[np.bool_]:
+        """Tell whether any solid is strictly between the two ends of rays, [N].
+
+        What is within `LIFT` of the far end does not count. Rays that start on a surface should start at
+        `lifted` points.
+
+        Parameters
+        ----------
+        origins, directions
+            As for `nearest`.
+        distances
+            Length of each ray, [N] or one for all, world units; inf for a light without an end.
+        """
+        rays = _Rays(origins, directions)
+        lengths = np.broadcast_to(np.asarray(distances, dtype=np.float64), rays.count)
+        result = np.zeros(rays.count, dtype=bool)
+
+        def trace(part: slice) -> None:
+            start, towards = rays[part]
+            limits = lengths[part] * (1 - LIFT)
+            blocked = np.zeros(len(start), dtype=bool)
+            for shape in self._shapes:
+                blocked |= shape.distances(*shape.object_rays(start, towards)) < limits
+            if self._meshes is not None and not blocked.all():
+                left = np.flatnonzero(~blocked)
+                ends = limits[left] - LIFT * self._meshes.size
+                blocked[left] = self._meshes.occluded(start[left], towards[left], ends)
+            result[part] = blocked
+
+        _in_chunks(rays.count, trace)
+        return result
+
+    def lifted(self, points: ArrayLike, normals: ArrayLike, distances: ArrayLike) -> NDArray[np.float64]:
+        """Move points off the surface they lie on, to where shadow rays may start.
+
+        They move along the normal by `LIFT` times the larger of the meshes' size and the length of the ray
+        that found them. A shadow ray on the normal's side then starts above its surface at any angle; a
+        surface hides what is behind it if it is thicker than that. On the other side (a cosine ≤ 0) the
+        surface itself is in the way: such light needs no ray.
+
+        Parameters
+        ----------
+        points
+            [N, 3], float64, world.
+        normals
+            [N, 3], unit, on the side that is lit, as `Hits.normal`.
+        distances
+            Length of the rays that found the points in float32, [N] or one for all; 0 for float64 points.
+        """
+        points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        size = 0.0 if self._meshes is None else self._meshes.size
+        exact = LIFT_EXACT * np.abs(points).max(axis=-1)
+        offset = np.maximum(exact, LIFT * np.maximum(np.asarray(distances, dtype=np.float64), size))
+        lifted: NDArray[np.float64] = points + offset[..., None] * normals
+        return lifted
+
+    def _nearest(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Trace one chunk; as `Hits`, in float64."""
+        nearest = np.full(len(origins), np.inf)
+        normals, albedo = np.zeros(origins.shape), np.zeros(origins.shape)
+        if self._meshes is not None:
+            found = self._meshes.nearest(origins, directions)
+            nearest[found.rays] = found.distances
+            normals[found.rays], albedo[found.rays] = found.normals, found.albedo
+        for shape in self._shapes:
+            start, towards = shape.object_rays(origins, directions)
+            distance = shape.distances(start, towards)
+            closer = np.flatnonzero(distance < nearest)
+            nearest[closer] = distance[closer]
+            place = start[closer] + distance[closer, None] * towards[closer]
+            normals[closer] = shape.world_normals(shape.normals(place))
+            albedo[closer] = shape.albedo
+        normals[np.einsum("ij,ij->i", normals, directions) > 0] *= -1
+        return nearest, normals, albedo
+
+
+def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> "Meshes":
+    from tfm_cl.render.tracing.embree import Meshes  # noqa: PLC0415 - Embree is slow to import
+
+    return Meshes(meshes, None if origin is None else np.asarray(origin, dtype=np.float64))
+
+
+class _Rays:
+    """Origins and directions of N rays, without copies of what all share."""
+
+    def __init__(self, origins: ArrayLike, directions: ArrayLike) -> None:
+        one, other = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        shape = np.broadcast_shapes(one.shape, other.shape, (1, 3))
+        self._origins, self._directions = np.broadcast_to(one, shape), np.broadcast_to(other, shape)
+        self.count = shape[0]
+
+    def __getitem__(self, part: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return self._origins[part], self._directions[part]
+
+
+def _in_chunks(count: int, trace: Callable[[slice], None]) -> None:
+    """Call ``trace`` for all rays in parts; Embree and NumPy leave Python's lock, so threads help."""
+    parts = [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
+    workers = min(len(parts), _cores())
+    if workers <= 1:
+        for part in parts:
+            trace(part)
+        return
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="tfm-solids")
+    try:
+        for future in [pool.submit(trace, part) for part in parts]:
+            future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)  # after Ctrl-C only what runs is finished
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

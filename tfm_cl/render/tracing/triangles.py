@@ -1,0 +1,103 @@
+"""Triangles in memory: what a mesh is once it is read."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import LARGEST_COORDINATE
+from tfm_cl.scene.solids.base import DEFAULT_ALBEDO
+
+MAX_FACES = 50_000_000
+"""Most triangles of a mesh: Embree's tree over them takes some 10 GB."""
+
+MAX_CORNERS = 3 * MAX_FACES
+"""Most vertices of a mesh: three a triangle."""
+
+CHUNK = 1 << 20
+"""Triangles checked at a time."""
+
+SLIVER = 1e-12
+"""Sine of a triangle's angle below which it has no area within float64."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Triangles:
+    """Triangles in object space; none is degenerate."""
+
+    vertices: NDArray[np.float64]
+    """[V, 3]."""
+    faces: NDArray[np.int32]
+    """[F, 3], rows of ``vertices``."""
+    colours: NDArray[np.float32]
+    """[C, 3], linear albedo, 0 to 1."""
+    colour_of: NDArray[np.int32]
+    """[F, 3], rows of ``colours`` at the corners of each triangle, or [1, 3] where one serves for all."""
+
+    def painted(self, albedo: tuple[float, float, float]) -> "Triangles":
+        """Return the same triangles in one colour."""
+        return Triangles(
+            self.vertices, self.faces, np.array([albedo], np.float32), np.zeros((1, 3), np.int32)
+        )
+
+
+def checked(
+    name: str,
+    vertices: Any,
+    faces: Any,
+    colours: NDArray[np.float32] | None = None,
+    colour_of: NDArray[np.int32] | None = None,
+) -> Triangles:
+    """Check arrays and drop what has no area.
+
+    Raises
+    ------
+    SceneError
+        Arrays of another shape, vertices that are not finite or beyond 1e15, faces that name vertices
+        which do not exist, too many of either, or no triangle with an area.
+    """
+    points, rows = _array(name, "vertices", vertices), _array(name, "faces", faces)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":  # noqa: PLR2004
+        raise SceneError(f"{name}: vertices should be numbers [V, 3]; got the shape {list(points.shape)}")
+    if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind not in "iu":  # noqa: PLR2004 - corners
+        raise SceneError(f"{name}: faces should be whole numbers [F, 3]; got the shape {list(rows.shape)}")
+    if len(rows) > MAX_FACES or len(points) > MAX_CORNERS:
+        raise SceneError(f"{name}: {len(rows):,} triangles; the limit is {MAX_FACES:,}")
+    if len(rows) == 0:
+        raise SceneError(f"{name}: holds no triangles")
+    if rows.min() < 0 or rows.max() >= len(points):
+        wrong = rows.min() if rows.min() < 0 else rows.max()
+        raise SceneError(f"{name}: a triangle names vertex {wrong}; there are {len(points):,}, from 0")
+    points = points.astype(np.float64)
+    if not (np.abs(points) <= LARGEST_COORDINATE).all():  # NaN is not
+        raise SceneError(f"{name}: a vertex is not finite, or beyond {LARGEST_COORDINATE:g}")
+    solid = _with_area(points, rows)
+    if not solid.any():
+        raise SceneError(f"{name}: no triangle has an area")
+    if colours is None or colour_of is None:
+        colours, colour_of = np.array([DEFAULT_ALBEDO], np.float32), np.zeros((1, 3), np.int32)
+    if not solid.all():
+        rows, colour_of = rows[solid], colour_of[solid] if len(colour_of) == len(solid) else colour_of
+    return Triangles(points, np.ascontiguousarray(rows, np.int32), colours, colour_of)
+
+
+def _array(name: str, what: str, values: Any) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise SceneError(f"{name}: {what} should be an array; its rows differ in length") from None
+
+
+def _with_area(points: NDArray[np.float64], rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell which triangles have one, [F]."""
+    found = np.zeros(len(rows), dtype=bool)
+    for start in range(0, len(rows), CHUNK):
+        part = slice(start, start + CHUNK)
+        first, second, third = (points[rows[part, corner]] for corner in range(3))
+        one, other = second - first, third - first
+        area = np.linalg.norm(np.cross(one, other), axis=1)
+        lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+        found[part] = area > SLIVER * lengths
+    return found

@@ -1,0 +1,1 @@
+"""What is rendered: plain data and its geometry in float64."""

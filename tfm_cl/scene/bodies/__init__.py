@@ -1,0 +1,1 @@
+"""What fills space with density."""

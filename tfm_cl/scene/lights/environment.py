@@ -1,0 +1,147 @@
+"""Light from everywhere: a sky of one colour, or an image of one."""
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import ClassVar, Literal, NoReturn, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tfm_cl.errors import SceneError
+from tfm_cl.files.texture import ImagePath, check_brightness, read, stamp
+from tfm_cl.model import RGB
+from tfm_cl.scene.lights.area import MOST_SAMPLES, sphere_directions
+from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+from tfm_cl.scene.lights.sun import SunLight
+
+BLOCKS = (512, 1024)
+"""Rows and columns at most that an image is summed to before each goes to the nearest direction."""
+
+
+class EnvironmentLight(Light):
+    """Radiance from all directions, as the sum of suns: the directions are fixed, and each has a map.
+
+    ``texture`` is a latitude-longitude image with +y up, as OpenEXR defines it: the top row is +y, the
+    middle of the image +z, a quarter to the left of it +x, both sides -z. Whoever stands in the middle sees
+    it upright and not mirrored. Its pixels are multiplied by ``intensity``; what is transparent is dark.
+    """
+
+    HEADER: ClassVar[str] = SunLight.HEADER
+
+    type: Literal["environment"] = "environment"
+    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB radiance, or what the image is multiplied by")
+    falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
+    texture: ImagePath = Field(
+        "",
+        description="latitude-longitude image of the radiance, +y up, +z in its middle: .png .exr .npy; "
+        "empty: the same everywhere",
+    )
+    samples: int = Field(
+        32,
+        ge=1,
+        le=MOST_SAMPLES,
+        description=f"directions, 1 to {MOST_SAMPLES}, each with a map of its own",
+    )
+
+    def parts(self) -> tuple[Light, ...]:
+        """Return ``samples`` suns in evenly spread directions.
+
+        Each has the radiance of its cell, the directions that it is nearest to, integrated over the cell;
+        without an image that is 4π / samples times the radiance.
+
+        Raises
+        ------
+        SceneError
+            When the image cannot be used.
+        """
+        directions = sphere_directions(self.samples)
+        if self.texture:
+            flux = _image_flux(self.texture, stamp(self.texture), self.samples)
+            check_brightness(self.texture, float(flux.max()), self.intensity)
+        else:
+            flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
+        return tuple(
+            SunLight(from_=tuple(direction), to=(0, 0, 0), intensity=np.multiply(self.intensity, part))
+            for direction, part in zip(directions, flux, strict=True)
+        )
+
+    @property
+    def needs_fitting(self) -> bool:
+        """Whether its parts do."""
+        return True
+
+    def frame(self) -> LightFrame:
+        """Raise: only its parts have maps."""
+        self._refuse()
+
+    def fitted(self, bounds: Floats) -> Self:
+        """Return itself: only its parts have maps."""
+        del bounds
+        return self
+
+    def footprint(self, distance: float) -> float:
+        """Raise: only its parts have maps."""
+        del distance
+        self._refuse()
+
+    def rays(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Raise: only its parts have rays."""
+        del positions
+        self._refuse()
+
+    def begins(self, points: Floats) -> Floats:
+        """Raise: only its parts have rays."""
+        del points
+        self._refuse()
+
+    def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
+        """Raise: only its parts arrive from one direction."""
+        del points, nearest
+        self._refuse()
+
+    def source_distance(self, points: Floats) -> Floats:
+        """Infinite."""
+        return np.full(len(points), np.inf)
+
+    def _refuse(self) -> NoReturn:
+        raise SceneError("light: an environment has no map of its own; take those of its parts()")
+
+
+def directions_of(rows: Floats, columns: Floats) -> Floats:
+    """Return the unit directions [rows, columns, 3] that pixels of a latitude-longitude image show.
+
+    ``rows`` from 0 (top) to 1, ``columns`` from 0 (left) to 1.
+    """
+    latitude, longitude = np.pi * (0.5 - rows)[:, None], 2 * np.pi * (0.5 - columns)
+    x, z = np.cos(latitude) * np.sin(longitude), np.cos(latitude) * np.cos(longitude)
+    return np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _image_flux(path: str, _stamp: tuple[int, int], count: int) -> NDArray[np.float64]:
+    """Integrate an image's radiance over the cells of `sphere_directions`: [count, RGB]."""
+    return flux_of(read(path), count)
+
+
+def flux_of(image: NDArray[np.float32], count: int) -> NDArray[np.float64]:
+    """Integrate radiance [height, width, RGB] over the cells of ``count`` directions: [count, RGB].
+
+    The sum over the cells is the integral over the sphere, each pixel by its exact solid angle.
+    """
+    height, width = image.shape[:2]
+    row_edges, column_edges = (
+        np.arange(n + 1) * size // n
+        for size, n in zip((height, width), np.minimum((height, width), BLOCKS), strict=True)
+    )
+    solid_angle = -np.diff(np.cos(np.pi * np.arange(height + 1) / height)) * 2 * np.pi / width
+    middles = [(edges[1:] + edges[:-1]) / 2 for edges in (row_edges, column_edges)]
+    pixels = directions_of(middles[0] / height, middles[1] / width)
+    directions = sphere_directions(count)
+    flux = np.zeros((count, 3))
+    for row, (begin, end) in enumerate(pairwise(row_edges)):
+        summed = np.tensordot(solid_angle[begin:end], image[begin:end].astype(np.float64), axes=1)
+        blocks = np.add.reduceat(summed, column_edges[:-1], axis=0)
+        np.add.at(flux, (pixels[row] @ directions.T).argmax(axis=1), blocks)
+    flux.flags.writeable = False
+    return flux

@@ -1,0 +1,88 @@
+"""What lights with a place share: rays from a point, and a map that looks where there is medium."""
+
+import math
+from abc import abstractmethod
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr
+
+from tfm_cl.model import Vec3
+from tfm_cl.scene.lights.base import Floats, Light, LightFrame, Reach
+from tfm_cl.scene.lights.fitting import Cone, View, fitted_view, whole_view
+from tfm_cl.scene.transform import turned
+
+
+class PlacedLight(Light):
+    """Light from a point; its map shows what it reaches, and once `fitted` what it reaches of the medium."""
+
+    from_: Vec3 = Field(alias="from", description="position, world units")
+    reach: Reach = Field(
+        None,
+        description="distance beyond which the light is dark, world units: it fades smoothly to there; left "
+        "out: it has no end",
+    )
+    _view: View | None = PrivateAttr(default=None)
+
+    @abstractmethod
+    def cone_of_light(self) -> Cone | None:
+        """Return the cone that all light is in; None for light to all sides."""
+
+    def _shape(self) -> tuple[float, float, float]:
+        """First three numbers of the kernels' ``light_shape``."""
+        return 0.0, 0.0, 0.0
+
+    @property
+    def view(self) -> View:
+        """How its map looks out."""
+        return whole_view(self.cone_of_light()) if self._view is None else self._view
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """As `Light.headers`."""
+        return (self.view.chart.HEADER, self.HEADER)
+
+    def fitted(self, bounds: Floats) -> Self:
+        """As `Light.fitted`."""
+        light = self.model_copy()
+        reach = math.inf if self.reach is None else self.reach
+        view = fitted_view(np.asarray(self.from_), bounds, self.cone_of_light(), reach)
+        light._view = view  # noqa: SLF001 - of the same class
+        return light
+
+    def frame(self) -> LightFrame:
+        """Light at the origin, the map's middle along z; the shape ends with 1 / reach (0 without)."""
+        axes, chart = self.view
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = axes, self.from_
+        cone = self.cone_of_light()
+        return LightFrame(
+            matrix,
+            (*self._shape(), 0.0 if self.reach is None else 1 / self.reach),
+            chart.window,
+            np.eye(3) if cone is None else cone.axes.T @ axes,
+        )
+
+    def footprint(self, distance: float) -> float:
+        """As `Light.footprint`."""
+        return distance * self.view.chart.width
+
+    def rays(self, positions: Floats) -> tuple[Floats, Floats]:
+        """All from the light."""
+        axes, chart = self.view
+        directions = turned(chart.directions(positions), axes.T)
+        return np.broadcast_to(np.asarray(self.from_), directions.shape), directions
+
+    def begins(self, points: Floats) -> Floats:
+        """At the light."""
+        return np.broadcast_to(np.asarray(self.from_), points.shape)
+
+    def map_positions(self, offsets: Floats) -> Floats:
+        """u, v [n, 2] in the map of points at offsets [n, 3] from the light, world axes."""
+        axes, chart = self.view
+        return chart.positions(turned(offsets, axes))
+
+    def within_reach(self, distance: Floats) -> NDArray[np.bool_]:
+        """Whether distances [n] lie before the light's end."""
+        return distance < (math.inf if self.reach is None else self.reach)

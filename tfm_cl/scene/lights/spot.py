@@ -1,0 +1,164 @@
+"""The spot light."""
+
+import math
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from tfm_cl.files.texture import ImagePath, texture_for
+from tfm_cl.model import LARGEST_COORDINATE, Vec3, check_different
+from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
+from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval, facing
+from tfm_cl.scene.lights.fitting import Cone
+from tfm_cl.scene.lights.placed import PlacedLight
+from tfm_cl.scene.transform import turned
+
+
+class SpotLight(PlacedLight):
+    """A cone of light from a point (TFM section 4).
+
+    With a ``radius`` it comes from a disk instead, of which `parts` makes points. A ``texture`` is thrown
+    through the square around the cone: upright and not mirrored for who stands behind the light and looks
+    along it.
+    """
+
+    HEADER: ClassVar[str] = "light/spot.h"
+
+    type: Literal["spot"] = "spot"
+    to: Vec3 = Field(description="point on the axis, world units")
+    cone: float = Field(25.0, gt=0, lt=90, description="half angle, degrees")
+    blend: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="part of the half angle over which the edge softens (smoothstep); 0 is a hard edge",
+    )
+    radius: float = Field(
+        0.0,
+        ge=0,
+        description="of a disk across the axis that the light comes from, world units; 0 is a point",
+    )
+    samples: int = Field(
+        16,
+        ge=1,
+        le=MOST_SAMPLES,
+        description=f"points of the disk, 1 to {MOST_SAMPLES}, each with a map of its own",
+    )
+    texture: ImagePath = Field(
+        "", description="image thrown through the square around the cone: .png .exr .npy; empty: none"
+    )
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> Self:
+        check_different(self.from_, self.to, "from and to")
+        if self.radius + max(map(abs, self.from_)) > LARGEST_COORDINATE:
+            raise ValueError(f"radius = {self.radius:g}: the disk should lie within {LARGEST_COORDINATE:g}")
+        return self
+
+    @property
+    def _slope(self) -> float:
+        """Tangent of the half angle."""
+        return math.tan(math.radians(self.cone))
+
+    @property
+    def _world_from_cone(self) -> Floats:
+        """4×4: apex at the origin, axis along z, x horizontal."""
+        return facing(self.from_, self.to)
+
+    def cone_of_light(self) -> Cone:
+        """As `PlacedLight.cone_of_light`."""
+        return Cone(self._world_from_cone[:3, :3], self._slope)
+
+    def _shape(self) -> tuple[float, float, float]:
+        """tan(cone), cone, blend."""
+        return self._slope, math.radians(self.cone), self.blend
+
+    def lit_cone(self) -> LitCone:
+        """Return the cone."""
+        reach = math.inf if self.reach is None else self.reach
+        return LitCone(self._world_from_cone, self._slope, reach)
+
+    def parts(self) -> tuple[Light, ...]:
+        """Itself, or with a ``radius`` its ``samples`` points.
+
+        They lie on the disk, which faces the axis; each has its part of the intensity and the same cone,
+        turned to look at the same ``to``.
+        """
+        if self.radius == 0:
+            return (self,)
+        right, up = self._world_from_cone[:3, :2].T
+        offsets = self.radius * disk_points(self.samples) @ np.stack([right, up])
+        part = {"intensity": np.divide(self.intensity, self.samples), "radius": 0.0}
+        return tuple(self.replace(from_=self.from_ + offset, **part) for offset in offsets)
+
+    def texture_image(self) -> NDArray[np.float32] | None:
+        """As `Light.texture_image`; what is transparent in the image is dark."""
+        return texture_for(self.texture, self.intensity)
+
+    def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
+        """As `Light.arrival`."""
+        offset, local = self._from_apex(points)
+        distance = np.linalg.norm(offset, axis=-1)
+        edge = np.maximum(np.maximum(local[:, 2:], TINY) * self._slope, TINY)
+        strength = self.falloff_at(distance, nearest) * self.window_at(distance)
+        if self.blend > 0:
+            cone, angle = np.radians(self.cone), np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
+            x = np.clip((cone - angle) / (cone * self.blend), 0, 1)
+            strength *= x * x * (3 - 2 * x)
+        return Arrival(
+            offset / np.maximum(distance, TINY)[:, None],
+            distance,
+            self.map_positions(offset),
+            strength,
+            (local[:, :2] / edge + 1) / 2,
+        )
+
+    def reaches(self, points: Floats) -> NDArray[np.bool_]:
+        """In the cone."""
+        x, y, z = self._from_apex(points)[1].T
+        inside: NDArray[np.bool_] = (z > 0) & (np.hypot(x, y) <= self._slope * z)
+        return inside & self.within_reach(np.sqrt(x * x + y * y + z * z))
+
+    def projective_depth(self, points: Floats) -> Floats:
+        """Along the axis."""
+        return np.maximum(self._from_apex(points)[1][:, 2], 0)
+
+    def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """In the solid cone."""
+        slope, axes = self._slope, self._world_from_cone[:3, :3]
+        origin, direction = self._from_apex(origins)[1], turned(directions, axes)
+        # From the ray's point nearest to the apex the roots keep their digits however far the camera is.
+        nearest = -(origin * direction).sum(axis=-1)
+        origin = origin + nearest[:, None] * direction
+        # Both nappes: z² slope² - x² - y² = a t² + 2 b t + c ≥ 0.
+        metric = np.array([-1.0, -1.0, slope**2])
+        a, b, c = (
+            (one * other * metric).sum(axis=-1)
+            for one, other in ((direction, direction), (origin, direction), (origin, origin))
+        )
+        discriminant = b * b - a * c
+        root = -(b + np.copysign(np.sqrt(np.maximum(discriminant, 0)), b))
+        # A ray parallel to the side (a = 0) has one of its roots at infinity.
+        one = np.divide(root, a, out=np.copysign(np.inf, -b), where=a != 0)
+        other = np.divide(c, root, out=np.zeros_like(c), where=root != 0)
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        # a ≥ 0: the ray runs from one nappe into the other. a < 0: it crosses one nappe, if any.
+        steep, forward = a >= 0, direction[:, 2] > 0
+        height = origin[:, 2] - np.divide(b, a, out=np.zeros_like(b), where=a != 0) * direction[:, 2]
+        begin = np.where(steep, np.where(forward, high, -np.inf), low)
+        end = np.where(steep, np.where(forward, np.inf, low), high)
+        missed = ~steep & ((discriminant <= 0) | (height <= 0))
+        begin, end = np.maximum(begin + nearest, 0), np.where(missed, -np.inf, end + nearest)
+        if self.reach is not None:
+            low, high = ball_interval(origins - np.asarray(self.from_), directions, self.reach)
+            begin, end = np.maximum(begin, low), np.minimum(end, high)
+        hit = end > begin
+        return np.where(hit, begin, 0), np.where(hit, end, 0)
+
+    def _from_apex(self, points: Floats) -> tuple[Floats, Floats]:
+        """Points relative to the apex, in the world's axes and in the cone's."""
+        matrix = self._world_from_cone
+        offset = points - matrix[:3, 3]
+        return offset, turned(offset, matrix[:3, :3])

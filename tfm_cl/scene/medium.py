@@ -1,0 +1,27 @@
+"""The medium's material: constant colours times the volume's density (TFM eq. 11)."""
+
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tfm_cl.model import RGB, Model, section_within
+from tfm_cl.scene.phases import Isotropic, Phase, parse_phase
+
+
+class Medium(Model):
+    """Scattering and absorption per unit of density, and the phase function."""
+
+    SECTION: ClassVar[str] = "medium"
+
+    sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
+    sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
+    phase: Annotated[Phase, section_within(parse_phase)] = Field(
+        Isotropic(), description="phase function: isotropic or hg:G"
+    )
+
+    @property
+    def sigma_t(self) -> NDArray[np.float64]:
+        """Extinction coefficient σ_s + σ_a at density 1, RGB, per world unit."""
+        return np.add(self.sigma_s, self.sigma_a)

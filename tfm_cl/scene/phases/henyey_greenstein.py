@@ -1,0 +1,46 @@
+"""The phase function of Henyey and Greenstein (1941)."""
+
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from tfm_cl.scene.phases.base import Phase
+
+
+class HenyeyGreenstein(Phase):
+    """p(μ) = (1 - g²) / (4π (1 + g² - 2 g μ)^{3/2}); g is the mean cosine.
+
+    Source: L. G. Henyey, J. L. Greenstein, "Diffuse radiation in the galaxy", ApJ 93 (1941).
+    """
+
+    HEADER: ClassVar[str] = "phase/henyey_greenstein.h"
+
+    type: Literal["hg"] = "hg"
+    g: float = Field(
+        0.0, gt=-1, lt=1, description="mean cosine: > 0 scatters forward, < 0 back, 0 is isotropic"
+    )
+
+    def __init__(self, g: float = 0.0, /, **values: Any) -> None:
+        super().__init__(**{"g": g, **values})
+
+    def kernel_parameters(self) -> tuple[float, ...]:
+        """(g,)."""
+        return (self.g,)
+
+    def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
+        """p(μ), in double precision."""
+        size, peak = abs(self.g), np.copysign(1.0, self.g)
+        # 1 + g² - 2 g μ, written so that it does not cancel at the peak.
+        base = (1 - size) ** 2 + 2 * size * np.maximum(1 - peak * np.asarray(mu, dtype=np.float64), 0)
+        density: NDArray[np.float64] = (1 - size**2) / (4 * np.pi * base**1.5)
+        return density
+
+    @classmethod
+    def from_text(cls, text: str) -> "HenyeyGreenstein":
+        """``hg:G``."""
+        try:
+            return cls(g=float(text))
+        except ValueError:
+            raise ValueError(f"takes its mean cosine, as in hg:0.3; got 'hg:{text}'") from None

@@ -1,0 +1,297 @@
+"""Settings of the two passes and of the image: sections ``[map]``, ``[march]`` and ``[image]``."""
+
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from tfm_cl.errors import SceneError
+from tfm_cl.maps.bases import BASES, BEST
+from tfm_cl.model import (
+    Model,
+    count_or_auto,
+    in_words,
+    is_auto,
+    number_or_auto,
+    number_or_none,
+    unknown_key,
+)
+
+AOVS = {
+    "depth": "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
+    "transmittance": "RGB transmittance of the medium along the camera ray",
+    "light_transmittance": "RGB mean over lights and ray of the light's transmittance, weighted by what the "
+    "camera sees; 0 where nothing is lit",
+    "samples": "density samples taken for the pixel by the view pass",
+    "solid_distance": "distance from the camera to the solid that the pixel shows, world units; 0 without",
+    "normal": "unit normal of that solid, world, towards the camera; 0 without",
+    "albedo": "RGB albedo of that solid; 0 without",
+    "map_error": "relative error of the light's transmittance in the map, mean over lights and ray, weighted "
+    "by what the camera sees; 0 for the dual march",
+}
+"""Extra image layers and what they hold."""
+
+
+MAX_WEIGHTING = 1e6
+"""Beyond it float32 cannot tell e^(-τ/α) from 1."""
+MAX_RES = 8192
+MAX_COEFFS = 32
+AUTO: Any = "auto"
+"""The default of a count: see `count_or_auto`."""
+DEFAULT_COEFFS = 8
+"""Numbers a texel where nothing else is asked for."""
+STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
+SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
+"""Name in scene files -> ``TFM_SHADOW`` of the kernels; 0 is for scenes without solids."""
+FIELD_BYTES = 16
+"""Of an entry of the field of ranges: begin, end, slope beyond, last density."""
+MAX_STEPS = 100_000
+
+
+def _basis(value: Any) -> Any:
+    if value != "auto" and (not isinstance(value, str) or value not in BASES):
+        raise ValueError(unknown_key(str(value), ["auto", *BASES]).replace("key", "basis"))
+    return value
+
+
+class MapSettings(Model):
+    """How the light pass builds a transmittance function map."""
+
+    SECTION: ClassVar[str] = "map"
+
+    basis: Annotated[str, BeforeValidator(_basis)] = Field(
+        "auto",
+        description="basis of the map; auto: klt, the most accurate at equal bytes. "
+        + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
+    )
+    coeffs: Annotated[int, count_or_auto(MAX_COEFFS)] = Field(
+        AUTO, description="numbers per texel, 1 to 32; auto: what bytes or max_error ask for, else 8"
+    )
+    bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
+        None, alias="bytes", description="at most this many bytes a texel, range and all, for coeffs = auto"
+    )
+    max_error: Annotated[float | None, number_or_none(1e-4, 1)] = Field(
+        None,
+        description="relative RMSE of the picture's lit pixels against the converged dual march, at most: "
+        "coeffs, res and both steps are chosen for it by measuring, where they are not given",
+    )
+    density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
+        "auto",
+        description="α ≥ 1 of eq. 19 on the density's own transmittance, for the target "
+        "transmittance; auto: half "
+        "the largest optical depth seen by the lights, between 1 and 16",
+    )
+    target: Literal["auto", "transmittance", "optical-depth", "extinction"] = Field(
+        "auto", description="what is approximated: T^(1/α), τ or σ; auto: the basis's own"
+    )
+    fit: Literal["auto", "l2", "visibility"] = Field(
+        "auto", description="least squares: plain, or weighted by the light that density loses (D T²)"
+    )
+    range: Literal["auto", "box", "trimmed", "visible", "global"] = Field(
+        "auto",
+        description="part of a light ray that the numbers speak of: within the medium's bounds; where"
+        " there is "
+        "density; only until nothing is seen; the same depths for all rays",
+    )
+    slicing: Literal["uniform", "density", "gamma"] = Field(
+        "uniform",
+        description="planes of the bases slices and slices-cubic: equally far, closer where the rays'"
+        " mean density "
+        "is high, or closer near the light",
+    )
+    lookup: Literal["auto", "interpolate", "reconstruct", "stochastic"] = Field(
+        "auto",
+        description="between texels: interpolate the numbers, interpolate what they give, or take one"
+        " texel at random",
+    )
+    res: Annotated[int, count_or_auto(MAX_RES)] = Field(
+        1024, description="map is res × res texels; auto: as fine as voxels and pixels, 64 to 2048"
+    )
+    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
+        100,
+        description="steps along the range of a light ray, and along the light rays of the dual "
+        "march; auto: at most "
+        "1.5 voxels long, 16 to 1024",
+    )
+    storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored numbers")
+    blur: float = Field(
+        0.0,
+        ge=0,
+        le=1e9,
+        description="texels: width of a filter of the map, for the targets optical-depth and "
+        "extinction with the fit "
+        "l2 in the ranges box and global; it filters the density across the light's rays (FOM section 6)",
+    )
+    blur_kernel: Literal["box", "gaussian"] = Field(
+        "gaussian", description="of blur: a box, or a Gaussian of the box's variance"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _max_error_chooses(cls, values: Any) -> Any:
+        if isinstance(values, dict) and values.get("max_error") is not None:
+            return {"res": AUTO, "steps": AUTO, **values}
+        return values
+
+    @model_validator(mode="after")
+    def _basis_allows(self) -> Self:
+        if self.bytes_ is not None and not is_auto(self.coeffs):
+            raise ValueError(f"bytes chooses coeffs: set coeffs to auto, not {self.coeffs}")
+        if self.bytes_ is not None and self.max_error is not None:
+            raise ValueError("bytes and max_error both choose coeffs: set one of them")
+        if self.basis == "auto":
+            return self
+        basis = BASES[self.basis]
+        if not is_auto(self.coeffs) and self.coeffs not in basis.counts:
+            raise ValueError(
+                f"coeffs = {self.coeffs}: basis '{self.basis}' has {in_words(basis.counts)} numbers"
+            )
+        for name, known in (("target", basis.targets), ("fit", basis.fits)):
+            value = getattr(self, name)
+            if value != "auto" and value not in known:
+                raise ValueError(f"{name} = '{value}': basis '{self.basis}' has {', '.join(known) or 'none'}")
+        if not basis.lerps and self.lookup == "interpolate":
+            raise ValueError(
+                f"lookup = 'interpolate': the numbers of basis '{self.basis}' cannot be interpolated"
+            )
+        return self
+
+    def resolved(self) -> Self:
+        """Replace what is ``"auto"`` and needs no light ray to decide: all but α, resolution and steps.
+
+        ``coeffs`` stays where ``max_error`` asks for it.
+        """
+        basis = BASES[BEST if self.basis == "auto" else self.basis]
+        chosen: dict[str, Any] = {"basis": basis.name}
+        for name in ("target", "fit", "range", "lookup"):
+            if getattr(self, name) == "auto":
+                chosen[name] = getattr(basis.defaults, name)
+        if is_auto(self.coeffs) and self.max_error is None:
+            chosen |= {"coeffs": self._affordable(chosen.get("range", self.range)), "bytes_": None}
+        settings = self.replace(**chosen)
+        linear = settings.target != "transmittance" and settings.fit == "l2" and basis.lerps
+        if settings.blur > 0 and (not linear or settings.range not in ("box", "global")):
+            raise SceneError(
+                f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos'"
+                f" with range = "
+                f"'global'; not basis '{settings.basis}' with target '{settings.target}', fit "
+                f"'{settings.fit}', range "
+                f"'{settings.range}'"
+            )
+        return settings
+
+    def _affordable(self, range_: str) -> int:
+        basis = BASES[BEST if self.basis == "auto" else self.basis]
+        counts = (
+            [n for n in basis.counts if n <= DEFAULT_COEFFS] if self.bytes_ is None else list(basis.counts)
+        )
+        if self.bytes_ is not None:
+            counts = [n for n in counts if self.bytes_per_texel(n, range_) <= self.bytes_]
+        if not counts:
+            least = self.bytes_per_texel(min(basis.counts), range_)
+            raise SceneError(f"map.bytes = {self.bytes_:g}: basis '{basis.name}' needs at least {least:g}")
+        return max(counts)
+
+    def bytes_per_texel(self, coeffs: int | None = None, range_: str | None = None) -> float:
+        """All numbers of a texel, with its share of the field of ranges."""
+        numbers = (coeffs or self.coeffs) * STORAGE_BITS[self.storage] / 8
+        if (range_ or self.range) == "box":
+            return numbers
+        return numbers + FIELD_BYTES * (field_res(self.res) / self.res) ** 2
+
+
+def field_res(map_res: int) -> int:
+    """Entries along a side of the field of ranges of a map."""
+    return max(2, min(map_res, max(64, map_res // 4)))
+
+
+class MarchSettings(Model):
+    """How the view pass samples the camera rays."""
+
+    SECTION: ClassVar[str] = "march"
+
+    method: Literal["tfm", "dual"] = Field(
+        "tfm", description="tfm: look the light up in its map; dual: march to the light at every sample"
+    )
+    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
+        100, description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024"
+    )
+    sampling: Literal["projective", "world"] = Field(
+        "projective", description="uniform in the light's projective space (section 4.2) or in the world"
+    )
+    attenuation: Literal["consistent", "paper"] = Field(
+        "consistent",
+        description="consistent: the medium dims all that lies behind it; paper: only between the ends of "
+        "the light's cone, as TFM's algorithm 1 is printed",
+    )
+    max_stretch: float = Field(
+        4.0,
+        ge=1,
+        description="projective sampling: the longest step is at most this times the mean one; large values "
+        "are the paper's, which starves the far end of rays that pass near the light",
+    )
+    cutoff: float = Field(
+        1e-4,
+        ge=0,
+        lt=1,
+        description="a camera ray ends where less than this of its transmittance is left: the error is "
+        "at most this part of the brightest light behind; 0 marches every ray to its end",
+    )
+    skip_empty: bool = Field(
+        default=True, description="jump over bricks without density; the samples taken stay where they are"
+    )
+    voxels: Literal["f32", "f16", "u8"] = Field(
+        "f32",
+        description="type of the voxels on the device: f16 errs by 2^-11 of a density, u8 by 1/510 of the "
+        "largest in or beside its block of 8x8x8",
+    )
+
+
+class ShadowSettings(Model):
+    """How the shadows of solids are kept for the medium; on solids they are traced."""
+
+    SECTION: ClassVar[str] = "shadow"
+
+    res: int = Field(
+        1024, ge=1, le=MAX_RES, description="texels along a side of a light's map of distances to solids"
+    )
+    filter: Literal["nearest", "pcf"] = Field(
+        "pcf",
+        description="nearest: the nearest texel's; pcf: the share of the four texels around that are lit "
+        "(percentage-closer filtering)",
+    )
+
+
+def _crop(value: Any) -> Any:
+    if value is None:
+        return None
+    whole = isinstance(value, list | tuple) and all(type(item) is int for item in value)
+    if not whole or len(value) != 4:  # noqa: PLR2004 - two corners
+        raise ValueError("should be four whole numbers x0,y0,x1,y1")
+    x0, y0, x1, y1 = value
+    if not (0 <= x0 < x1 and 0 <= y0 < y1):
+        raise ValueError("should be x0,y0,x1,y1 with 0 ≤ x0 < x1, 0 ≤ y0 < y1")
+    return x0, y0, x1, y1
+
+
+def _aovs(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+        raise ValueError("should be a list of names")
+    for name in value:
+        if name not in AOVS:
+            raise ValueError(unknown_key(name, list(AOVS)).replace("key", "aov"))
+    return tuple(dict.fromkeys(value))
+
+
+class ImageSettings(Model):
+    """What is written."""
+
+    SECTION: ClassVar[str] = "image"
+
+    crop: Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)] = Field(
+        None, description="pixels x0,y0,x1,y1 (end excluded) to render of the whole frame"
+    )
+    exposure: float = Field(0.0, ge=-100, le=100, description="stops, PNG only")
+    aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
+        (), description="extra EXR layers: " + ", ".join(AOVS)
+    )
+    pixel_type: Literal["float", "half"] = Field("float", description="of EXR colour channels")

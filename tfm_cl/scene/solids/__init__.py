@@ -1,0 +1,56 @@
+"""Solids: opaque diffuse surfaces that stop rays and receive light; one module a kind.
+
+To add a shape, write a module with an `AnalyticSolid` subclass and list the class in ``SOLIDS``.
+"""
+
+from typing import Any
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import unknown_key
+from tfm_cl.scene.solids.base import DEFAULT_ALBEDO, AnalyticSolid, Solid
+from tfm_cl.scene.solids.box import BoxSolid
+from tfm_cl.scene.solids.mesh import MeshSolid
+from tfm_cl.scene.solids.plane import PlaneSolid
+from tfm_cl.scene.solids.sphere import SphereSolid
+
+SOLIDS: dict[str, type[AnalyticSolid]] = {
+    cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid)
+}
+"""Shape's name in scene files -> class; what is not a shape is a mesh."""
+
+__all__ = [
+    "DEFAULT_ALBEDO",
+    "SOLIDS",
+    "AnalyticSolid",
+    "BoxSolid",
+    "MeshSolid",
+    "PlaneSolid",
+    "Solid",
+    "SphereSolid",
+    "parse_solid",
+]
+
+
+def parse_solid(values: dict[str, Any]) -> Solid:
+    """Make a solid from a scene file's table, which has either ``mesh`` or ``shape``.
+
+    Raises
+    ------
+    SceneError
+        Neither or both of the two, an unknown shape or key, or an impossible value.
+    """
+    if "mesh" in values and "shape" in values:
+        raise SceneError("solid: has both mesh and shape; leave one of them out")
+    if "mesh" in values:
+        return MeshSolid.from_table(values)
+    if "shape" not in values:
+        known = ["mesh", "shape", "albedo", "transform"]
+        known += [key for cls in SOLIDS.values() for key in cls.keys() if key not in known]  # noqa: SIM118
+        strange = next((key for key in values if key not in known), None)
+        if strange is not None:
+            raise SceneError(unknown_key(str(strange), known, "solid"))
+        raise SceneError(f"solid: should have mesh (a file) or shape ({', '.join(SOLIDS)})")
+    shape = values["shape"]
+    if not isinstance(shape, str) or shape not in SOLIDS:
+        raise SceneError(f"solid.shape: {unknown_key(str(shape), list(SOLIDS)).replace('key', 'shape', 1)}")
+    return SOLIDS[shape].from_table(values)

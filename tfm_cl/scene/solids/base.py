@@ -1,0 +1,95 @@
+"""What a solid is to the rest of the project."""
+
+from abc import abstractmethod
+from functools import cached_property
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from tfm_cl.model import RGB, Model
+from tfm_cl.scene.transform import IDENTITY, Transform, turned
+
+DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
+"""Of a solid that nothing says more about."""
+
+
+def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, float, float]:
+    if max(rgb) > 1:
+        raise ValueError("should be from 0 to 1 in every channel")
+    return rgb
+
+
+Albedo = Annotated[RGB, AfterValidator(_reflects_no_more_than_all)]
+"""Diffuse reflectance, linear Rec. 709, each channel in 0..1; one number means grey."""
+
+
+class Solid(Model):
+    """An opaque, diffuse (Lambertian) surface."""
+
+    SECTION: ClassVar[str] = "solid"
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what it is, not what was made of it since."""
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
+    def __hash__(self) -> int:
+        """Hash what `__eq__` compares."""
+        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
+
+    transform: Transform = Field(IDENTITY, description="world_from_object: 16 numbers row by row")
+
+    @cached_property
+    def world_from_object(self) -> NDArray[np.float64]:
+        """4×4, read only."""
+        matrix = np.array(self.transform, dtype=np.float64)
+        matrix.flags.writeable = False
+        return matrix
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the solid as a scene file writes it; `parse_solid` reads it."""
+        return {key: value for key, value in super().to_dict().items() if value is not None}
+
+    @abstractmethod
+    def bounds(self) -> NDArray[np.float64] | None:
+        """Low and high corner, [2, 3], world units; None for what has no end."""
+
+
+class AnalyticSolid(Solid):
+    """A shape that rays meet in closed form, in its own (object) space and in float64.
+
+    Directions are transformed without bringing them to unit length: distances along a ray are the world's.
+    """
+
+    shape: str = Field(description="kind of solid")
+    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
+
+    @cached_property
+    def _object_axes(self) -> NDArray[np.float64]:
+        """3×3 object-from-world without the offset."""
+        return np.linalg.inv(self.world_from_object[:3, :3]).astype(np.float64)
+
+    def object_rays(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Take world rays, [N, 3] each, to object space."""
+        axes = self._object_axes.T
+        # The offset goes first: far from the world's origin little is left to round.
+        return turned(origins - self.world_from_object[:3, 3], axes), turned(directions, axes)
+
+    def world_normals(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take object normals [N, 3] of any length to unit ones of the world (inverse transpose)."""
+        world = turned(normals, self._object_axes)
+        unit: NDArray[np.float64] = world / np.linalg.norm(world, axis=1, keepdims=True)
+        return unit
+
+    @abstractmethod
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """First distance > 0 along object rays [N, 3], [N]; inf without."""
+
+    @abstractmethod
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Object normals [N, 3] at points [N, 3] of the surface, either side, any length."""

@@ -1,0 +1,54 @@
+"""The box, and under a transform any parallelepiped."""
+
+from itertools import product
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from tfm_cl.model import Vec3
+from tfm_cl.scene.solids.base import AnalyticSolid
+
+SMALLEST = 1e-290
+"""In place of a direction's 0: its quotients are as good as infinite, and never 0/0."""
+
+
+class BoxSolid(AnalyticSolid):
+    """The six faces between two corners; seen from outside and inside."""
+
+    shape: Literal["box"] = "box"
+    from_: Vec3 = Field((-1.0, -1.0, -1.0), alias="from", description="low corner")
+    to: Vec3 = Field((1.0, 1.0, 1.0), description="high corner")
+
+    @model_validator(mode="after")
+    def _has_a_volume(self) -> Self:
+        if not all(low < high for low, high in zip(self.from_, self.to, strict=True)):
+            raise ValueError(f"from {list(self.from_)} should be below to {list(self.to)} along every axis")
+        return self
+
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Slabs: where the ray enters the last, or from inside where it leaves the first."""
+        steps = np.where(np.abs(directions) < SMALLEST, SMALLEST, directions)
+        with np.errstate(over="ignore"):
+            low, high = (self.from_ - origins) / steps, (self.to - origins) / steps
+        enter, leave = np.minimum(low, high).max(axis=1), np.maximum(low, high).min(axis=1)
+        nearest = np.where(enter > 0, enter, leave)
+        return np.where((enter <= leave) & (nearest > 0), nearest, np.inf)
+
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the face that is nearest, in parts of the box."""
+        half = np.subtract(self.to, self.from_) / 2
+        place = (points - self.from_) / half - 1
+        axis = np.abs(np.abs(place) - 1).argmin(axis=1)
+        normals = np.zeros(points.shape)
+        rows = np.arange(len(points))
+        normals[rows, axis] = np.copysign(1.0, place[rows, axis])
+        return normals
+
+    def bounds(self) -> NDArray[np.float64]:
+        """Around its eight corners."""
+        corners = np.array(list(product(*zip(self.from_, self.to, strict=True))))
+        matrix = self.world_from_object
+        world = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        return np.stack([world.min(axis=0), world.max(axis=0)])

@@ -1,0 +1,42 @@
+"""The infinite plane."""
+
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from tfm_cl.model import Vec3
+from tfm_cl.scene.solids.base import AnalyticSolid
+from tfm_cl.scene.transform import turned
+
+
+class PlaneSolid(AnalyticSolid):
+    """All points at right angles to ``normal`` from ``point``; seen from both sides."""
+
+    shape: Literal["plane"] = "plane"
+    point: Vec3 = Field((0.0, 0.0, 0.0), description="a point of the plane")
+    normal: Vec3 = Field((0.0, 1.0, 0.0), description="direction at right angles to it, any length")
+
+    @model_validator(mode="after")
+    def _has_a_normal(self) -> Self:
+        if float(np.linalg.norm(self.normal)) < 1e-30:  # noqa: PLR2004 - its square is no number
+            raise ValueError(f"normal = {list(self.normal)}: should not be zero")
+        return self
+
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """One division; rays within the plane do not meet it."""
+        normal = np.divide(self.normal, np.linalg.norm(self.normal))
+        height = turned(self.point - origins, normal[:, None])[:, 0]
+        slope = turned(directions, normal[:, None])[:, 0]
+        found = height * slope > 0
+        result: NDArray[np.float64] = np.divide(height, slope, out=np.full(len(origins), np.inf), where=found)
+        return result
+
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Everywhere the same."""
+        return np.broadcast_to(np.divide(self.normal, np.linalg.norm(self.normal)), points.shape)
+
+    def bounds(self) -> None:
+        """None: a plane has no end."""
+        return

@@ -1,0 +1,49 @@
+"""The sphere, and under a transform any ellipsoid."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tfm_cl.model import LARGEST_COORDINATE, Vec3
+from tfm_cl.scene.solids.base import AnalyticSolid
+
+
+class SphereSolid(AnalyticSolid):
+    """All points at ``radius`` from ``centre``; seen from outside and inside."""
+
+    shape: Literal["sphere"] = "sphere"
+    centre: Vec3 = Field((0.0, 0.0, 0.0), description="the middle")
+    radius: float = Field(1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="of the sphere")
+
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Roots of the quadratic without cancellation (Haines et al., Ray Tracing Gems, chapter 7)."""
+        offset = origins - self.centre
+        square = np.einsum("ij,ij->i", directions, directions)
+        half = np.einsum("ij,ij->i", directions, offset)  # of the linear coefficient
+        # What the ray passes the centre by: no difference of large squares.
+        passing = offset - (half / square)[:, None] * directions
+        discriminant = self.radius**2 - np.einsum("ij,ij->i", passing, passing)
+        far = np.linalg.norm(offset, axis=1)
+        constant = (far - self.radius) * (far + self.radius)
+        root = np.sqrt(np.maximum(discriminant, 0) * square)
+        larger = -half - np.copysign(root, half)  # of the two sums, the one that adds
+        none = np.full(len(origins), np.inf)
+        one = np.divide(constant, larger, out=none.copy(), where=larger != 0)
+        other = larger / square
+        one[~(one > 0)] = np.inf
+        other[~(other > 0)] = np.inf
+        return np.where(discriminant >= 0, np.minimum(one, other), none)
+
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Away from the centre."""
+        outward: NDArray[np.float64] = (points - self.centre) / self.radius
+        return outward
+
+    def bounds(self) -> NDArray[np.float64]:
+        """Exact also for ellipsoids: along an axis they reach as far as the matrix's row is long."""
+        matrix = self.world_from_object
+        centre = matrix[:3, :3] @ self.centre + matrix[:3, 3]
+        reach = self.radius * np.linalg.norm(matrix[:3, :3], axis=1)
+        return np.stack([centre - reach, centre + reach])

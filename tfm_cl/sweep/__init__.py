@@ -1,0 +1,1 @@
+"""The sweep: quality against coefficients, and its report."""

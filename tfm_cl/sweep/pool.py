@@ -1,0 +1,259 @@
+"""Where the work of a sweep is done: here, one piece after the other, or in other processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import tempfile
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+from tfm_cl.device.scratch import make_scratch
+from tfm_cl.errors import DeviceError, InputError, TfmError
+from tfm_cl.interrupts import interrupts_held
+from tfm_cl.sweep.work import Task, Worker
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
+    from tfm_cl.render.renderer import Renderer
+
+MOST_JOBS = 61
+"""More processes than this Windows cannot wait for."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A call of one of `Worker`'s methods."""
+
+    method: str
+    arguments: tuple[Any, ...]
+    label: str
+    """For people."""
+    weight: float
+    """Its share of the work, in any unit."""
+    done: Callable[[Job, Any], list[Job]]
+    """Takes the job and what it gave, and returns the jobs that can be done now because of it."""
+
+
+class Tracker(Protocol):
+    """What is told of progress."""
+
+    def step(self, job: Job) -> AbstractContextManager[Progress]:
+        """Report a job that runs here."""
+
+    def finished(self, job: Job) -> None:
+        """Report a job that ran elsewhere."""
+
+
+class Here:
+    """One piece after the other, in this process.
+
+    Parameters
+    ----------
+    task
+        What is swept.
+    renderer, device
+        What renders; or, where it is None, part of the name of the device of one made for the purpose.
+    """
+
+    def __init__(self, task: Task, renderer: Renderer | None, device: str | None) -> None:
+        if renderer is None:
+            self._renderer: AbstractContextManager[Renderer] = _renderer(device)
+        else:
+            self._renderer = nullcontext(renderer)
+        self._task = task
+
+    def __enter__(self) -> Self:
+        self._worker = Worker(self._task, self._renderer.__enter__())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        del self._worker
+        self._renderer.__exit__(kind, error, trace)
+
+    def run(self, jobs: list[Job], tracker: Tracker) -> None:
+        """Do jobs in order; those that they lead to come next."""
+        queue = deque(jobs)
+        while queue:
+            job = queue.popleft()
+            with tracker.step(job) as progress:
+                result = getattr(self._worker, job.method)(*job.arguments, progress)
+            queue.extendleft(reversed(job.done(job, result)))
+
+
+class Processes:
+    """Several pieces at a time, each in a process with a renderer of its own.
+
+    They share nothing but the folder, and end with this one: Ctrl-C is heard here only. What they were doing
+    then is lost; it leaves halves of images, which `SweepFolder.close` removes.
+
+    Each has a pipe of its own, which this process reads and writes in one thread: there is no queue, lock or
+    helper thread that a process could take with it when it is ended.
+
+    Parameters
+    ----------
+    task
+        What is swept.
+    count
+        Processes, at most; they begin when there is work for them.
+    device
+        Part of the name of the device.
+
+    Raises
+    ------
+    InputError
+        When the task cannot be sent to other processes.
+    """
+
+    def __init__(self, task: Task, count: int, device: str | None) -> None:
+        try:
+            pickle.dumps(task)
+        except Exception as error:
+            raise InputError(
+                "several jobs need overrides that other processes can import: pairs of key and value, or a "
+                f"function of a module ({error})"
+            ) from error
+        self._task, self._count, self._device = task, count, device
+        self._processes: dict[Connection, SpawnProcess] = {}
+
+    def __enter__(self) -> Self:
+        self._scratch = make_scratch()  # processes that are ended remove nothing themselves
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with interrupts_held():
+            for pipe, process in self._processes.items():
+                if kind is not None:
+                    process.kill()  # at once: compilers have something to say on gentler signals
+                pipe.close()  # this tells it that there is no more work
+            for process in self._processes.values():
+                process.join()
+            self._processes.clear()
+            self._scratch.close()
+
+    def run(self, jobs: list[Job], tracker: Tracker) -> None:
+        """Do jobs in any order, earlier ones first; those that they lead to come last.
+
+        Raises
+        ------
+        DeviceError
+            When a process ends by itself.
+        """
+        waiting = deque(jobs)
+        running: dict[Connection, Job] = {}
+        while waiting or running:
+            while waiting and (pipe := self._idle(running)) is not None:
+                running[pipe] = job = waiting.popleft()
+                with _other_end(job):
+                    pipe.send((job.method, job.arguments))
+            ready = set(wait(running))
+            for pipe in [pipe for pipe in running if pipe in ready]:
+                job = running.pop(pipe)
+                with _other_end(job):
+                    result, error = pipe.recv()
+                if error is not None:
+                    raise error
+                tracker.finished(job)
+                waiting.extend(job.done(job, result))
+
+    def _idle(self, running: dict[Connection, Job]) -> Connection | None:
+        """Return the pipe of a process that has nothing to do, which may begin now; None if all are busy."""
+        idle = next((pipe for pipe in self._processes if pipe not in running), None)
+        if idle is None and len(self._processes) < self._count:
+            idle, theirs = multiprocessing.Pipe()
+            process = multiprocessing.get_context("spawn").Process(
+                target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
+            )
+            try:
+                if os.name == "posix":
+                    resource_tracker.ensure_running()  # beginning it ends that interrupts are held
+                with interrupts_held():  # the process inherits that
+                    process.start()
+                    self._processes[idle] = process
+            except OSError as error:
+                idle.close()
+                raise DeviceError(
+                    f"jobs = {self._count}: a process cannot be started ({error.strerror}); use fewer jobs"
+                ) from error
+            finally:
+                theirs.close()  # the process has its own: when that closes, ours tells
+        return idle
+
+
+@contextmanager
+def _other_end(job: Job) -> Iterator[None]:
+    """Turn what a pipe says when the process at its other end is gone into an error on the job."""
+    try:
+        yield
+    except (EOFError, OSError) as error:
+        raise DeviceError(
+            f"{job.label}: a process ended by itself, perhaps for lack of memory; use fewer jobs"
+        ) from error
+
+
+def _renderer(device: str | None) -> Renderer:
+    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - a caller's own renderer needs no OpenCL
+
+    return Renderer(device)
+
+
+# ----------------------------------------------------------------------------- in the other processes
+
+
+def _serve(pipe: Connection, task: Task, device: str | None, scratch: str) -> None:
+    """Do what comes through the pipe until it closes; answer with the result or the error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    tempfile.tempdir = scratch
+    worker: Worker | None = None
+    while True:
+        try:
+            method, arguments = pipe.recv()
+        except (EOFError, OSError):
+            return
+        result: Any = None
+        failure: Exception | None = None
+        try:
+            worker = worker or Worker(task, _renderer(device))
+            result = getattr(worker, method)(*arguments, _silent)
+        except Exception as error:  # noqa: BLE001 - the first process raises it
+            failure = _portable(error)
+        pipe.send((result, failure))
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error that can be sent; what nobody expects tells where it came from."""
+    if not isinstance(error, TfmError):
+        error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))  # noqa: S301 - our own
+    except Exception:  # noqa: BLE001 - whatever is wrong with it
+        return RuntimeError("".join(traceback.format_exception(error)))
+    return error
+
+
+def _end_with_parent() -> None:
+    """End when the first process was killed: nobody would ever send work again, or say that it is over."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _silent(stage: str, fraction: float) -> None:
+    """Ignore progress."""

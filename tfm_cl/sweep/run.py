@@ -1,0 +1,365 @@
+"""The sweep: maps of many settings against the dual march of the same steps, and against a converged one.
+
+A sweep fills a folder::
+
+    sweep.jsonl, sweep.csv        one row for each scene and map setting (`SweepRow`)
+    images/KEY.npy                each rendered image; the seconds of a dual march beside it, KEY.json
+    curves/KEY.json               transmittance along one ray, exact and of every map (`tfm_cl.sweep.curves`)
+
+and a report on these, see `tfm_cl.sweep.written`.
+
+Rows are appended as they are made, so a sweep that is interrupted goes on where it stopped: a row whose key
+(content of the scene, settings, device, version of tfm_cl) is there already is not made again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tfm_cl.errors import InputError
+from tfm_cl.scene.settings import MAX_STEPS, MapSettings
+from tfm_cl.sweep import curves as sweep_curves
+from tfm_cl.sweep.axes import Axes
+from tfm_cl.sweep.curves import Curve, Ray
+from tfm_cl.sweep.keys import content_hash
+from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes
+from tfm_cl.sweep.rows import (
+    BUDGETS,
+    SweepFolder,
+    SweepRow,
+    Weighting,
+    equal_bytes,
+    kept_image,
+    read_rows,
+)
+from tfm_cl.sweep.work import OVERHEAD, Overrides, Plan, Task
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
+    from tfm_cl.render.renderer import Renderer
+
+__all__ = [
+    "BUDGETS",
+    "SweepFolder",
+    "SweepRow",
+    "Weighting",
+    "content_hash",
+    "equal_bytes",
+    "kept_image",
+    "read_rows",
+    "run",
+]
+
+
+def run(
+    inputs: Sequence[Path],
+    out: Path,
+    *,
+    bases: Sequence[str] = ("dct", "auto"),
+    coeffs: Sequence[int] = (2, 4, 8, 16),
+    density_weightings: Sequence[Weighting] = (1.0, 10.0),
+    ranges: Sequence[str] = (),
+    fits: Sequence[str] = (),
+    storages: Sequence[str] = (),
+    map_sizes: Sequence[int] = (),
+    converged: bool = True,
+    converged_steps: int | None = None,
+    ray: Ray | None = None,
+    jobs: int = 1,
+    renderer: Renderer | None = None,
+    device: str | None = None,
+    overrides: Overrides | None = None,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> list[SweepRow]:
+    """Sweep scenes over map settings, and write the report.
+
+    Parameters
+    ----------
+    inputs
+        Scene files or volumes.
+    out
+        Folder of the results, made if missing. One sweep at a time may write to it; another sweep, or one
+        with other settings, may add to it later.
+    bases, coeffs, density_weightings, ranges, fits, storages, map_sizes
+        Values of the map's basis, coeffs, density_weighting (α: 1 or more, or ``"auto"``), range, fit,
+        storage and res. Every combination is rendered, but those that a basis refuses; for a number of
+        coefficients that a basis has not, the nearest that it has is taken; α counts only where a map's
+        target is the transmittance. Of the last four, none means the scene's own.
+    converged
+        Whether to compare with a converged dual march too.
+    converged_steps
+        Its steps, of both marches; by default four times the scene's, at most 1000.
+    ray
+        Place (u, v) on the first light's map, 0 to 1, of the ray whose curves are kept; by default chosen by
+        `tfm_cl.sweep.curves.choose_ray`, once for each reference.
+    jobs
+        Processes. Several share the device, so that each one's seconds are longer.
+    renderer, device
+        A renderer to use (with one process), or part of the name of the device to make one on.
+    overrides
+        Settings for every scene: pairs of a scene file's key and its value, as ``("camera.res", [320, 180])``
+        (known before camera and light are placed), or a function of the scene that was read.
+    progress
+        Called as ``progress(stage, fraction)`` with the fraction of the work that was left at the beginning.
+    notice
+        Called with one line on what is left out, or has another number of coefficients than asked for.
+
+    Returns
+    -------
+    list of SweepRow
+        Every row asked for, made now or earlier: by input, basis, range, fit, storage, map size, α and
+        coefficients.
+
+    Raises
+    ------
+    InputError
+        Nothing to sweep, a value or an input that cannot be used, a reference that shows nothing, a folder
+        that cannot be written or holds rows of another kind. Values and inputs are looked at before anything
+        is rendered.
+    DeviceError
+        From the renderer, or a process that ended by itself. Rows made before any error stay.
+    """
+    if not inputs:
+        raise InputError("a sweep needs at least one input")
+    axes = Axes(
+        bases=tuple(bases),
+        coeffs=tuple(coeffs),
+        density_weightings=tuple(density_weightings),
+        ranges=tuple(ranges),
+        fits=tuple(fits),
+        storages=tuple(storages),
+        map_sizes=tuple(map_sizes),
+    )
+    _check(converged_steps, ray, jobs, renderer)
+    from tfm_cl.sweep import written as sweep_report  # noqa: PLC0415 - it builds on this module
+
+    task = Task(
+        out=out,
+        axes=axes,
+        overrides=overrides if callable(overrides) else tuple(overrides or ()),
+        converged=converged,
+        converged_steps=converged_steps,
+    )
+    pool = Here(task, renderer, device) if jobs == 1 else Processes(task, jobs, device)
+    sweep = _Sweep(out, ray, notice or _say_nothing, progress)
+    try:
+        with pool:
+            rows = sweep.run(pool, list(dict.fromkeys(inputs)))
+        sweep_report.write(out)
+    finally:
+        sweep.close()  # once no process writes any more
+    return rows
+
+
+def _check(converged_steps: int | None, ray: Ray | None, jobs: int, renderer: Renderer | None) -> None:
+    if converged_steps is not None and not 1 <= converged_steps <= MAX_STEPS:
+        raise InputError(f"converged steps = {converged_steps}: should be from 1 to {MAX_STEPS}")
+    if ray is not None and not all(0 <= part <= 1 for part in ray):
+        raise InputError(f"ray = {ray[0]:g},{ray[1]:g}: should be u,v on the light's map, each from 0 to 1")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise InputError(f"jobs = {jobs}: should be from 1 to {MOST_JOBS}")
+    if jobs > 1 and renderer is not None:
+        raise InputError(f"jobs = {jobs}: every process makes its own renderer; give the name of a device")
+
+
+class _Sweep:
+    """The inputs of one sweep on their way through a pool."""
+
+    def __init__(
+        self, out: Path, ray: Ray | None, notice: Callable[[str], None], progress: Progress | None
+    ) -> None:
+        self._out, self._ray, self._notice, self._progress = out, ray, notice, progress
+        self._folder: SweepFolder | None = None
+
+    def run(self, pool: Here | Processes, inputs: list[Path]) -> list[SweepRow]:
+        """Make what is missing of all inputs' rows and curves; returns the rows."""
+        plans = self._plans(pool, inputs)
+        for line in dict.fromkeys(line for plan in plans for line in plan.notices):
+            self._notice(line)
+        folder = self._folder = SweepFolder(self._out)
+        subjects: dict[str, _Subject] = {}
+        for plan in plans:
+            if plan.reference not in subjects:
+                subjects[plan.reference] = _Subject(folder, self._out, plan.reference, self._ray)
+            subjects[plan.reference].add(plan)
+        jobs = [job for subject in subjects.values() for job in subject.begin()]
+        steps = _Steps(self._progress, sum(subject.weight for subject in subjects.values()))
+        try:
+            pool.run(jobs, steps)
+        except BaseException:
+            with contextlib.suppress(InputError):  # what went wrong first counts
+                for subject in subjects.values():
+                    subject.write_curves()
+            raise
+        for subject in subjects.values():
+            subject.write_curves()
+        steps.end()
+        return [folder.rows[key] for plan in plans for key in plan.variants]
+
+    def close(self) -> None:
+        """Let others have the folder, without what processes that were ended left."""
+        if self._folder is not None:
+            self._folder.close()
+
+    @staticmethod
+    def _plans(pool: Here | Processes, inputs: list[Path]) -> list[Plan]:
+        found: dict[Path, Plan] = {}
+
+        def planned(job: Job, plan: Plan) -> list[Job]:
+            found[job.arguments[0]] = plan
+            return []
+
+        jobs = [
+            Job("plan", (path, name), name, 0.0, planned)
+            for path, name in zip(inputs, _names(inputs), strict=True)
+        ]
+        pool.run(jobs, _Steps(None, 0.0))
+        return [found[path] for path in inputs]
+
+
+class _Subject:
+    """What is missing of one reference: first what rows are measured against and the ray, then the rest."""
+
+    def __init__(self, folder: SweepFolder, out: Path, reference: str, ray: Ray | None) -> None:
+        self._folder, self._out, self._reference = folder, out, reference
+        self._asked = ray
+        self._ray: Ray | None = None
+        self._curves: dict[str, Curve] = {}
+        kept = sweep_curves.read(out, reference)
+        if kept is not None and ray in {None, kept[0]}:
+            self._ray, self._curves = kept
+        self._plans: list[Plan] = []
+        self._second: dict[tuple[str, str], tuple[Plan, float]] = {}
+        self._waiting = 0
+        self.weight = 0.0
+        """Of all jobs."""
+
+    def add(self, plan: Plan) -> None:
+        """Add what one input asks for; of several inputs, all have this reference."""
+        self._plans.append(plan)
+        for key, samples in plan.row_samples.items():
+            row = self._row(key, plan)
+            behind = row is not None and plan.converged not in {None, row.converged}
+            if row is None or (behind and kept_image(self._out, key, plan.res) is None):
+                self._second["row", key] = plan, samples
+                continue
+            if behind:
+                self._second["measure", key] = plan, 0.1 * OVERHEAD
+            if key not in self._curves:
+                self._second["curve", key] = plan, samples
+
+    def _row(self, key: str, plan: Plan) -> SweepRow | None:
+        """Return a row that is there, which now stands for what this sweep asks for too."""
+        row, asked = self._folder.rows.get(key), plan.stands_for.get(key, ())
+        if row is not None and not set(asked) <= set(row.stands_for):
+            row = dataclasses.replace(row, stands_for=tuple(sorted({*row.stands_for, *asked})))
+            self._folder.append(row)
+        return row
+
+    def begin(self) -> list[Job]:
+        """Return the jobs that can be done now."""
+        methods = {method for method, _ in self._second}
+        plan = self._plans[0]
+        first = []
+        if self._ray is None and methods & {"row", "curve"}:
+            weight = next(iter(plan.row_samples.values()))
+            first.append(self._job("ray", plan, weight, "choosing a ray", self._asked))
+        marches = {plan.reference: "reference"}
+        if plan.converged is not None:
+            marches.setdefault(plan.converged, "converged reference")
+        for key, label in marches.items() if methods & {"row", "measure"} else ():
+            if not self._folder.has_march(key, plan.res):
+                first.append(self._job("march", plan, plan.march_samples[key], label, key))
+        self._waiting = len(first)
+        self.weight = sum(job.weight for job in first) + sum(weight for _, weight in self._second.values())
+        return first or self._then()
+
+    def done(self, job: Job, result: Any) -> list[Job]:
+        """Keep what a job gave; returns what can be done now."""
+        if job.method in {"march", "ray"}:
+            if job.method == "ray":
+                self._ray = result
+            self._waiting -= 1
+            return [] if self._waiting else self._then()
+        if job.method == "row":
+            row, curve = result
+            self._folder.append(row)
+            if curve is not None:
+                self._curves[row.key] = curve
+        elif job.method == "curve":
+            self._curves[job.arguments[1]] = result
+        else:
+            self._folder.append(result)
+        return []
+
+    def _then(self) -> list[Job]:
+        jobs = []
+        for (method, key), (plan, weight) in self._second.items():
+            if method == "curve" and self._ray is None:
+                continue
+            what = (self._folder.rows[key],) if method == "measure" else (key, self._ray)
+            jobs.append(self._job(method, plan, weight, _label(plan.variants[key]), *what))
+        return jobs
+
+    def _job(self, method: str, plan: Plan, weight: float, label: str, *arguments: Any) -> Job:
+        return Job(method, (plan, *arguments), f"{plan.name}: {label}", weight, self.done)
+
+    def write_curves(self) -> None:
+        """Write the file of curves, if there are any."""
+        if self._ray is not None:
+            sweep_curves.write(self._out, self._reference, self._ray, self._curves, self._folder.rows)
+
+
+def _label(settings: MapSettings) -> str:
+    alpha = settings.density_weighting
+    return f"{settings.basis} n={settings.coeffs}" + ("" if alpha == "auto" else f" α={alpha:g}")
+
+
+def _names(inputs: Sequence[Path]) -> list[str]:
+    """Name inputs by their stem where that tells them apart, else by their path; in UTF-8, as the results."""
+    stems = [path.stem for path in inputs]
+    names = (
+        stem if stems.count(stem) == 1 else path.as_posix() for path, stem in zip(inputs, stems, strict=True)
+    )
+    return [name.encode(errors="backslashreplace").decode() for name in names]
+
+
+def _say_nothing(line: str) -> None:
+    """Ignore a notice."""
+
+
+class _Steps:
+    """Progress over jobs by their weight; never goes back."""
+
+    def __init__(self, progress: Progress | None, total: float) -> None:
+        self._progress, self._total = progress, total
+        self._done = 0.0
+        self._reached = 0.0
+
+    @contextlib.contextmanager
+    def step(self, job: Job) -> Iterator[Progress]:
+        """Report a job that runs here; yields the callback to hand to it."""
+        self._report(job.label, 0.0)
+        yield lambda stage, fraction: self._report(f"{job.label}: {stage}", job.weight * fraction)
+        self.finished(job)
+
+    def finished(self, job: Job) -> None:
+        """Count a job that is done."""
+        self._done += job.weight
+        self._report(job.label, 0.0)
+
+    def end(self) -> None:
+        """Report that all is done."""
+        self._done = self._total
+        self._report("sweep", 0.0)
+
+    def _report(self, stage: str, weight: float) -> None:
+        if self._progress is not None:
+            fraction = (self._done + weight) / self._total if self._total else 1.0
+            self._reached = max(self._reached, min(1.0, fraction))
+            self._progress(stage, self._reached)

@@ -1,0 +1,300 @@
+"""The work of a sweep, in pieces that any process can do: it knows the scenes, a renderer and the folder."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl import metrics
+from tfm_cl._version import __version__
+from tfm_cl.errors import InputError, SceneError, VolumeError
+from tfm_cl.files.scene_file import SceneFile
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.settings import MapSettings
+from tfm_cl.sweep import curves as sweep_curves
+from tfm_cl.sweep.axes import Axes
+from tfm_cl.sweep.curves import Curve, Ray
+from tfm_cl.sweep.keys import content_hash, reference_key
+from tfm_cl.sweep.rows import SweepRow, keep_image, keep_march, kept_image, kept_march
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.render.renderer import Renderer
+
+Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
+
+CONVERGED_FACTOR = 4
+"""Steps of the converged dual march: so many times those of the reference, of both marches."""
+CONVERGED_MOST = 1000
+"""And at most so many, but never fewer than the reference has."""
+
+OVERHEAD = 5e8
+"""Samples that take as long as what else a job does: loading, compiling, comparing; about a second."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is the same for all inputs of a sweep."""
+
+    out: Path
+    axes: Axes
+    overrides: Overrides
+    converged: bool
+    converged_steps: int | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one input asks for."""
+
+    path: Path
+    name: str
+    res: tuple[int, int]
+    """Width and height."""
+    reference: str
+    """Key of the dual march of the maps' steps, as the next one is of the converged one, if asked for."""
+    converged: str | None
+    variants: dict[str, MapSettings]
+    """By key of the row."""
+    stands_for: dict[str, tuple[int, ...]]
+    """Of those with fewer or more coefficients than asked for, by key: `SweepRow.stands_for`."""
+    notices: list[str]
+    """What is left out, and what stands for something else."""
+    march_samples: dict[str, float]
+    """About how many densities the dual marches read, by key; with `OVERHEAD`."""
+    row_samples: dict[str, float]
+
+
+class Worker:
+    """Does the work with one renderer; keeps the scene and the maps that it used last.
+
+    Parameters
+    ----------
+    task
+        What is swept.
+    renderer
+        What renders.
+    """
+
+    def __init__(self, task: Task, renderer: Renderer) -> None:
+        self._task, self._renderer = task, renderer
+        self._scene: tuple[Path, Scene] | None = None
+        self._maps: tuple[str, list[TransmittanceMap]] | None = None
+
+    def plan(self, path: Path, name: str, progress: Progress) -> Plan:
+        """Read an input, and check every setting that is asked of it.
+
+        Raises
+        ------
+        InputError
+            An input that cannot be read, or whose settings no basis takes.
+        """
+        del progress
+        scene = self._load(path)
+        variants, notices = self._task.axes.variants(scene.map)
+        scenes = [scene.replace(map=variant).resolved() for variant in variants]
+        device = self._renderer.device_name
+        reference = reference_key(scene, device)
+        marches, converged = {reference: scene}, None
+        if self._task.converged:
+            finer = self._converged(scene, name)
+            converged = reference_key(finer, device)
+            marches[converged] = finer
+        keys = [content_hash(reference, each.map) for each in scenes]
+        pixels = float(np.prod(scene.camera.res))
+        return Plan(
+            path=path,
+            name=name,
+            res=scene.camera.res,
+            reference=reference,
+            converged=converged,
+            variants=dict(zip(keys, variants, strict=True)),
+            stands_for={key: asked for key, asked in zip(keys, variants.values(), strict=True) if asked},
+            notices=notices,
+            march_samples={
+                key: OVERHEAD + pixels * each.march.steps * (1 + each.map.steps / 2)
+                for key, each in marches.items()
+            },
+            row_samples={
+                key: OVERHEAD + pixels * each.march.steps + each.map.steps * float(each.map.res) ** 2
+                for key, each in zip(keys, scenes, strict=True)
+            },
+        )
+
+    def march(self, plan: Plan, key: str, progress: Progress) -> None:
+        """Render the dual march of that key, and keep it."""
+        scene = self._load(plan.path)
+        if key != plan.reference:
+            scene = self._converged(scene, plan.name)
+        result = self._renderer.render(scene, method="dual", progress=progress)
+        seconds = result.stats.seconds["light_pass"] + result.stats.seconds["view_pass"]
+        keep_march(self._task.out, key, result.image, seconds)
+
+    def ray(self, plan: Plan, ray: Ray | None, progress: Progress) -> Ray | None:
+        """Choose the ray of the curves, on the first variant's map; None where there is none to follow.
+
+        Raises
+        ------
+        SceneError
+            When the ray that was asked for misses the medium.
+        """
+        first = self._build(plan, next(iter(plan.variants)), progress)[0]
+        if ray is None:
+            with contextlib.suppress(VolumeError):  # too large to be marched on the host
+                return sweep_curves.choose_ray(first)
+            return None
+        first.curve(*ray, 2)
+        return ray
+
+    def curve(self, plan: Plan, key: str, ray: Ray, progress: Progress) -> Curve:
+        """Follow the map of a row that is there already."""
+        return sweep_curves.curve_of(self._build(plan, key, progress)[0], ray)
+
+    def row(self, plan: Plan, key: str, ray: Ray | None, progress: Progress) -> tuple[SweepRow, Curve | None]:
+        """Build maps, render with them, keep the image, measure both, and follow the ray, if any.
+
+        Raises
+        ------
+        SceneError
+            When the reference shows nothing.
+        """
+        maps = self._build(plan, key, progress)
+        scene = self._variant(plan, key)
+        result = self._renderer.render(scene, maps=maps, method="tfm", progress=progress)
+        image = result.image
+        truth, reference_seconds = self._march(plan, plan.reference)
+        found = metrics.compare(image, truth)
+        if found.lit is None:
+            raise SceneError(
+                f"{plan.name}: the reference shows nothing (alpha ≤ 0.001 everywhere), so there is no "
+                "quality to measure; check camera, density_scale and light"
+            )
+        keep_image(self._task.out, key, image)
+        settings = maps[0].settings
+        width, height = plan.res
+        row = SweepRow(
+            volume=plan.name,
+            coeffs=settings.coeffs,
+            stands_for=plan.stands_for.get(key, ()),
+            density_weighting=plan.variants[key].density_weighting,
+            basis=settings.basis,
+            target=settings.target,
+            range=settings.range,
+            fit=settings.fit,
+            lookup=settings.lookup,
+            storage=settings.storage,
+            map_res=settings.res,
+            map_steps=settings.steps,
+            view_steps=scene.march.steps,
+            width=width,
+            height=height,
+            ssim=found.ssim,
+            psnr=found.psnr,
+            rmse=found.rmse,
+            lit_ssim=found.lit.ssim,
+            lit_psnr=found.lit.psnr,
+            lit_rmse=found.lit.rmse,
+            flip=metrics.flip(image, truth) if metrics.flip_is_installed() else None,
+            t_error=float(np.mean([light_map.error for light_map in maps])),
+            seconds_light_pass=sum(light_map.buffers.seconds for light_map in maps),
+            seconds_view_pass=result.stats.seconds["view_pass"],
+            seconds_reference=reference_seconds,
+            map_bytes=result.stats.map_bytes,
+            bytes_per_texel=float(np.mean([light_map.bytes_per_texel for light_map in maps])),
+            device=self._renderer.device_name,
+            version=__version__,
+            reference=plan.reference,
+            key=key,
+        )
+        curve = None if ray is None else sweep_curves.curve_of(maps[0], ray)
+        return self._against_converged(plan, row, image), curve
+
+    def measure(self, plan: Plan, row: SweepRow, progress: Progress) -> SweepRow:
+        """Compare the kept image of a row with the converged march."""
+        del progress
+        image = kept_image(self._task.out, row.key, plan.res)
+        if image is None:
+            raise self._vanished(row.key)
+        return self._against_converged(plan, row, image)
+
+    def _against_converged(self, plan: Plan, row: SweepRow, image: NDArray[np.float32]) -> SweepRow:
+        if plan.converged is None:
+            return row
+        truth, _ = self._march(plan, plan.converged)
+        found = metrics.compare(image, truth)
+        lit = found.lit or found
+        return dataclasses.replace(
+            row,
+            converged=plan.converged,
+            converged_ssim=found.ssim,
+            converged_psnr=found.psnr,
+            converged_rmse=found.rmse,
+            converged_lit_ssim=lit.ssim,
+            converged_lit_psnr=lit.psnr,
+            converged_lit_rmse=lit.rmse,
+        )
+
+    def _march(self, plan: Plan, key: str) -> tuple[NDArray[np.float32], float]:
+        found = kept_march(self._task.out, key, plan.res)
+        if found is None:
+            raise self._vanished(key)
+        return found
+
+    def _vanished(self, key: str) -> InputError:
+        path = self._task.out / "images" / f"{key}.npy"
+        return InputError(f"{path}: was removed or changed during the sweep; start it again")
+
+    def _load(self, path: Path) -> Scene:
+        if self._scene is None or self._scene[0] != path:
+            # What is held goes first: two large volumes may not fit.
+            self._scene = self._maps = None
+            overrides = self._task.overrides
+            scene = (
+                overrides(Scene.load(path))
+                if callable(overrides)
+                else SceneFile.read(path, overrides).scene()
+            )
+            self._scene = path, scene.resolved()
+        return self._scene[1]
+
+    def _variant(self, plan: Plan, key: str) -> Scene:
+        return self._load(plan.path).replace(map=plan.variants[key])
+
+    def _build(self, plan: Plan, key: str, progress: Progress) -> list[TransmittanceMap]:
+        if self._maps is None or self._maps[0] != key:
+            self._maps = None
+            scene = self._variant(plan, key)
+            self._maps = key, self._renderer.build_maps(scene, progress)
+        return self._maps[1]
+
+    def _converged(self, scene: Scene, name: str) -> Scene:
+        """Return a scene with the steps of the converged march.
+
+        Raises
+        ------
+        SceneError
+            When the steps asked for are fewer than the scene's.
+        """
+
+        def steps(own: int) -> int:
+            asked = self._task.converged_steps
+            if asked is None:
+                return max(own, min(CONVERGED_FACTOR * own, CONVERGED_MOST))
+            if asked < own:
+                raise SceneError(
+                    f"{name}: {asked} converged steps are fewer than the {own} of the scene; ask for more"
+                )
+            return asked
+
+        return scene.replace(
+            map=scene.map.replace(steps=steps(scene.map.steps)),
+            march=scene.march.replace(steps=steps(scene.march.steps)),
+        )
