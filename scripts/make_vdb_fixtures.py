@@ -1,4 +1,4 @@
-"""Let OpenVDB itself write the test files of ``tests/files/volume_io/data``, or say what a ``.vdb`` file holds.
+"""Let OpenVDB itself write the test files of ``tests/files/volume_io/data``, or say what a ``.vdb`` holds.
 
 Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)::
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 import tfm_cl as tfm
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
-from tfm_cl.scene.bodies.volumes import Volumes
 
 Array = NDArray[np.float32]
 
@@ -114,7 +113,7 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
     moved = np.eye(4)
     moved[:3, 3] = (3, -1, 0.5)
     volume = scene.grid
-    return scene.replace(volume=Volumes([volume, volume.transformed(moved), volume.with_density_scale(0.2)]))
+    return scene.replace(volume=([volume, volume.transformed(moved), volume.with_density_scale(0.2)]))
 
 
 def _fog(shape: str) -> tfm.Scene:

@@ -57,7 +57,7 @@ def in_image(camera, points):
 @volumes
 @pytest.mark.parametrize("given", [{}, {"fov": 15.0}, {"res": (400, 900)}, {"up": (1, 0, 0)}], ids=str)
 def test_the_volume_fills_the_frame(volume, given):
-    camera = camera_for(volume, **given)
+    camera = camera_for([volume], **given)
     x, y, depth = in_image(camera, corners(volume))
     assert depth.min() > 0
     reach = max(np.abs(x).max(), np.abs(y).max())
@@ -82,10 +82,10 @@ def test_camera_and_light_stand_in_the_frame_of_up(turn, length):
     """Turn everything from y up to another up, and the picture stays the same."""
     rotation = turned(*turn)[:3, :3]
     cube = tfm.Volume(np.ones((6, 6, 6)), origin=(-3, -3, -3))  # around 0, of the same radius all around
-    upright, camera = camera_for(cube), camera_for(cube, up=tuple(length * rotation[:, 1]))
+    upright, camera = camera_for([cube]), camera_for([cube], up=tuple(length * rotation[:, 1]))
     directions = [np.array(each.from_) / np.linalg.norm(each.from_) for each in (upright, camera)]
     np.testing.assert_allclose(directions[1], rotation @ directions[0], atol=1e-4)  # four digits
-    lights = [np.array(light_for(cube, each).from_) for each in (upright, camera)]
+    lights = [np.array(light_for([cube], each).from_) for each in (upright, camera)]
     np.testing.assert_allclose(lights[1], rotation @ lights[0], atol=1e-2)
 
 
@@ -94,8 +94,8 @@ def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, renderer):
     """Same voxels, with their y axis along z: same camera, light and picture in the other frame."""
     volume, quarter = VOLUMES[name], np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
     z_up = volume.transformed(quarter)
-    camera, turned_camera = camera_for(volume, res=(32, 24)), camera_for(z_up, up=(0, 0, 1), res=(32, 24))
-    light, turned_light = light_for(volume, camera), light_for(z_up, turned_camera)
+    camera, turned_camera = camera_for([volume], res=(32, 24)), camera_for([z_up], up=(0, 0, 1), res=(32, 24))
+    light, turned_light = light_for([volume], camera), light_for([z_up], turned_camera)
 
     for one, other in ((camera, turned_camera), (light, turned_light)):
         np.testing.assert_allclose(other.from_, quarter[:3, :3] @ one.from_, rtol=1e-12)
@@ -117,28 +117,28 @@ def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, renderer):
 )
 def test_with_y_up_places_stay_as_they_were(name, camera_from, light_from):
     for up in ({}, {"up": (0, 1, 0)}, {"up": (0, 30, 0)}):
-        camera = camera_for(VOLUMES[name], **up)
+        camera = camera_for([VOLUMES[name]], **up)
         assert camera.from_ == camera_from
-        assert light_for(VOLUMES[name], camera).from_ == light_from
+        assert light_for([VOLUMES[name]], camera).from_ == light_from
 
 
 def test_up_along_the_usual_view_is_no_error():
-    camera = camera_for(VOLUMES["bare"], up=TOWARDS_CAMERA)
+    camera = camera_for([VOLUMES["bare"]], up=TOWARDS_CAMERA)
     upwards = np.subtract(camera.from_, camera.to) @ TOWARDS_CAMERA
     assert 0 < upwards / np.linalg.norm(np.subtract(camera.from_, camera.to)) < 0.3
 
 
 def test_keys_that_are_given_stay():
     volume = VOLUMES["bare"]
-    camera = camera_for(volume, **{"from": (0.0, 0.0, 99.0), "to": (1.0, 1.0, 1.0), "fov": 33.0})
+    camera = camera_for([volume], **{"from": (0.0, 0.0, 99.0), "to": (1.0, 1.0, 1.0), "fov": 33.0})
     assert (camera.from_, camera.to, camera.fov) == ((0, 0, 99), (1, 1, 1), 33)
-    light = light_for(volume, camera, **{"from": (9.0, 9.0, 9.0), "cone": 7.0, "intensity": 2})
+    light = light_for([volume], camera, **{"from": (9.0, 9.0, 9.0), "cone": 7.0, "intensity": 2})
     assert (light.from_, light.cone, light.intensity) == ((9, 9, 9), 7, (2, 2, 2))
 
 
 @volumes
 def test_the_cone_holds_the_volume(volume):
-    light = light_for(volume, camera_for(volume))
+    light = light_for([volume], camera_for([volume]))
     axis = np.subtract(light.to, light.from_)
     towards = corners(volume) - light.from_
     cosine = towards @ axis / np.linalg.norm(towards, axis=1) / np.linalg.norm(axis)
@@ -148,9 +148,9 @@ def test_the_cone_holds_the_volume(volume):
 
 @volumes
 def test_light_comes_from_above_on_the_left(volume):
-    camera = camera_for(volume)
+    camera = camera_for([volume])
     right, up, forward, _ = camera.world_from_camera.T
-    from_centre = np.subtract(light_for(volume, camera).from_, camera.to)
+    from_centre = np.subtract(light_for([volume], camera).from_, camera.to)
     assert from_centre @ right[:3] < 0
     assert from_centre @ up[:3] > 0
     assert from_centre @ forward[:3] < 0  # not behind the volume
@@ -166,10 +166,10 @@ def test_lights_of_every_type_are_as_bright(volume, kind, falloff):
     centre = volume.occupied_bounds.mean(axis=0)[None]
     if falloff != "none" and kind in {"sun", "environment"}:
         with pytest.raises(SceneError, match=r"light\.falloff"):
-            light_for(volume, camera_for(volume), type=kind, falloff=falloff)
+            light_for([volume], camera_for([volume]), type=kind, falloff=falloff)
         return
 
-    light = light_for(volume, camera_for(volume), type=kind, falloff=falloff)
+    light = light_for([volume], camera_for([volume]), type=kind, falloff=falloff)
 
     assert light.type == kind
     parts = [part.fitted(volume.bounds) for part in light.parts()]
@@ -180,7 +180,7 @@ def test_lights_of_every_type_are_as_bright(volume, kind, falloff):
 
 @volumes
 def test_other_lights_come_from_where_the_spot_does(volume):
-    spot, sun, point = (light_for(volume, camera_for(volume), type=kind) for kind in ("spot", "sun", "point"))
+    spot, sun, point = (light_for([volume], camera_for([volume]), type=kind) for kind in ("spot", "sun", "point"))
     assert spot.from_ == sun.from_ == point.from_
     assert spot.to == sun.to
 
@@ -189,7 +189,7 @@ def test_a_light_within_the_volume_is_not_too_faint():
     volume = VOLUMES["bare"]
     centre = tuple(volume.occupied_bounds.mean(axis=0))
     light = light_for(
-        volume, camera_for(volume), **{"type": "point", "from": centre, "falloff": "inverse-square"}
+        [volume], camera_for([volume]), **{"type": "point", "from": centre, "falloff": "inverse-square"}
     )
     radius = np.linalg.norm(np.diff(volume.occupied_bounds, axis=0)) / 2
     assert light.intensity[0] == pytest.approx(INTENSITY * radius**2, rel=0.006)
@@ -201,10 +201,10 @@ def test_keys_that_a_type_does_not_have_are_refused(kind):
     for key, value in (("to", (1.0, 2.0, 3.0)), ("cone", 9.0)):
         given = {"type": kind, key: value}
         if key in known:
-            assert light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given).type == kind
+            assert light_for([VOLUMES["bare"]], camera_for([VOLUMES["bare"]]), **given).type == kind
         else:
             with pytest.raises(SceneError, match=f"unknown key '{key}' in \\[light\\]"):
-                light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given)
+                light_for([VOLUMES["bare"]], camera_for([VOLUMES["bare"]]), **given)
 
 
 @pytest.mark.parametrize("kind", ["disco", 3, ["spot"], None])
@@ -212,20 +212,20 @@ def test_an_unknown_type_is_refused(kind):
     with pytest.raises(
         SceneError, match=r"light\.type: unknown light .*known: spot, sun, point, environment"
     ):
-        light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), type=kind)
+        light_for([VOLUMES["bare"]], camera_for([VOLUMES["bare"]]), type=kind)
 
 
 def test_a_light_inside_the_volume_gets_a_wide_cone():
     volume = VOLUMES["bare"]
     centre = volume.occupied_bounds.mean(axis=0)
-    light = light_for(volume, camera_for(volume), **{"from": tuple(centre), "to": (0.0, 0.0, 0.0)})
+    light = light_for([volume], camera_for([volume]), **{"from": tuple(centre), "to": (0.0, 0.0, 0.0)})
     assert light.cone == 60
 
 
 def test_numbers_are_short_enough_to_type():
     for volume in (VOLUMES["bare"], VOLUMES["turned"], VOLUMES["tiny"]):
-        camera = camera_for(volume)
-        for number in (*camera.from_, *camera.to, *light_for(volume, camera).from_):
+        camera = camera_for([volume])
+        for number in (*camera.from_, *camera.to, *light_for([volume], camera).from_):
             digits = f"{abs(number):e}".split("e")[0].replace(".", "").rstrip("0")
             assert len(digits) <= 6
 
@@ -243,8 +243,8 @@ def test_the_optical_depth_is_sensible(name):
 def test_leaves_are_placed_as_their_dense_array(volume):
     sparse = tfm.Volume(volume.leaves, world_from_index=volume.world_from_index)
     assert density_scale_for(sparse) == density_scale_for(volume)
-    assert camera_for(sparse).from_ == camera_for(volume).from_
-    assert light_for(sparse, camera_for(sparse)).from_ == light_for(volume, camera_for(volume)).from_
+    assert camera_for([sparse]).from_ == camera_for([volume]).from_
+    assert light_for([sparse], camera_for([sparse])).from_ == light_for([volume], camera_for([volume])).from_
 
 
 def test_empty_borders_do_not_change_the_optical_depth():
@@ -259,7 +259,7 @@ def test_volumes_that_have_no_sensible_optical_depth():
 
 
 def test_a_view_of_no_angle_is_from_as_far_as_can_be():
-    assert np.linalg.norm(camera_for(VOLUMES["bare"], fov=1e-300).from_) == pytest.approx(1e15)
+    assert np.linalg.norm(camera_for([VOLUMES["bare"]], fov=1e-300).from_) == pytest.approx(1e15)
 
 
 @pytest.mark.parametrize(
@@ -281,14 +281,14 @@ def test_a_view_of_no_angle_is_from_as_far_as_can_be():
 def test_impossible_keys_are_refused_by_name(given):
     (key,) = given
     with pytest.raises(SceneError, match=rf"camera\.({key}|from)|unknown key '{key}'|from and to"):
-        camera_for(VOLUMES["bare"], **given)
+        camera_for([VOLUMES["bare"]], **given)
     if key not in {"fov", "up"}:
         with pytest.raises(SceneError, match=rf"light\.{key}|unknown key '{key}'"):
-            light_for(VOLUMES["bare"], camera_for(VOLUMES["bare"]), **given)
+            light_for([VOLUMES["bare"]], camera_for([VOLUMES["bare"]]), **given)
 
 
 def test_a_scene_of_a_volume_alone_is_lit(renderer):
-    camera = camera_for(VOLUMES["bare"], res=(32, 18))
+    camera = camera_for([VOLUMES["bare"]], res=(32, 18))
     scale = density_scale_for(VOLUMES["bare"])
     scene = tfm.Scene(
         VOLUMES["bare"].with_density_scale(scale),

@@ -12,7 +12,6 @@ import tfm_cl as tfm
 from tfm_cl.files.image_io.png import png_bytes
 from tfm_cl.render.diagnosis import EIGHT_BIT_STEP, FAINTEST, is_black, too_dark, too_thin
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies.volumes import Volumes
 from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
 from tfm_cl.scene.solids import BoxSolid, PlaneSolid, SphereSolid
 
@@ -64,7 +63,7 @@ OF_MEDIUM = {
     ),
     "several volumes": (
         SCENE.replace(
-            volume=Volumes([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])
+            volume=([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])
         ),
         "flame: all voxels are 0; array: density_scale is 0",
     ),

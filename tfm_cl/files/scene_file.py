@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -16,16 +17,26 @@ from tfm_cl.errors import Faults, InputError, SceneError
 from tfm_cl.files import volume_io
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
-from tfm_cl.model import LARGEST_COLOUR, SPELLINGS, Model, Vec3, is_auto, nearest, number_or_auto, unknown_key
+from tfm_cl.model import (
+    LARGEST_COLOUR,
+    SPELLINGS,
+    Model,
+    Vec3,
+    is_auto,
+    nearest,
+    number_or_auto,
+    section_within,
+    unknown_key,
+)
 from tfm_cl.plan import placement
 from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body
 from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.bodies.volumes import MOST_VOLUMES, joined
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
-from tfm_cl.scene.medium import Medium
-from tfm_cl.scene.scene import Media, Scene
+from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -114,6 +125,9 @@ class VolumeSettings(Model):
         description="4x4, 16 numbers row by row: moves the volume from where its file, or voxel_size and "
         "origin, put it",
     )
+    medium: Annotated[Medium | None, section_within(parse_medium)] = Field(
+        None, description="what this body alone is made of: a table like [medium], whose keys it overrides"
+    )
     sanitize: bool = Field(
         default=False, description="set NaN, infinite and negative densities and colours to 0"
     )
@@ -129,7 +143,7 @@ class VolumeSettings(Model):
             voxel_size=self.voxel_size,
             origin=self.origin,
             sanitize=self.sanitize,
-        )
+        ).with_medium(self.medium)
         if self.transform is not None:
             volume = volume.transformed(self.transform)
         if self.density_scale == "auto":
@@ -231,7 +245,7 @@ class SceneFile:
         """Check all tables, each by itself, and return what they make by the name of the attribute."""
         makers: dict[str, Callable[[Any], Any]] = {name: cls.from_table for name, cls in SECTIONS.items()}
         makers |= {
-            "volume": _volumes,
+            "volume": lambda bodies: _volumes(bodies, tables.get("medium")),
             "camera": _camera,
             "light": lambda lights: _each("light", lights, lambda table: _light(table, folder)),
             "solid": lambda solids: _each("solid", solids, lambda table: _solid(table, folder)),
@@ -253,16 +267,16 @@ class SceneFile:
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        volume = self._volume()
+        bodies = self._bodies()
         try:
             lights = self.light
-            camera = placement.camera_for(volume, **self.camera)
+            camera = placement.camera_for(bodies, **self.camera)
             if lights is None:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
-                lights = (placement.light_for(volume, camera, **placed),)
+                lights = (placement.light_for(bodies, camera, **placed),)
             self._check_crop(camera)
             return Scene(
-                volume,
+                bodies,
                 self.medium,
                 camera,
                 lights,
@@ -275,13 +289,12 @@ class SceneFile:
         except SceneError as error:
             raise error.within(str(self.path)) from None
 
-    def _volume(self) -> Media:
-        grids = []
-        for settings in self.volumes:
-            if isinstance(settings, Homogeneous):
-                return settings  # it stands alone
-            grids.append(settings.load(self.path.parent))
-        return joined(grids)
+    def _bodies(self) -> tuple[Body, ...]:
+        folder = self.path.parent
+        return tuple(
+            settings if isinstance(settings, Homogeneous) else settings.load(folder)
+            for settings in self.volumes
+        )
 
     def files(self) -> list[Path]:
         """Return all files that the scene reads, but its own."""
@@ -333,8 +346,8 @@ class SceneFile:
 
     def _grids(self, scene: Scene) -> Iterator[tuple[str, VolumeSettings, Volume]]:
         """Yield each volume that is a grid, with its settings and what its keys' section is numbered with."""
-        for i, (settings, volume) in enumerate(zip(self.volumes, scene.volume.parts, strict=False)):
-            if isinstance(settings, VolumeSettings):
+        for i, (settings, volume) in enumerate(zip(self.volumes, scene.bodies, strict=True)):
+            if isinstance(settings, VolumeSettings) and isinstance(volume, Volume):
                 yield f"{i}." if len(self.volumes) > 1 else "", settings, volume
 
     def resolved(self, scene: Scene) -> Values:
@@ -344,8 +357,11 @@ class SceneFile:
         """
         scene = scene if scene.map.max_error is not None else scene.resolved()
         volumes = [
-            settings.resolved(self.path.parent, volume) for _, settings, volume in self._grids(scene)
-        ] or [settings.to_dict() for settings in self.volumes]
+            settings.resolved(self.path.parent, body)
+            if isinstance(settings, VolumeSettings) and isinstance(body, Volume)
+            else settings.to_dict()
+            for settings, body in zip(self.volumes, scene.bodies, strict=True)
+        ]
         return {
             "volume": volumes[0] if len(volumes) == 1 else volumes,
             "medium": scene.medium.to_dict(),
@@ -510,17 +526,21 @@ def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, .
     return tuple(made)
 
 
-def _volumes(tables: Values | list[Any]) -> tuple[VolumeSettings | Homogeneous, ...]:
+def _volumes(tables: Values | list[Any], medium: Values | None) -> tuple[VolumeSettings | Homogeneous, ...]:
+    """Make bodies; ``medium``: the scene's table, of which a body's own overrides some keys."""
     if isinstance(tables, dict):
-        return (_volume(tables),)
-    if not 1 <= len(tables) <= MOST_VOLUMES:
-        raise SceneError(f"a scene has 1 to {MOST_VOLUMES} [[volume]] tables; got {len(tables)}")
-    if len(tables) > 1 and any(isinstance(table, dict) and "shape" in table for table in tables):
-        raise SceneError("volume.shape: a homogeneous volume stands alone; give it as the only [volume]")
-    return _each("volume", tables, _volume)
+        return (_volume(tables, medium),)
+    if not 1 <= len(tables) <= MOST_BODIES:
+        raise SceneError(f"a scene has 1 to {MOST_BODIES} [[volume]] tables; got {len(tables)}")
+    return _each("volume", tables, lambda table: _volume(table, medium))
 
 
-def _volume(table: Values) -> VolumeSettings | Homogeneous:
+def _volume(table: Values, medium: Values | None) -> VolumeSettings | Homogeneous:
+    own = table.get("medium")
+    if isinstance(own, dict) and medium:
+        with contextlib.suppress(SceneError):  # what is wrong with [medium] is told there
+            Medium.from_table(medium)
+            table = table | {"medium": medium | own}
     return parse_homogeneous(table) if "shape" in table else VolumeSettings.from_table(table)
 
 

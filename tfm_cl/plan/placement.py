@@ -8,12 +8,15 @@ import numpy as np
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
+from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.bodies.volume import Volume
-    from tfm_cl.scene.scene import Media
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
 """From the volume to the camera: in front, a little to the right and above, where y is up."""
@@ -29,14 +32,14 @@ OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
 
 
-def camera_for(volume: "Media", /, **given: Any) -> Camera:
+def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
 
     It stands in the frame of ``up``: where z is up, x is still to the right, and it looks along +y.
     """
     if "from" in given and "to" in given:
         return Camera(**given)
-    centre, radius = _sphere(volume)
+    centre, radius = _sphere(bodies)
     given.setdefault("to", _point(centre, radius))
     if "from" not in given:
         towards = _from_y_up(given.get("up", (0, 1, 0))) @ TOWARDS_CAMERA
@@ -45,7 +48,7 @@ def camera_for(volume: "Media", /, **given: Any) -> Camera:
         width, height = camera.res
         tangent = np.tan(np.radians(camera.fov) / 2)
         # Each corner of the bounds, in camera axes, has to stay within the frame's sides.
-        corners = _corners(volume) - _vector(given["to"])
+        corners = _corners(bodies) - _vector(given["to"])
         right, up, forward = (corners @ camera.world_from_camera[:3, :3]).T
         with np.errstate(over="ignore"):  # an angle of nearly 0: as far away as can be
             distance = np.maximum(np.abs(right) * height / width, np.abs(up)) / tangent - forward
@@ -54,7 +57,7 @@ def camera_for(volume: "Media", /, **given: Any) -> Camera:
     return Camera(**given)
 
 
-def light_for(volume: "Media", camera: Camera, /, **given: Any) -> Light:
+def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Light:
     """Make a light from the keys given: of any type, above and to the left; a spot's cone holds the medium.
 
     With the intensity chosen here, what reaches the volume's centre through no medium is `INTENSITY`
@@ -65,7 +68,7 @@ def light_for(volume: "Media", camera: Camera, /, **given: Any) -> Light:
     if "from" not in keys:
         given.setdefault("intensity", round(INTENSITY / (4 * math.pi), 2))
         return parse_light(given)
-    centre, radius = _sphere(volume)
+    centre, radius = _sphere(bodies)
     right, up, forward = camera.world_from_camera[:3, :3].T
     left_up_front = TOWARDS_LIGHT[0] * right + TOWARDS_LIGHT[1] * up - TOWARDS_LIGHT[2] * forward
     given.setdefault("from", _along(centre, left_up_front, LIGHT_DISTANCE * radius, radius))
@@ -102,12 +105,18 @@ def density_scale_for(volume: "Volume") -> float:
     return float(f"{OPTICAL_DEPTH / max(typical, OPTICAL_DEPTH / LARGEST_COLOUR):.2g}")
 
 
-def _corners(volume: "Media") -> np.ndarray:
-    return np.array(list(itertools.product(*volume.occupied_bounds.T)))
+def _looked_at(bodies: "Sequence[Body]") -> np.ndarray:
+    """World box around what has density, [2, 3]; what is everywhere is looked through."""
+    boxes = [box for box in (body.occupied_bounds for body in bodies) if np.isfinite(box).all()]
+    return around(boxes) if boxes else np.array([[-np.inf] * 3, [np.inf] * 3])
 
 
-def _sphere(volume: "Media") -> tuple[np.ndarray, float]:
-    low, high = volume.occupied_bounds
+def _corners(bodies: "Sequence[Body]") -> np.ndarray:
+    return np.array(list(itertools.product(*_looked_at(bodies).T)))
+
+
+def _sphere(bodies: "Sequence[Body]") -> tuple[np.ndarray, float]:
+    low, high = _looked_at(bodies)
     if not np.isfinite([low, high]).all():
         raise SceneError("a medium everywhere has no middle: give the scene a camera and lights")
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2

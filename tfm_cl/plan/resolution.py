@@ -174,7 +174,7 @@ def wanted_res(scene: Scene, volume: Volume | Volumes) -> float:
     """Return the texels along a side that some light's map needs; they may be more than there can be."""
     bounds, sigma_t = volume.occupied_bounds, float(scene.medium.sigma_t.max())
     lights = (part.fitted(bounds) for light in scene.lights for part in light.parts())
-    return max(texels_for(volume, light, scene.camera, sigma_t) for light in lights)
+    return max((texels_for(volume, light, scene.camera, sigma_t) for light in lights), default=0.0)
 
 
 def _distances(volume: Volume | Volumes, point: np.ndarray) -> tuple[float, float]:

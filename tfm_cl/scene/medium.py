@@ -1,11 +1,12 @@
 """The medium's material: constant colours times the volume's density (TFM eq. 11)."""
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Model, section_within
 from tfm_cl.scene.phases import Isotropic, Phase, parse_phase
 
@@ -25,3 +26,18 @@ class Medium(Model):
     def sigma_t(self) -> NDArray[np.float64]:
         """Extinction coefficient σ_s + σ_a at density 1, RGB, per world unit."""
         return np.add(self.sigma_s, self.sigma_a)
+
+
+def parse_medium(value: Any) -> Medium | None:
+    """Make the medium of one body from a `Medium`, a table, or None for the scene's.
+
+    Raises
+    ------
+    SceneError
+        Unknown key or impossible value.
+    """
+    if value is None or isinstance(value, Medium):
+        return value
+    if isinstance(value, dict):
+        return Medium.from_table(value)
+    raise SceneError("medium: should be a table like [medium]: { sigma_s = [1, 1, 1], phase = 'isotropic' }")

@@ -1,16 +1,20 @@
-"""A scene: volumes of a medium, solids, a camera, lights, and the settings of the passes."""
+"""A scene: bodies of media, solids, a camera, lights, and the settings of the passes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from tfm_cl.errors import SceneError
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
 from tfm_cl.plan import placement, resolution
 from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.bodies.volumes import Volumes, joined
@@ -31,9 +35,10 @@ class Scene:
     Parameters
     ----------
     volume
-        Where the density is: a volume, several whose densities add up, or a homogeneous one.
+        Where the density is: a body, or a sequence of up to `MOST_BODIES`, in any mixture. Where they
+        overlap, their extinctions add up.
     medium
-        What it is made of.
+        What bodies are made of that have no medium of their own.
     camera, lights
         Placed from the volume's occupied bounds when left out; ``lights`` may be a list.
     map, march
@@ -48,12 +53,12 @@ class Scene:
     Raises
     ------
     SceneError
-        When there is no light in ``lights``; a medium everywhere without a camera or without lights.
+        A medium everywhere, and nothing else, without a camera or without ``lights``.
     VolumeError
-        When there is no volume, or several cannot be added.
+        When there is no body, or there are too many.
     """
 
-    volume: Media
+    bodies: tuple[Body, ...]
     medium: Medium
     camera: Camera
     lights: tuple[Light, ...]
@@ -65,7 +70,7 @@ class Scene:
 
     def __init__(
         self,
-        volume: Media | Sequence[Volume],
+        volume: Body | Sequence[Body],
         medium: Medium | None = None,
         camera: Camera | None = None,
         lights: Iterable[Light] | None = None,
@@ -75,18 +80,17 @@ class Scene:
         ambient: Ambient | None = None,
         shadow: ShadowSettings | None = None,
     ) -> None:
-        if isinstance(volume, Sequence):
-            volume = joined(volume)
-        camera = camera or placement.camera_for(volume)
-        lights = (placement.light_for(volume, camera),) if lights is None else lights
+        bodies = (volume,) if isinstance(volume, Body) else tuple(volume)
+        if not 1 <= len(bodies) <= MOST_BODIES:
+            raise VolumeError(f"a scene has 1 to {MOST_BODIES} volumes; got {len(bodies)}")
+        camera = camera or placement.camera_for(bodies)
+        lights = (placement.light_for(bodies, camera),) if lights is None else lights
         lights = tuple(lights)
         map, march = map or MapSettings(), march or MarchSettings()  # noqa: A001
         if map.max_error is not None and "steps" not in march.model_fields_set:
             march = march.replace(steps=AUTO)
-        if not lights:
-            raise SceneError("a scene needs at least one light; leave lights out to have one placed")
         for name, value in (
-            ("volume", volume),
+            ("bodies", bodies),
             ("medium", medium or Medium()),
             ("camera", camera),
             ("lights", lights),
@@ -97,6 +101,42 @@ class Scene:
             ("shadow", shadow or ShadowSettings()),
         ):
             object.__setattr__(self, name, value)
+
+    @property
+    def volume(self) -> Media:
+        """The body; several grids as one."""
+        if any(body.own_medium for body in self.bodies) or (len(self.bodies) > 1 and self.homogeneous):
+            raise SceneError("bodies of several media, or of several shapes, cannot be rendered together")
+        if len(self.bodies) > 1:
+            return joined([body for body in self.bodies if isinstance(body, Volume)])
+        (body,) = self.bodies
+        if not isinstance(body, Volume | Homogeneous):
+            raise SceneError("this works with volumes and homogeneous bodies only")
+        return body
+
+    @property
+    def grids(self) -> tuple[Volume, ...]:
+        """The bodies whose density is a grid's, in order: those that are marched."""
+        return tuple(body for body in self.bodies if isinstance(body, Volume))
+
+    @property
+    def homogeneous(self) -> tuple[Homogeneous, ...]:
+        """The bodies of constant density, in order: what lies between two points is known in closed form."""
+        return tuple(body for body in self.bodies if isinstance(body, Homogeneous))
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """World box around all bodies, [2, 3]: low and high corner; may be infinite."""
+        return around([body.bounds for body in self.bodies])
+
+    @property
+    def occupied_bounds(self) -> NDArray[np.float64]:
+        """World box around all that has density, [2, 3]; may be infinite."""
+        return around([body.occupied_bounds for body in self.bodies])
+
+    def medium_of(self, body: Body) -> Medium:
+        """Return what a body is made of: its own medium, or the scene's."""
+        return body.own_medium or self.medium
 
     @property
     def grid(self) -> Volume:
@@ -126,7 +166,9 @@ class Scene:
 
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""
-        return replace(self, **changes)
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["volume"] = values.pop("bodies")
+        return type(self)(**values | changes)
 
     def resolved(self, maps: MapSettings | None = None) -> Scene:
         """Return the scene with numbers for every ``"auto"`` of map resolution and steps.

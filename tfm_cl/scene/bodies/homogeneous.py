@@ -6,17 +6,19 @@ Their transmittance is known in closed form (TFM eq. 5).
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Model, Vec3, unknown_key
+from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Model, Vec3, section_within, unknown_key
+from tfm_cl.scene.bodies.base import Body
+from tfm_cl.scene.medium import Medium, parse_medium
 
 
-class Homogeneous(Model):
+class Homogeneous(Model, Body):
     """What a scene has in the place of a volume whose density is the same everywhere inside it."""
 
     SECTION: ClassVar[str] = "volume"
@@ -26,6 +28,9 @@ class Homogeneous(Model):
     shape: str = Field(description="form of the medium")
     density: float = Field(
         1.0, ge=0, le=LARGEST_COLOUR, description="density inside; extinction is density * sigma_t"
+    )
+    medium: Annotated[Medium | None, section_within(parse_medium)] = Field(
+        None, description="what this body alone is made of: a table like [medium], whose keys it overrides"
     )
     colour: ClassVar[None] = None
     parts: ClassVar[tuple[()]] = ()
@@ -54,7 +59,16 @@ class Homogeneous(Model):
 
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""
-        return self == other
+        return isinstance(other, Homogeneous) and self.with_medium(None) == other.with_medium(None)
+
+    def with_medium(self, medium: Medium | None) -> Self:
+        """Return the same body of another medium; None: the scene's."""
+        return self.replace(medium=medium)
+
+    @property
+    def label(self) -> str:
+        """What messages call it: its shape."""
+        return self.shape
 
 
 class BoxVolume(Homogeneous):

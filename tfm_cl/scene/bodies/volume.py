@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +18,14 @@ from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, re
 from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.bodies.leaves import Index, Leaves, NotDensities
 
+if TYPE_CHECKING:
+    from tfm_cl.scene.medium import Medium
 
-class Volume:
+
+class Volume(Body):
     """Density on a regular grid.
 
     Between voxel centres the density is trilinear; beyond the outermost centres it falls to 0 over one
@@ -51,6 +55,8 @@ class Volume:
         (x, y, z). Affine; column vectors.
     density_scale
         The medium's density is ``density_scale * data``.
+    medium
+        What this volume alone is made of; None: the scene's medium.
     name
         The grid's name, for messages.
     source
@@ -79,11 +85,13 @@ class Volume:
         origin: tuple[float, float, float] | None = None,
         world_from_index: ArrayLike | None = None,
         density_scale: float = 1.0,
+        medium: Medium | None = None,
         name: str = "",
         source: Path | None = None,
         sanitize: bool = False,
     ) -> None:
         self.name = name
+        self.medium = medium
         self.source = source
         self.notes = ()
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
@@ -366,6 +374,10 @@ class Volume:
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels and colours (not copied) under another density scale."""
         return self._with(density_scale=_non_negative(density_scale, "density_scale", self.label))
+
+    def with_medium(self, medium: Medium | None) -> Volume:
+        """Return the same voxels (not copied) of another medium; None: the scene's."""
+        return self._with(medium=medium)
 
     def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)

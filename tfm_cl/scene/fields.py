@@ -1,0 +1,97 @@
+"""Fields: the few scalar densities that light passes march, whatever bodies and media a scene has.
+
+A light's map holds the optical depth of scalars, but extinction has a colour. Bodies whose extinctions have one
+ratio of red, green and blue share a field; what every light ray gathers in RGB is a matrix times the fields'
+optical depths:
+
+    τ_rgb = A τ_field,    τ_field = ∫ Σ_bodies weight · D dt
+
+One medium makes one field, with A = σ_t (TFM eq. 13-14), so that changing its colour needs no new map. A grid with
+a colour in each voxel, or more ratios than two, make three: red, green and blue themselves.
+
+Only grids take part: what is homogeneous is known in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.scene import Scene
+
+MOST_FIELDS = 3
+SAME_RATIO = 1e-6
+"""Of the largest channel: two extinctions closer than that have one colour."""
+
+
+@dataclass(frozen=True)
+class Fields:
+    """How the extinction of a scene's grids is put together from scalar fields.
+
+    Attributes
+    ----------
+    rgb_from_field
+        float64 [3, K], A: extinction, per world unit, of a density of 1 of each field.
+    weights
+        float64 [grids, 3, K]: what a density of 1 of channel c of a grid adds to each field. A grid without
+        colour has one channel, the first; its other rows are 0.
+    """
+
+    rgb_from_field: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """K, 1 to `MOST_FIELDS`; 0 without grids."""
+        return int(self.rgb_from_field.shape[1])
+
+    @property
+    def extinctions(self) -> NDArray[np.float64]:
+        """float64 [K]: of each field, that of the colour that sees deepest into it; 1 where none is extinguished."""
+        seen = np.where(self.rgb_from_field > 0, self.rgb_from_field, np.inf).min(axis=0)
+        extinctions: NDArray[np.float64] = np.where(np.isfinite(seen), seen, 1.0)
+        return extinctions
+
+    def same_weights(self, other: Fields) -> bool:
+        """Tell whether maps of these fields serve others: the fields are the same, whatever A."""
+        return np.array_equal(self.weights, other.weights)
+
+
+def fields_of(scene: Scene) -> Fields:
+    """Group the extinctions of a scene's grids by their colour."""
+    extinctions = np.array([scene.medium_of(grid).sigma_t for grid in scene.grids]).reshape(-1, 3)
+    if len(scene.grids) == 0:
+        return Fields(np.zeros((3, 0)), np.zeros((0, 3, 0)))
+    coloured = np.array([grid.colour is not None for grid in scene.grids])
+    media = [scene.medium_of(grid) for grid in scene.grids]
+    weights: NDArray[np.float64]
+    if not coloured.any() and all(medium == media[0] for medium in media):
+        weights = np.zeros((len(media), 3, 1))
+        weights[:, 0] = 1
+        return Fields(extinctions[:1].T.copy(), weights)
+    ratios: list[NDArray[np.float64]] = []
+    numbers, sizes = [], extinctions.max(axis=1)
+    for extinction, size in zip(extinctions, sizes, strict=True):
+        ratio = extinction / size if size > 0 else extinction
+        same = [i for i, one in enumerate(ratios) if size == 0 or np.abs(one - ratio).max() <= SAME_RATIO]
+        if not same:
+            ratios.append(ratio)
+        numbers.append(same[0] if same else len(ratios) - 1)
+    if not coloured.any() and len(ratios) < MOST_FIELDS:
+        weights = np.zeros((len(media), 3, len(ratios)))
+        weights[np.arange(len(media)), 0, numbers] = sizes
+        return Fields(np.stack(ratios, axis=1), weights)
+    if coloured.all() and all(np.array_equal(one, extinctions[0]) for one in extinctions):
+        # As with one medium: its colour stays out of the maps.
+        return Fields(np.diag(extinctions[0]), np.broadcast_to(np.eye(3), (len(media), 3, 3)).copy())
+    weights = np.zeros((len(media), 3, 3))
+    for grid, (extinction, has_colour) in enumerate(zip(extinctions, coloured, strict=True)):
+        if has_colour:
+            weights[grid] = np.diag(extinction)
+        else:
+            weights[grid, 0] = extinction
+    return Fields(np.eye(3), weights)
