@@ -1,13 +1,13 @@
 """Fields: the few scalar densities that light passes march, whatever bodies and media a scene has.
 
-A light's map holds the optical depth of scalars, but extinction has a colour. Bodies whose extinctions have one
-ratio of red, green and blue share a field; what every light ray gathers in RGB is a matrix times the fields'
-optical depths:
+A light's map holds the optical depth of scalars, but extinction has a colour. Bodies whose extinctions have
+one ratio of red, green and blue share a field; what every light ray gathers in RGB is a matrix times the
+fields' optical depths:
 
     τ_rgb = A τ_field,    τ_field = ∫ Σ_bodies weight · D dt
 
-One medium makes one field, with A = σ_t (TFM eq. 13-14), so that changing its colour needs no new map. A grid with
-a colour in each voxel, or more ratios than two, make three: red, green and blue themselves.
+One medium makes one field, with A = σ_t (TFM eq. 13-14), so that changing its colour needs no new map. A grid
+with a colour in each voxel, or more ratios than two, make three: red, green and blue themselves.
 
 Only grids take part: what is homogeneous is known in closed form.
 """
@@ -51,7 +51,7 @@ class Fields:
 
     @property
     def extinctions(self) -> NDArray[np.float64]:
-        """float64 [K]: of each field, that of the colour that sees deepest into it; 1 where none is extinguished."""
+        """float64 [K]: that of the colour that sees deepest into each field; 1 where none is extinguished."""
         seen = np.where(self.rgb_from_field > 0, self.rgb_from_field, np.inf).min(axis=0)
         extinctions: NDArray[np.float64] = np.where(np.isfinite(seen), seen, 1.0)
         return extinctions
