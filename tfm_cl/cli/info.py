@@ -118,10 +118,10 @@ def _on_device(voxels: NDArray[np.float32] | Leaves) -> tuple[int | None, str]:
 
     try:
         leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)
-        check_count([leaves], "the volume")
+        check_count([(leaves,)], "the volume")
     except TfmError as error:
         return None, str(error)
-    return device_bytes(leaves, LANES, "f32"), ""
+    return device_bytes((leaves,), LANES, "f32"), ""
 
 
 def _shown(value: Any) -> str:

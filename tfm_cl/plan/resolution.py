@@ -38,7 +38,6 @@ from tfm_cl.scene.bodies.homogeneous import Homogeneous
 
 if TYPE_CHECKING:
     from tfm_cl.scene.bodies.volume import Volume
-    from tfm_cl.scene.bodies.volumes import Volumes
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene

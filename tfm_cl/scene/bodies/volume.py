@@ -288,6 +288,36 @@ class Volume(Body):
         return red, green, blue
 
     @property
+    def channel_leaves(self) -> tuple[Leaves, ...]:
+        """`leaves`, or those of `data` times the colour's red, green and blue."""
+        return tuple(channel.leaves for channel in (self.channels if self._colour is not None else (self,)))
+
+    def densities_at(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Density in each channel at world points [n, 3], float64 [n, 3]; the second and third are 0 without colour.
+
+        Trilinear between voxel centres, 0 one voxel beyond them.
+        """
+        from scipy import ndimage  # noqa: PLC0415 - few ask
+
+        index_from_world = np.linalg.inv(self.world_from_index)
+        index = points @ index_from_world[:3, :3].T + index_from_world[:3, 3]
+        densities = np.zeros((len(points), 3))
+        for c, channel in enumerate(self.channels if self._colour is not None else (self,)):
+            data = channel.data.astype(np.float64)
+            densities[:, c] = ndimage.map_coordinates(data, index[:, ::-1].T, order=1, mode="grid-constant")
+        scaled: NDArray[np.float64] = self.density_scale * densities
+        return scaled
+
+    def interval(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> tuple[float, float]:
+        """Part of a world ray, from 0 on, within the grid and its border of one voxel: begin, end; (0, 0) without."""
+        matrix = np.linalg.inv(self.world_from_index)
+        start, along = matrix[:3, :3] @ origin + matrix[:3, 3], matrix[:3, :3] @ direction
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = (np.array([np.full(3, -1.0), self.shape[::-1]]) - start) / along
+        begin, end = max(0.0, np.nanmin(sides, axis=0).max()), np.nanmax(sides, axis=0).min()
+        return (float(begin), float(end)) if begin < end else (0.0, 0.0)
+
+    @property
     def voxel_size(self) -> NDArray[np.float64]:
         """Edge lengths (x, y, z) of a voxel, world units."""
         lengths: NDArray[np.float64] = np.linalg.norm(self.world_from_index[:3, :3], axis=0)
@@ -346,14 +376,14 @@ class Volume(Body):
         sums: NDArray[np.float64] = self._voxels.dense.sum(axis=axis, dtype=np.float64)
         return sums.ravel()
 
+    @property
+    def stores(self) -> tuple[object, ...]:
+        """What holds its voxels, and their colour: the same objects for volumes that share these."""
+        return (self._voxels,) if self._colour is None else (self._voxels, self._colour)
+
     def same_voxels(self, other: Volume) -> bool:
         """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
         return self._voxels.stored is other._voxels.stored and self.colour is other.colour
-
-    @property
-    def parts(self) -> tuple[Volume, ...]:
-        """Itself: what `tfm_cl.scene.bodies.volumes.Volumes` has several of."""
-        return (self,)
 
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere, looking at what it was made from only."""
