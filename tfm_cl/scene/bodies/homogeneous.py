@@ -22,6 +22,7 @@ class Homogeneous(Model, Body):
     """What a scene has in the place of a volume whose density is the same everywhere inside it."""
 
     SECTION: ClassVar[str] = "volume"
+    DENSITY_KEY: ClassVar[str] = "density"
     KIND: ClassVar[int]
     """As kernels know it."""
 
@@ -44,6 +45,16 @@ class Homogeneous(Model, Body):
     def occupied_bounds(self) -> NDArray[np.float64]:
         """The same: it is occupied everywhere."""
         return self.bounds
+
+    @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """The density that it has everywhere, [3]: the same for red, green and blue."""
+        return np.full(3, self.density)
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has."""
+        return "" if self.density > 0 else "density is 0"
 
     @property
     def half_sizes(self) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +72,7 @@ class Volume(Body):
         cannot be inverted.
     """
 
+    DENSITY_KEY: ClassVar[str] = "density_scale"
     world_from_index: NDArray[np.float64]
     notes: tuple[str, ...]
     """What a user should know of how it was read from its file: sentences for warnings."""
@@ -313,6 +314,22 @@ class Volume(Body):
         if self._colour is not None:
             return max(channel.largest for channel in self.channels)
         return float(self._voxels.stored.max())
+
+    @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """The largest density in red, green and blue, [3]; without a colour they are the same."""
+        if self._colour is None:
+            return np.full(3, self.density_scale * self.largest)
+        return np.array([self.density_scale * channel.largest for channel in self.channels])
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has some."""
+        if self.density_scale == 0:
+            return "density_scale is 0"
+        if self.largest > 0:
+            return ""
+        return "all voxels are 0" if self._colour is None else "all voxels times their colours are 0"
 
     @property
     def typical_density(self) -> float:
