@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,7 @@ from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.bodies.leaves import Index, Leaves, NotDensities
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.medium import Medium
+from tfm_cl.scene.medium import Medium, parse_medium
 
 
 class Volume(Body):
@@ -92,7 +90,7 @@ class Volume(Body):
         sanitize: bool = False,
     ) -> None:
         self.name = name
-        self.medium = medium
+        self.medium = parse_medium(medium)
         self.source = source
         self.notes = ()
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
@@ -394,7 +392,7 @@ class Volume(Body):
 
     def with_medium(self, medium: Medium | None) -> Volume:
         """Return the same voxels (not copied) of another medium; None: the scene's."""
-        return self._with(medium=medium)
+        return self._with(medium=parse_medium(medium))
 
     def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)
