@@ -246,12 +246,8 @@ OF_BODIES = {
         r"volume.0.medium.sigma_s is 0 in all channels .* colours have; volume.1 \(box\): density is 0$",
     ),
     "thin": (
-        of_bodies(VOLUME.with_density_scale(1e-38), BOX.replace(density=1e-30), FLAME),
+        of_bodies(VOLUME.with_density_scale(1e-38), BOX.replace(density=1e-38), FLAME),
         "the medium is too thin .*: raise volume.0.density_scale or volume.1.density$",
-    ),
-    "one as dense as can be": (
-        of_bodies(tfm.Volume(1e-40 * blobs(), density_scale=1e25), BOX.replace(density=1e-30)),
-        "the medium is too thin .*: raise volume.1.density$",
     ),
     "away to both sides": (
         of_bodies(ASIDE, BEHIND),
@@ -493,3 +489,5 @@ def test_a_density_too_thin_for_the_largest_scale():
     volume = tfm.Volume(1e-40 * blobs(), density_scale=1e25)
     scene = SCENE.replace(volume=volume)
     assert too_thin(scene).endswith(" even with the largest volume.density_scale, 1e+25")
+    beside = scene.replace(volume=(*scene.bodies, BOX.replace(density=1e-30)))
+    assert too_thin(beside).endswith(": raise volume.1.density")
