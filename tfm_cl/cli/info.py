@@ -90,9 +90,9 @@ def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
         scene = Scene(volume.with_density_scale(density_scale_for(volume))).resolved()
     except TfmError as error:
         return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
-    from tfm_cl.render.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
+    from tfm_cl.render.diagnosis import too_thin  # noqa: PLC0415 - the help needs no picture formats
 
-    reason = without_density(volume) or too_thin(scene.volume, scene.medium)
+    reason = volume.why_empty or too_thin(scene)
     return reason and f"the picture is black: {reason}"
 
 

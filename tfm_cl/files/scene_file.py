@@ -229,6 +229,7 @@ class SceneFile:
         for key, value in overrides:
             with faults.collect():
                 _override(values, placed_light, key, value)
+                _check_used(values, key)
         sections = cls._sections(_tables(values, faults), path.parent, faults)
         with faults.collect():
             _check_placed(placed_light, path.parent)
@@ -510,6 +511,18 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
         if last in spellings:
             table.pop(spellings[last == spellings[0]], None)  # the other one
     table[last] = value
+
+
+def _check_used(values: Values, key: str) -> None:
+    """Refuse to set what every body sets for itself."""
+    section, _, name = key.partition(".")
+    name = name.partition(".")[0]
+    volumes = values.get("volume")
+    tables = volumes if isinstance(volumes, list) else [volumes]
+    own = [table.get("medium") for table in tables if isinstance(table, dict)]
+    if section == "medium" and own and all(isinstance(medium, dict) and name in medium for medium in own):
+        number = "0." if isinstance(volumes, list) else ""
+        raise SceneError(f"{key}: every volume has a {name} of its own: set volume.{number}medium.{name}")
 
 
 def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, ...]:

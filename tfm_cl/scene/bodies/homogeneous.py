@@ -21,6 +21,7 @@ class Homogeneous(Model, Body):
     """A body whose density is the same everywhere inside it."""
 
     SECTION: ClassVar[str] = "volume"
+    DENSITY_KEY: ClassVar[str] = "density"
     KIND: ClassVar[int]
     """As kernels know it."""
     HEADER: ClassVar[str]
@@ -47,6 +48,16 @@ class Homogeneous(Model, Body):
     @abstractmethod
     def kernel_shape(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return what its kernel header finds in ``body->centre``, world, and ``body->size``."""
+
+    @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """The density that it has everywhere, [3]: the same for red, green and blue."""
+        return np.full(3, self.density)
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has."""
+        return "" if self.density > 0 else "density is 0"
 
     @abstractmethod
     def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,7 @@ from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.bodies.leaves import Index, Leaves, NotDensities
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.medium import Medium
+from tfm_cl.scene.medium import Medium, parse_medium
 
 
 class Volume(Body):
@@ -72,6 +70,7 @@ class Volume(Body):
         cannot be inverted.
     """
 
+    DENSITY_KEY: ClassVar[str] = "density_scale"
     world_from_index: NDArray[np.float64]
     notes: tuple[str, ...]
     """What a user should know of how it was read from its file: sentences for warnings."""
@@ -91,7 +90,7 @@ class Volume(Body):
         sanitize: bool = False,
     ) -> None:
         self.name = name
-        self.medium = medium
+        self.medium = parse_medium(medium)
         self.source = source
         self.notes = ()
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
@@ -345,6 +344,22 @@ class Volume(Body):
         return float(self._voxels.stored.max())
 
     @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """The largest density in red, green and blue, [3]; without a colour they are the same."""
+        if self._colour is None:
+            return np.full(3, self.density_scale * self.largest)
+        return np.array([self.density_scale * channel.largest for channel in self.channels])
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has some."""
+        if self.density_scale == 0:
+            return "density_scale is 0"
+        if self.largest > 0:
+            return ""
+        return "all voxels are 0" if self._colour is None else "all voxels times their colours are 0"
+
+    @property
     def typical_density(self) -> float:
         """Mean density of the voxels weighted by itself: that of the body, not of the empty space around it.
 
@@ -407,7 +422,7 @@ class Volume(Body):
 
     def with_medium(self, medium: Medium | None) -> Volume:
         """Return the same voxels (not copied) of another medium; None: the scene's."""
-        return self._with(medium=medium)
+        return self._with(medium=parse_medium(medium))
 
     def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)
