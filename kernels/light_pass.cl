@@ -242,7 +242,7 @@ __kernel void map_residual(GRID_ARGUMENTS, LIGHT light, MAP_ARGUMENTS,
     while (find_steps(&padded, &walk, active, 0, &list))
       for (int k = 0; k < list.count; ++k) {
         const Floats t = place_of(&walk, list.n[k]).t;
-        const Floats density = density_at(&padded, &walk, &list, k, t, &samples);
+        const Floats density = densities_at(&padded, &walk, &list, k, t, &samples).of[0][0];
         const Floats depth = active ? walk.step * density : floats(0.0f);
         LightSample sample;
         sample.u = texels.u;

@@ -180,7 +180,9 @@ def test_lights_of_every_type_are_as_bright(volume, kind, falloff):
 
 @volumes
 def test_other_lights_come_from_where_the_spot_does(volume):
-    spot, sun, point = (light_for([volume], camera_for([volume]), type=kind) for kind in ("spot", "sun", "point"))
+    spot, sun, point = (
+        light_for([volume], camera_for([volume]), type=kind) for kind in ("spot", "sun", "point")
+    )
     assert spot.from_ == sun.from_ == point.from_
     assert spot.to == sun.to
 

@@ -330,10 +330,12 @@ def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> N
     launcher.run(
         kernel,
         shape[::-1],
-        **_leaf_arguments(launcher, slab),
-        brick_count=(*shape[::-1], 0),
-        first_layer=slab.first_layer,
-        occupied=flags,
+        {
+            **_leaf_arguments(launcher, slab),
+            "brick_count": (*shape[::-1], 0),
+            "first_layer": slab.first_layer,
+            "occupied": flags,
+        },
     )
     return launcher.download(flags, shape, np.uint8).astype(np.bool_)
 
@@ -380,9 +382,11 @@ def _fill(
         launcher.run(
             kernel,
             (len(blocks),),
-            **leaf_arguments,
-            blocks=launcher.upload("the blocks' places", blocks),
-            count=len(blocks),
-            exponent=-exponent,
-            pool=bricks.pools[pool],
+            {
+                **leaf_arguments,
+                "blocks": launcher.upload("the blocks' places", blocks),
+                "count": len(blocks),
+                "exponent": -exponent,
+                "pool": bricks.pools[pool],
+            },
         )

@@ -132,7 +132,7 @@ class Launcher:
         check_process()
         return self._kernels
 
-    def run(self, kernel: Kernel, size: tuple[int, ...], **arguments: Any) -> float:
+    def run(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> float:
         """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
 
         The size is rounded up to whole work-groups: kernels check their bounds.
@@ -187,7 +187,7 @@ class Launcher:
         seconds = 0.0
         windows = Windows(*bounds, samples_per_item)
         for window in windows:
-            seconds += windows.took(self.run(kernel, self.tiles(window), window=window, **arguments))
+            seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
             if after is not None:
                 after(window)
             if done is not None:

@@ -233,12 +233,14 @@ class LightPass:
         seconds = launcher.run(
             self._kernel("pack_map", settings, light, medium),
             (texels,),
-            map=launcher.upload("the map's parameters", struct),
-            coefficients=coefficients,
-            numbers=room.buffer,
-            limits=launcher.upload("the coefficients' limits", limits),
-            scale=1 / plan.number_unit,
-            count=texels,
+            {
+                "map": launcher.upload("the map's parameters", struct),
+                "coefficients": coefficients,
+                "numbers": room.buffer,
+                "limits": launcher.upload("the coefficients' limits", limits),
+                "scale": 1 / plan.number_unit,
+                "count": texels,
+            },
         )
         return limits, seconds
 
@@ -272,12 +274,14 @@ class LightPass:
         launcher.run(
             self._kernel("evaluate_map", plan.settings, light, medium),
             (count,),
-            grids=medium.arguments["grids"],
-            light=of_light,
-            **self.arguments(plan, buffers),
-            points=launcher.upload("the points", points),
-            optical_depths=depths,
-            count=count,
+            {
+                "grids": medium.arguments["grids"],
+                "light": of_light,
+                **self.arguments(plan, buffers),
+                "points": launcher.upload("the points", points),
+                "optical_depths": depths,
+                "count": count,
+            },
         )
         return launcher.download(depths, (count,), np.float32)
 

@@ -156,21 +156,22 @@ class Prefilter:
             seconds += launcher.run(
                 kernel,
                 (end - first,),
-                **{"from": source},
-                to=target,
-                first=first,
-                end=end,
-                per_row=together // group,
-                pitch=(counts[0] * n, counts[1] * n),
-                count=counts,
-                stride=together,
-                shift=shift,
-                reach=min(window.reach, sum(counts)),
-                # A window that lies beyond the line altogether takes no more than its own width from there.
-                left=min(max(window.reach - shift, 0), 2 * window.reach + 1),
-                right=max(shift + window.reach - (counts[0] - 1), 0),
-                part=window.part,
-                scale=1 / window.total,
+                {
+                    "from": source,
+                    "to": target,
+                    "first": first,
+                    "end": end,
+                    "per_row": together // group,
+                    "pitch": (counts[0] * n, counts[1] * n),
+                    "count": counts,
+                    "stride": together,
+                    "shift": shift,
+                    "reach": min(window.reach, sum(counts)),
+                    "left": min(max(window.reach - shift, 0), 2 * window.reach + 1),
+                    "right": max(shift + window.reach - (counts[0] - 1), 0),
+                    "part": window.part,
+                    "scale": 1 / window.total,
+                },
             )
         return seconds
 

@@ -168,11 +168,13 @@ class LightProbe:
         seconds = launcher.run(
             self._kernel("light_curves", light, medium),
             (-(-len(rays) // launcher.lanes),),
-            **medium.arguments,
-            light=of_light,
-            rays=launcher.upload("the light's rays", rays),
-            curves=out,
-            count=len(rays),
+            {
+                **medium.arguments,
+                "light": of_light,
+                "rays": launcher.upload("the light's rays", rays),
+                "curves": out,
+                "count": len(rays),
+            },
         )
         depth = launcher.download(out, (len(rays), CELLS + 1), np.float32).astype(np.float64)
         return Curves(depth, extinction), seconds

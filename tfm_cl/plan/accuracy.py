@@ -21,7 +21,6 @@ from tfm_cl.errors import DeviceMemoryError, SceneError
 from tfm_cl.maps.bases import BASES
 from tfm_cl.metrics import lit_mask
 from tfm_cl.model import is_auto
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.settings import AUTO
 
 if TYPE_CHECKING:
@@ -115,19 +114,19 @@ class Chooser:
         self._render, self._scene, self._method, self._crop = render, scene, method, crop
         self._progress, self._trials = progress, 0
         self._error = float(scene.map.max_error or 0)
-        self._has_maps = method == "tfm" and not isinstance(scene.volume, Homogeneous)
+        self._has_maps = method == "tfm" and not (not scene.grids)
         plain = scene.replace(map=scene.map.replace(max_error=None)).resolved()
         settings = plain.map.resolved()
         counts = BASES[settings.basis].counts
         self._coeffs = sorted({max((n for n in counts if n <= most), default=min(counts)) for most in LADDER})
-        light_steps, res = (1, 1) if isinstance(scene.volume, Homogeneous) else (settings.steps, settings.res)
+        light_steps, res = (1, 1) if (not scene.grids) else (settings.steps, settings.res)
         self._pilot = scene.camera, crop
         self._first = Numbers(plain.march.steps, light_steps, res, settings.coeffs)
         # The truth follows the medium, whatever was given.
         auto = plain.replace(
             map=settings.replace(steps=AUTO), march=plain.march.replace(steps=AUTO)
         ).resolved()
-        self._auto = auto.march.steps, 1 if isinstance(scene.volume, Homogeneous) else auto.map.steps
+        self._auto = auto.march.steps, 1 if (not scene.grids) else auto.map.steps
 
     def choice(self) -> Choice:
         """Choose.
@@ -244,7 +243,7 @@ class Chooser:
             yield "res"
         if self._has_maps and is_auto(settings.coeffs):
             yield "coeffs"
-        if is_auto(settings.steps) and not isinstance(self._scene.volume, Homogeneous):
+        if is_auto(settings.steps) and not (not self._scene.grids):
             yield "light_steps"
         if is_auto(self._scene.march.steps):
             yield "steps"

@@ -29,12 +29,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tfm_cl.model import is_auto
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
     from tfm_cl.scene.bodies.volume import Volume
@@ -65,7 +66,18 @@ STEPS = (16, 1024)
 """Range of the number of steps."""
 
 
-def voxel_depth(volume: Volume | Volumes, sigma_t: float) -> float:
+def joined(scene: Scene) -> Any:
+    """The grids."""
+    g = scene.grids
+    return SimpleNamespace(
+        parts=g,
+        bounds=around([x.bounds for x in g]),
+        occupied_bounds=around([x.occupied_bounds for x in g]),
+        voxel_size=min((x.voxel_size for x in g), key=lambda s: s.min()),
+    )
+
+
+def voxel_depth(volume: Any, sigma_t: float) -> float:
     """Optical depth along the smallest edge of a typical voxel of the thickest volume.
 
     Parameters
@@ -76,7 +88,7 @@ def voxel_depth(volume: Volume | Volumes, sigma_t: float) -> float:
     return sigma_t * max(part.typical_density * float(part.voxel_size.min()) for part in volume.parts)
 
 
-def texels_for(volume: Volume | Volumes, light: Light, camera: Camera, sigma_t: float) -> float:
+def texels_for(volume: Any, light: Light, camera: Camera, sigma_t: float) -> float:
     """Return the texels along a side that a light's map should have.
 
     A texel is `VOXELS_PER_TEXEL` of the smallest edge of a voxel wide, halfway between the nearest and the
@@ -94,7 +106,7 @@ def texels_for(volume: Volume | Volumes, light: Light, camera: Camera, sigma_t: 
     return float(width / texel * max(1.0, depth / DEPTH_PER_TEXEL) ** TEXEL_POWER)
 
 
-def steps_for(volume: Volume | Volumes, sigma_t: float, power: float = 1.0) -> float:
+def steps_for(volume: Any, sigma_t: float, power: float = 1.0) -> float:
     """Return the steps that a ray should take, of the light or of the camera.
 
     The longest ray through the grid, its diagonal, takes steps of `VOXELS_PER_STEP` of the voxel's smallest
@@ -129,11 +141,11 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     """
     of_map: dict[str, int] = {}
     of_march: dict[str, int] = {}
-    if isinstance(scene.volume, Homogeneous):
+    if not scene.grids:
         # Nothing varies along a ray but the light.
         auto = {"steps": HOMOGENEOUS_STEPS} if is_auto(scene.march.steps) else {}
         return scene.replace(march=scene.march.replace(**auto)) if auto else scene
-    wanted = _wanted(scene, scene.volume)
+    wanted = _wanted(scene, joined(scene))
     if not wanted:
         return scene
     for (section, key), number in wanted.items():
@@ -146,17 +158,17 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
 
 def limited(scene: Scene) -> tuple[str, ...]:
     """Say where ``"auto"`` asks for more than it may take, one line each."""
-    if isinstance(scene.volume, Homogeneous):
+    if not scene.grids:
         return ()
     return tuple(
         f'{section}.{key} = "auto": {high} is the most it takes, {number:.0f} would follow the voxels; give '
         f"{section}.{key} to take more"
-        for (section, key), number in _wanted(scene, scene.volume).items()
+        for (section, key), number in _wanted(scene, joined(scene)).items()
         if number > (high := (TEXELS if key == "res" else STEPS)[1])
     )
 
 
-def _wanted(scene: Scene, volume: Volume | Volumes) -> dict[tuple[str, str], float]:
+def _wanted(scene: Scene, volume: Any) -> dict[tuple[str, str], float]:
     """Numbers for what is ``"auto"``, by section and key; they may be more than there can be."""
     sigma_t = float(scene.medium.sigma_t.max())
     wanted: dict[tuple[str, str], float] = {}
@@ -169,14 +181,14 @@ def _wanted(scene: Scene, volume: Volume | Volumes) -> dict[tuple[str, str], flo
     return wanted
 
 
-def wanted_res(scene: Scene, volume: Volume | Volumes) -> float:
+def wanted_res(scene: Scene, volume: Any) -> float:
     """Return the texels along a side that some light's map needs; they may be more than there can be."""
     bounds, sigma_t = volume.occupied_bounds, float(scene.medium.sigma_t.max())
     lights = (part.fitted(bounds) for light in scene.lights for part in light.parts())
     return max((texels_for(volume, light, scene.camera, sigma_t) for light in lights), default=0.0)
 
 
-def _distances(volume: Volume | Volumes, point: np.ndarray) -> tuple[float, float]:
+def _distances(volume: Any, point: np.ndarray) -> tuple[float, float]:
     """Distances from a point to the nearest and the farthest point of the occupied bounds."""
     low, high = volume.occupied_bounds
     nearest = np.clip(point, low, high)

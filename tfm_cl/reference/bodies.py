@@ -19,18 +19,16 @@ from tfm_cl.reference.geometry import (
     hull,
     interval,
 )
-from tfm_cl.scene.bodies.homogeneous import BoxVolume, Homogeneous, SphereVolume
-from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.bodies.volumes import Volumes
+from tfm_cl.scene.bodies import BoxVolume, Homogeneous, SphereVolume, Volume
 from tfm_cl.scene.scene import Scene
 
-Grids = Volume | Volumes | Sequence[Volume]
+Grids = Volume | Sequence[Volume]
 """One or several; a scene's may be none."""
 
 
 def grids_of(volume: Grids) -> Sequence[Volume]:
     """Return the grids one by one."""
-    return volume.parts if isinstance(volume, Volume | Volumes) else volume
+    return [volume] if isinstance(volume, Volume) else volume
 
 
 # --- grids -----------------------------------------------------------------------------------------------
