@@ -48,8 +48,10 @@ from tfm_cl.device.program import fingerprint, kernels_dir
 from tfm_cl.errors import InputError
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import replacing, write_text
-from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.model import decided
+from tfm_cl.plan.resolution import resolved
 from tfm_cl.render.view_pass import ViewPass
+from tfm_cl.scene.placement import density_scale_for
 
 SCRIPTS = Path(__file__).resolve().parent
 REPOSITORY = SCRIPTS.parent
@@ -242,20 +244,20 @@ class Frame:
         light = self._pass(
             "light",
             sum(found.seconds for found in buffers),
-            hits * light_map.steps,
+            hits * decided(light_map.steps),
             sum(found.samples for found in buffers),
         )
         view = self._pass(
             "view",
             result.stats.seconds["view_pass"],
-            self._pixels * march.steps * len(scene.lights),
+            self._pixels * decided(march.steps) * len(scene.lights),
             result.stats.samples["view_pass"],
         )
         seconds = light["light_seconds"] + view["view_seconds"]
         figures = light | view | {"frame_seconds": seconds, "host_seconds": wall - seconds}
         if self._with_dual and self._rounds % DUAL_EVERY == 0:
             result = self._renderer.render(scene, method="dual")
-            nominal = self._pixels * march.steps * (1 + light_map.steps) * len(scene.lights)
+            nominal = self._pixels * decided(march.steps) * (1 + decided(light_map.steps)) * len(scene.lights)
             spent = result.stats.seconds["view_pass"]
             figures |= self._pass("dual", spent, nominal, result.stats.samples["view_pass"])
             figures["dual_over_frame"] = spent / seconds
@@ -331,7 +333,7 @@ def with_lights(scene: tfm.Scene, count: int) -> tfm.Scene:
 def with_auto(scene: tfm.Scene) -> tfm.Scene | None:
     """Return the scene with automatic resolution and steps; None where the settings refuse that."""
     try:
-        return with_march(with_map(scene, res="auto", steps="auto"), steps="auto").resolved()
+        return resolved(with_march(with_map(scene, res="auto", steps="auto"), steps="auto"))
     except tfm.TfmError:
         return None
 

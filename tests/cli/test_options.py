@@ -11,8 +11,8 @@ import pytest
 
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
-from tfm_cl.files.scene_file import SECTIONS
 from tfm_cl.scene.lights import SpotLight
+from tfm_cl.scene.scene_file import SECTIONS
 
 PROMISED = {
     *("--res", "--crop", "--exposure", "--aov", "--method"),
@@ -84,6 +84,11 @@ KEYS = [
     ("volume.offset", "-0.5", -0.5),
     ("volume.window", "[0.25, 3]", [0.25, 3.0]),
     ("volume.colour", "false", False),
+    (
+        "volume.medium",
+        "{ sigma_s = 2 }",
+        {"sigma_s": [2, 2, 2], "sigma_a": [0, 0, 0], "phase": {"type": "isotropic"}},
+    ),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("camera.res", "[5, 6]", [5, 6]),
     ("camera.from", "-1, 2, 3", [-1, 2, 3]),
@@ -275,7 +280,7 @@ def test_help_states_the_models_default(option):
     if default in (None, ()):
         return
     if option.flag == "--phase":
-        assert stated == default.type
+        assert stated == default
     elif option.flag == "--res":
         assert stated == "{}x{}".format(*default)
     elif isinstance(default, tuple):

@@ -87,7 +87,6 @@ def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     result = check(renderer, SCENES[name])
 
     numbers = result.stats.map
-    assert numbers.max_error is None
     assert all(type(n) is int for n in (numbers.res, numbers.steps, numbers.coeffs, result.scene.march.steps))
 
 

@@ -62,9 +62,7 @@ OF_MEDIUM = {
         "flame: all voxels are 0",
     ),
     "several volumes": (
-        SCENE.replace(
-            volume=([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])
-        ),
+        SCENE.replace(volume=([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])),
         "flame: all voxels are 0; array: density_scale is 0",
     ),
     "colours of 0": (SCENE.replace(volume=coloured(0, 0, 0)), "array: all voxels times their colours are 0"),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.device.launch import int4
 from tfm_cl.errors import DeviceMemoryError
-from tfm_cl.scene.bodies.leaves import LEAF, Leaves
+from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -12,8 +12,8 @@ from tfm_cl.device.launch import Launcher, Progress, Windows, int4
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, TARGETS, Functions
 from tfm_cl.maps.prefilter import Prefilter
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
-from tfm_cl.scene.settings import STORAGE_BITS, MapSettings
 
 LARGEST_HALF = 4096.0
 """Numbers in half precision are stored in a unit that keeps the largest optical depth near this, far from
@@ -27,7 +27,7 @@ MARCH_LEVELS = 8
 """Numbers of steps that a range may take, as in ``kernels/light_pass.cl``."""
 
 
-def steps_of_levels(settings: MapSettings) -> list[int]:
+def steps_of_levels(settings: ResolvedMap) -> list[int]:
     """List the steps along ranges of each level; the medium's bounds take all of them."""
     if settings.range == "box":
         return [0] * (MARCH_LEVELS - 1) + [settings.steps]
@@ -35,7 +35,7 @@ def steps_of_levels(settings: MapSettings) -> list[int]:
 
 
 def map_variant(
-    settings: MapSettings, light: Light, bricks: BrickGrid, *, clipped: bool = False
+    settings: ResolvedMap, light: Light, bricks: BrickGrid, *, clipped: bool = False
 ) -> tuple[tuple[str, ...], dict[str, int]]:
     """Headers and macros of every kernel that reads or writes a map of such resolved settings.
 
@@ -45,10 +45,10 @@ def map_variant(
     defines = {
         "TFM_N_COEFF": settings.coeffs,
         "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage],
-        "TFM_TARGET": TARGETS[settings.target],  # type: ignore[index]  # resolved
-        "TFM_FIT": FITS[settings.fit],  # type: ignore[index]
+        "TFM_TARGET": TARGETS[settings.target],
+        "TFM_FIT": FITS[settings.fit],
         "TFM_RANGE": int(settings.range != "box"),
-        "TFM_LOOKUP": LOOKUPS[settings.lookup],  # type: ignore[index]
+        "TFM_LOOKUP": LOOKUPS[settings.lookup],
         "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
         "TFM_SHADOW": int(clipped),
     }
@@ -59,7 +59,7 @@ def map_variant(
 class MapPlan:
     """All that is decided before a map's rays are marched."""
 
-    settings: MapSettings
+    settings: ResolvedMap
     """Resolved."""
     field: NDArray[np.float32]
     """Ranges of the rays, [size, size, 4]; [1, 1, 4] of no meaning for the range ``box``."""
@@ -178,7 +178,7 @@ class LightPass:
             clip=clip,
         )
 
-    def _allocate(self, settings: MapSettings, bits: int) -> cl.Buffer:
+    def _allocate(self, settings: ResolvedMap, bits: int) -> cl.Buffer:
         """Make room for the map, and one texel more: two neighbours may be read at once."""
         nbytes = bits // 8 * settings.coeffs * (settings.res**2 + 1)
         if settings.res == 1:  # then the one beyond is read, and weighs 0
@@ -207,7 +207,7 @@ class LightPass:
 
     def evaluate(
         self,
-        settings: MapSettings,
+        settings: ResolvedMap,
         light: Light,
         params: cl.Buffer,
         bricks: BrickGrid,
@@ -233,7 +233,7 @@ class LightPass:
 
     def residual(
         self,
-        settings: MapSettings,
+        settings: ResolvedMap,
         light: Light,
         params: cl.Buffer,
         bricks: BrickGrid,
@@ -262,7 +262,7 @@ class LightPass:
             )
         return launcher.download(residuals, (res, res, 2), np.float32)
 
-    def read(self, settings: MapSettings, buffers: MapBuffers, number_unit: float) -> NDArray[np.float32]:
+    def read(self, settings: ResolvedMap, buffers: MapBuffers, number_unit: float) -> NDArray[np.float32]:
         """Coefficients [y, x, n] as float32, whatever their storage."""
         shape = (settings.res, settings.res, settings.coeffs)
         launcher = self._launcher
@@ -273,12 +273,12 @@ class LightPass:
         stored: Any = np.float32 if settings.storage == "f32" else np.float16
         return number_unit * launcher.download(buffers.coefficients, shape, stored).astype(np.float32)
 
-    def read_occupied(self, settings: MapSettings, buffers: MapBuffers) -> NDArray[np.float32]:
+    def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
         return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
 
     def _kernel(
-        self, name: str, settings: MapSettings, light: Light, bricks: BrickGrid, *, clipped: bool = False
+        self, name: str, settings: ResolvedMap, light: Light, bricks: BrickGrid, *, clipped: bool = False
     ) -> cl.Kernel:
         headers, defines = map_variant(settings, light, bricks, clipped=clipped)
         return self._launcher.kernels.kernel(name, "light_pass.cl", headers, defines)

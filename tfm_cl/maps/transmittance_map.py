@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
-from tfm_cl.scene.settings import STORAGE_BITS, MapSettings
+from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -35,7 +36,7 @@ class TransmittanceMap:
     """
 
     light: Light
-    settings: MapSettings
+    settings: ResolvedMap
     """Resolved: no ``"auto"``."""
     requested: MapSettings
     """The scene's own."""
@@ -84,7 +85,7 @@ class TransmittanceMap:
     @property
     def bytes_per_texel(self) -> float:
         """All numbers of a texel and its share of the ranges."""
-        return self.settings.bytes_per_texel(self.settings.coeffs, self.settings.range)
+        return self.settings.bytes_per_texel
 
     @cached_property
     def _residuals(self) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from tfm_cl.device.launch import Launcher
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.light_pass import LARGEST_HALF, MapPlan
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
-from tfm_cl.scene.settings import MapSettings, field_res
+from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -65,7 +65,7 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        settings = scene.map.resolved()
+        settings = resolve(scene.map)
         extinction = parameters.reference_extinction(scene.medium)
         params = [self._params(scene, light, bricks) for light in scene.lights]
         coarse = [
@@ -76,8 +76,7 @@ class Planner:
         ]
         deepest = max(float(probe.optical_depth.max()) for probe in coarse)
         alpha = _density_weighting(scene, deepest)
-        # Not checked again: for media with tiny sigmas α follows the density's large optical depth.
-        settings = settings.model_copy(update={"density_weighting": alpha})
+        settings = settings.replace(density_weighting=alpha)
         probe_steps = max(settings.steps, RANGE_STEPS)
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
         probes = [
@@ -125,13 +124,13 @@ class Planner:
         return self._launcher.upload("the parameters", struct)
 
 
-def functions_of(settings: MapSettings, curves: Curves | None) -> Functions | None:
+def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | None:
     """Make the functions of a basis, if it has any."""
     make = BASES[settings.basis].functions
     return None if make is None else make(settings, curves)
 
 
-def _field(settings: MapSettings, probe: Probe) -> np.ndarray:
+def _field(settings: ResolvedMap, probe: Probe) -> np.ndarray:
     if settings.range == "box":
         return np.zeros((1, 1, 4), np.float32)
     return probe.global_field() if settings.range == "global" else probe.field()

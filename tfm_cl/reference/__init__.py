@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import UNIFORM_SHARE, Functions
+from tfm_cl.maps.resolved import ResolvedMap, resolve
+from tfm_cl.model import decided
+from tfm_cl.plan import resolution
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.bodies.volumes import Volumes
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import Arrival, Light, SpotLight
 from tfm_cl.scene.lights.base import texel_positions
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -202,12 +204,12 @@ def _fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) ->
 
 def light_optical_depth(scene: Scene, light: Light, points: Floats) -> Floats:
     """March from the light's entry into the bounds to each point: the inner march of the dual method."""
-    scene = scene.resolved()
+    scene = resolution.resolved(scene)
     volume = _grids(scene)
     rays, arrival = _light_rays(_fitted(scene, light), points)
     k_in, k_out = march_bounds(volume, *rays)
     ends = np.clip(arrival.distance, k_in, k_out)
-    return _optical_depth(volume, rays, (k_in, ends), scene.map.steps)
+    return _optical_depth(volume, rays, (k_in, ends), decided(scene.map.steps))
 
 
 def map_rays(light: Light, positions: Floats) -> Rays:
@@ -229,7 +231,7 @@ def density_weighting(scene: Scene) -> float:
     """α of TFM eq. 19; ``"auto"``: half the largest optical depth seen by a light, between 1 and 16."""
     if scene.map.density_weighting != "auto":
         return float(scene.map.density_weighting)
-    scene = scene.resolved()
+    scene = resolution.resolved(scene)
     volume = _grids(scene)
     sigma_t, deepest = float(scene.medium.sigma_t.max()), 0.0
     for light in _lights(scene):
@@ -237,7 +239,7 @@ def density_weighting(scene: Scene) -> float:
         begin, end = march_bounds(volume, *rays)
         if scene.solids:
             end = np.clip(_clip(scene, light, AUTO_RES), begin, end)
-        deepest = max(deepest, _optical_depth(volume, rays, (begin, end), scene.map.steps).max())
+        deepest = max(deepest, _optical_depth(volume, rays, (begin, end), decided(scene.map.steps)).max())
     # α divides the density's optical depth, but the limits are meant for the medium's.
     return max(1.0, float(np.clip(sigma_t * deepest / 2, 1, 16)) / sigma_t) if sigma_t > 0 else 1.0
 
@@ -249,7 +251,7 @@ class MapModel(NamedTuple):
     light pass and the look-up do with them is done here again.
     """
 
-    settings: MapSettings
+    settings: ResolvedMap
     functions: Functions
     field: Floats
     extinction: float
@@ -260,7 +262,7 @@ def map_model(scene: Scene, like: TransmittanceMap | None = None) -> MapModel:
     if like is not None:
         assert like.functions is not None  # noqa: S101 - a basis that is a sum of functions
         return MapModel(like.settings, like.functions, like.field.astype(float), like.extinction)
-    settings = scene.resolved().map.resolved()
+    settings = resolve(resolution.resolved(scene).map)
     settings = settings.replace(density_weighting=density_weighting(scene))
     make = BASES[settings.basis].functions
     if make is None or BASES[settings.basis].needs_curves or settings.range != "box":
@@ -310,7 +312,7 @@ def _numbers(model: MapModel, depth: Floats) -> Floats:
     settings, steps = model.settings, depth.shape[1]
     after = np.cumsum(depth, axis=1)
     middle = after - depth / 2
-    value, alpha = middle, float(settings.density_weighting)
+    value, alpha = middle, decided(settings.density_weighting)
     if settings.target == "transmittance":
         value = -np.expm1(-middle / alpha)
     if settings.fit == "l2":
@@ -351,7 +353,7 @@ def build_map(scene: Scene, light: Light, like: TransmittanceMap | None = None) 
 
     Behind the step in which solids end what is lit, the transmittance stays as it is there.
     """
-    scene = scene.resolved()
+    scene = resolution.resolved(scene)
     model, light = map_model(scene, like), _fitted(scene, light, like)
     volume = _grids(scene)
     res, positions = model.settings.res, texel_positions(model.settings.res)
@@ -400,7 +402,7 @@ def map_optical_depth(
             positive: Floats = np.maximum(series, 0)
             return positive
         f = series if _has_one(model) else 1 - series
-        depth: Floats = -float(model.settings.density_weighting) * np.log(np.clip(f, DARKEST, 1))
+        depth: Floats = -decided(model.settings.density_weighting) * np.log(np.clip(f, DARKEST, 1))
         return depth
 
     tau = np.zeros(len(points))
@@ -541,7 +543,7 @@ def render_with_aovs(
     if scene.volume.colour is not None:
         raise SceneError("the reference renders a coloured volume channel by channel: coloured.grey_scenes")
     _grids(scene)
-    scene = scene.resolved()
+    scene = resolution.resolved(scene)
     scene = scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene)))
     obstacles = _Obstacles(scene, shadows)
     lights = _lights(scene)
@@ -586,7 +588,7 @@ def _trace(
         return np.exp(-np.multiply.outer(tau, medium.sigma_t))
 
     total, distance = np.zeros(len(near)), np.zeros(len(near))
-    for t, depth, before in _march(volume, rays, edges(near, far, march.steps)):
+    for t, depth, before in _march(volume, rays, edges(near, far, decided(march.steps))):
         distance += t * (transmittance(before) - transmittance(before + depth)).mean(axis=-1)
         total = before + depth
     opacity = 1 - transmittance(total).mean(axis=-1)
@@ -619,7 +621,9 @@ def _trace(
             hidden = _optical_depth(volume, part, (near[lit], begin), steps)
         w_begin, w_end = (light.projective_depth(part.at(t)) for t in (begin, end))
         w = (w_begin, w_end) if march.sampling == "projective" else None
-        for t, depth, before in _march(volume, part, edges(begin, end, march.steps, w, march.max_stretch)):
+        for t, depth, before in _march(
+            volume, part, edges(begin, end, decided(march.steps), w, march.max_stretch)
+        ):
             points = part.at(t)
             mu = -(light.arrival(points).direction * part.directions).sum(axis=-1)
             visible = transmittance(hidden + before) * (1 - transmittance(depth))

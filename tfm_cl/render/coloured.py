@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.plan import resolution
 from tfm_cl.render.result import RenderResult, RenderStats
-from tfm_cl.scene.lights.area import spread
 
 if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
@@ -38,7 +38,7 @@ def grey_scenes(scene: Scene) -> tuple[Scene, ...]:
     Volume, medium and intensities of each are those of its channel; ``"auto"`` of resolution and steps is
     resolved first, for all three together.
     """
-    scene = scene.resolved()
+    scene = resolution.resolved(scene)
     medium = scene.medium
     return tuple(
         scene.replace(
@@ -88,7 +88,7 @@ def render(
     started = time.perf_counter()
     if (method or scene.march.method) != "tfm":
         maps = None
-    scene = scene.resolved(maps[0].requested if maps else None)
+    scene = resolution.resolved(scene, maps[0].requested if maps else None)
     scenes = grey_scenes(scene)
     if maps is not None:
         _check_maps(scenes, maps)
@@ -114,7 +114,8 @@ def render(
 
 def _check_maps(scenes: tuple[Scene, ...], maps: list[TransmittanceMap]) -> None:
     scenes = tuple(
-        grey.replace(lights=tuple(chain.from_iterable(map(spread, grey.lights)))) for grey in scenes
+        grey.replace(lights=tuple(chain.from_iterable(light.parts() for light in grey.lights)))
+        for grey in scenes
     )
     lights = len(scenes[0].lights)
     if len(maps) != len(CHANNELS) * lights:
@@ -164,7 +165,7 @@ def _joined_stats(parts: list[RenderStats], requested: MapSettings) -> RenderSta
         # What the light's rays decided may differ: then only the request reproduces all three.
         differs = {
             name: getattr(requested, name)
-            for name in type(requested).model_fields
+            for name in type(settings[0]).model_fields
             if len({getattr(each, name) for each in settings}) > 1
         }
         stats.map = settings[0].model_copy(update=differs)

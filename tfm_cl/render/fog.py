@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tfm_cl.device import launch
 from tfm_cl.device import params as parameters
 from tfm_cl.errors import SceneError
+from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists, bounds_of_lights
 from tfm_cl.render.fog_pass import BLOCK, FogLights, FogPass, FogVariant
 from tfm_cl.render.visibility import solid_distances
@@ -113,7 +114,7 @@ def add_lights(
                 window=window,
             )
             stats.seconds["view_pass"] += fog_pass.add_lights(
-                compiled[variant], scene.march.steps, on_device, frame, stage, progress
+                compiled[variant], decided(scene.march.steps), on_device, frame, stage, progress
             )
     if any(scene.ambient.radiance):
         stats.seconds["view_pass"] += view_pass.add_ambient(scene, first, frame)
@@ -147,7 +148,7 @@ class _Batches:
             self._surfaces = gbuffer.solid[gbuffer.shown].astype(np.float64)
         self._most_bytes = most_bytes
         # However many lights meet in a block, a launch ends soon.
-        per_light = launch.Windows.EDGE**2 * scene.march.steps
+        per_light = launch.Windows.EDGE**2 * decided(scene.march.steps)
         self._most_lights = max(1, launch.MOST_SAMPLES // per_light)
 
     def cut(self, lights: Sequence[int]) -> Iterator[list[int]]:

@@ -20,6 +20,7 @@ from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.light_pass import LightPass
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan import resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
@@ -50,7 +51,7 @@ SINGLE_NUMBER = {
     "lookup": "interpolate",
 }
 """What a map of residuals is looked up with."""
-NO_MAP = MapSettings(basis="dct", coeffs=1).resolved()
+NO_MAP = resolve(MapSettings(basis="dct", coeffs=1))
 """What the dual march's kernel is compiled with: it reads no map."""
 
 STEEPEST_DEPTH = 20.0
@@ -148,12 +149,13 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        scene.read_files()
         progress = progress or _silent
         if scene.map.max_error is not None:
             scene, _ = self._chosen(scene, "tfm", None, None, progress)
         if scene.volume.colour is not None:
             return coloured.build_maps(self, scene, progress)
-        scene = self._parts(scene.resolved())
+        scene = self._parts(resolution.resolved(scene))
         bricks = self._upload(scene)
         return [
             self._build(scene, light, plan, bricks, progress)
@@ -240,6 +242,7 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         if scene.map.max_error is not None:
             scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
@@ -298,7 +301,7 @@ class Renderer:
             )
         progress = progress or _silent
         method = _checked_method(method, scene)
-        scene = scene.resolved(maps[0].requested if maps and method == "tfm" else None)
+        scene = resolution.resolved(scene, maps[0].requested if maps and method == "tfm" else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()

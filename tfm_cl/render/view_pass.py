@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from tfm_cl.device.bricks import BrickGrid
 from tfm_cl.device.launch import Launcher, Progress, Windows, float4, int4
 from tfm_cl.maps.light_pass import MapBuffers, map_variant
+from tfm_cl.maps.resolved import ResolvedMap
+from tfm_cl.model import decided
 from tfm_cl.render.visibility import GBuffer
 from tfm_cl.scene.lights import Light
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class FrameBuffers:
 class LightInputs:
     """What kernels are told of one light besides its parameters."""
 
-    settings: MapSettings
+    settings: ResolvedMap
     """Resolved ones of the map."""
     map: MapBuffers | None
     """None for the dual march."""
@@ -133,7 +134,7 @@ class ViewPass:
         return self._over_windows(
             kernel,
             crop,
-            scene.march.steps * (scene.map.steps if inputs.map is None else 1),
+            decided(scene.march.steps) * (decided(scene.map.steps) if inputs.map is None else 1),
             f"view pass, light {index + 1}",
             progress,
             params,
@@ -171,7 +172,7 @@ class ViewPass:
         return self._over_windows(
             kernel,
             crop,
-            scene.map.steps if inputs.map is None else 1,
+            decided(scene.map.steps) if inputs.map is None else 1,
             f"solid pass, light {index + 1}",
             progress,
             params,

@@ -16,10 +16,11 @@ from tfm_cl.files import volume_io
 from tfm_cl.files.paths import source_of
 from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, read_colour
 from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
+from tfm_cl.files.volume_io.leaves import Index, Leaves, NotDensities
+from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
-from tfm_cl.scene.bodies.leaves import Index, Leaves, NotDensities
 
 if TYPE_CHECKING:
     from tfm_cl.scene.medium import Medium
@@ -245,9 +246,9 @@ class Volume(Body):
         Raises
         ------
         VolumeError
-            The volume holds leaves, and the dense array would be larger than `volume_io.MAX_VOXELS`.
+            The volume holds leaves, and the dense array would be larger than `limits.MAX_VOXELS`.
         """
-        reason = volume_io.too_large(self.shape, sparse=False)
+        reason = too_large(self.shape, sparse=False)
         if reason and self._voxels.leaves is not None:
             raise VolumeError(f"{self.label}: {reason} for a dense array; .leaves are its voxels without")
         return self._voxels.dense

@@ -9,7 +9,7 @@ from scenes import blobs, turned
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COLOUR
-from tfm_cl.plan.placement import (
+from tfm_cl.scene.placement import (
     INTENSITY,
     OPTICAL_DEPTH,
     TOWARDS_CAMERA,
@@ -180,7 +180,9 @@ def test_lights_of_every_type_are_as_bright(volume, kind, falloff):
 
 @volumes
 def test_other_lights_come_from_where_the_spot_does(volume):
-    spot, sun, point = (light_for([volume], camera_for([volume]), type=kind) for kind in ("spot", "sun", "point"))
+    spot, sun, point = (
+        light_for([volume], camera_for([volume]), type=kind) for kind in ("spot", "sun", "point")
+    )
     assert spot.from_ == sun.from_ == point.from_
     assert spot.to == sun.to
 
