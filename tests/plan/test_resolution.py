@@ -229,7 +229,7 @@ def test_resolved_has_numbers_only():
     numbers = resolution.resolved(scene)
     assert all(type(n) is int for n in (numbers.map.res, numbers.map.steps, numbers.march.steps))
     assert resolution.resolved(numbers) is numbers
-    assert (numbers.volume, numbers.camera, numbers.lights) == (scene.volume, scene.camera, scene.lights)
+    assert (numbers.bodies, numbers.camera, numbers.lights) == (scene.bodies, scene.camera, scene.lights)
     assert scene.map.res == "auto"
 
 

@@ -138,11 +138,11 @@ def read(folder):
 def test_every_key_arrives(folder):
     file = SceneFile.read(folder / "full.toml")
     scene = file.make(tfm.Scene)
-    np.testing.assert_array_equal(scene.volume.data, blobs())
+    np.testing.assert_array_equal(scene.bodies[0].data, blobs())
     # Twice as high, and moved.
-    np.testing.assert_allclose(scene.volume.voxel_size, (0.1, 0.2, 0.6))
-    np.testing.assert_allclose(scene.volume.world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
-    assert scene.volume.density_scale == 2.5
+    np.testing.assert_allclose(scene.bodies[0].voxel_size, (0.1, 0.2, 0.6))
+    np.testing.assert_allclose(scene.bodies[0].world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
+    assert scene.bodies[0].density_scale == 2.5
     assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
     assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
     sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))
@@ -206,7 +206,7 @@ def test_the_full_scene_has_every_key(folder):
 
 def test_defaults_are_those_of_the_interface(read):
     _, scene = read('[volume]\nfile = "cloud.npy"\n')
-    assert scene.volume.density_scale == 1
+    assert scene.bodies[0].density_scale == 1
     assert scene.medium == tfm.Medium(sigma_s=(1, 1, 1), sigma_a=(0, 0, 0), phase=tfm.Isotropic())
     assert (scene.camera.up, scene.camera.fov, scene.camera.res) == ((0, 1, 0), 40, (1280, 720))
     assert (scene.map.basis, scene.map.coeffs, scene.map.density_weighting) == ("auto", "auto", "auto")
@@ -222,7 +222,7 @@ def test_what_is_left_out_is_placed_and_told(read):
         *("volume.density_scale", "camera.from", "camera.to"),
         *("light.from", "light.to", "light.cone", "light.intensity"),
     ]
-    assert chosen["volume.density_scale"] == scene.volume.density_scale
+    assert chosen["volume.density_scale"] == scene.bodies[0].density_scale
     assert tuple(chosen["camera.from"]) == scene.camera.from_
     assert chosen["light.cone"] == scene.lights[0].cone
     again_file, again = read('[volume]\nfile = "cloud.npy"\n', ("camera.fov", 20), *chosen.items())
@@ -283,9 +283,9 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     for part in ("medium", "camera", "lights", "map", "march"):
         assert getattr(copy, part) == getattr(resolution.resolved(scene), part), part
     assert again.image == file.image
-    np.testing.assert_array_equal(copy.volume.data, scene.volume.data)
-    np.testing.assert_array_equal(copy.volume.world_from_index, scene.volume.world_from_index)
-    assert copy.volume.density_scale == scene.volume.density_scale
+    np.testing.assert_array_equal(copy.bodies[0].data, scene.volume.data)
+    np.testing.assert_array_equal(copy.bodies[0].world_from_index, scene.volume.world_from_index)
+    assert copy.bodies[0].density_scale == scene.volume.density_scale
     assert plan(copy, file=again).told == {}
 
 
@@ -316,7 +316,7 @@ def test_center_is_centre_in_files_and_overrides(read):
     solid = '[[solid]]\nshape = "sphere"\ncenter = [4, 5, 6]\n'
     for key in ("center", "centre"):
         file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
-        assert scene.volume.centre == (7, 8, 9)
+        assert scene.bodies[0].centre == (7, 8, 9)
         assert scene.solids[0].centre == (4, 5, 6)
         assert "center" not in to_toml(options.options(file, scene))
         assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)

@@ -44,14 +44,13 @@ class ResolvedMap(Model):
 
     def request(self) -> MapSettings:
         """Return the settings that ask for exactly this."""
-        values = {name: getattr(self, name) for name in type(self).model_fields}
-        if self.density_weighting is None:
-            values["density_weighting"] = "auto"
-        return MapSettings(**values)
+        return MapSettings.from_table(self.to_dict())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the section of a scene file that asks for exactly this."""
-        return self.request().to_dict()
+        table = {key: getattr(self, name, None) for key, name in MapSettings.keys().items()}  # its order
+        alpha = "auto" if self.density_weighting is None else self.density_weighting
+        return table | {"density_weighting": alpha}
 
 
 def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None = None) -> ResolvedMap:

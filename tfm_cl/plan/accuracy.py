@@ -134,11 +134,11 @@ class Chooser:
             {max((n for n in basis.counts if n <= most), default=min(basis.counts)) for most in LADDER}
         )
         self._pilot = scene.camera, crop
-        light_steps, res, coeffs, light_steps_of_auto = 1, 1, 1, 1
+        light_steps, res, light_steps_of_auto = 1, 1, 1
         if self._marches_to_lights:
-            settings = resolve(plain.map)
-            light_steps, res, coeffs = settings.steps, settings.res, settings.coeffs
+            light_steps, res = decided(plain.map.steps), decided(plain.map.res)
             light_steps_of_auto = decided(auto.map.steps)
+        coeffs = resolve(plain.map, res=res, steps=light_steps).coeffs
         self._first = Numbers(decided(plain.march.steps), light_steps, res, coeffs)
         self._auto = decided(auto.march.steps), light_steps_of_auto
 
@@ -180,7 +180,7 @@ class Chooser:
         x0, y0 = np.maximum(low, self._crop[:2]).tolist()
         x1, y1 = np.minimum(high, self._crop[2:]).tolist()
         share = float(lit[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].mean())
-        lights = sum(len(light.parts()) for light in self._scene.lights)
+        lights = max(1, sum(len(light.parts()) for light in self._scene.lights))
         a_pixel = CONVERGED**2 * math.prod(self._auto) * lights
         return self._reduced(
             float(np.clip(SAMPLES / a_pixel, LEAST_PIXELS, PIXELS)) / share, (x0, y0, x1, y1)

@@ -75,7 +75,7 @@ class Planner:
             for light, of_light in zip(scene.lights, params, strict=True)
         ]
         deepest = max(float(probe.optical_depth.max()) for probe in coarse)
-        alpha = _density_weighting(scene, deepest)
+        alpha = density_weighting(settings.density_weighting, float(scene.medium.sigma_t.max()), deepest)
         settings = settings.replace(density_weighting=alpha)
         probe_steps = max(settings.steps, RANGE_STEPS)
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
@@ -136,15 +136,21 @@ def _field(settings: ResolvedMap, probe: Probe) -> np.ndarray:
     return probe.global_field() if settings.range == "global" else probe.field()
 
 
-def _density_weighting(scene: Scene, deepest: float) -> float:
-    """α of eq. 19: the scene's, or half the largest optical depth that its lights meet.
+def density_weighting(asked: float | None, sigma_t: float, deepest: float) -> float:
+    """Return α of eq. 19: that asked for, or half the largest optical depth that the lights meet.
 
-    The range is that of the most extinguished colour's optical depth; α itself weights the density.
+    Parameters
+    ----------
+    asked
+        None: to be decided.
+    sigma_t
+        Largest extinction at density 1: the range is meant for the most extinguished colour's optical
+        depth; α itself weights the density, and for tiny extinctions follows its large depth.
+    deepest
+        Optical depth of the density.
     """
-    setting = scene.map.density_weighting
-    if setting != "auto":
-        return setting
-    sigma_t = float(scene.medium.sigma_t.max())
+    if asked is not None:
+        return asked
     if sigma_t <= 0:
         return 1.0
     return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)

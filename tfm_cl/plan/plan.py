@@ -126,14 +126,12 @@ def plan(
             plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
             decisions |= _of_map(scene.map, resolve(plain.map))
         return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
-    decided = resolution.resolved(scene, maps)
+    wanted = resolution.wanted(scene, maps)
+    decided = resolution.with_numbers(scene, {key: found.number for key, found in wanted.items()})
     resolved = resolve(decided.map) if has_maps else None
     if resolved is not None:
         decisions |= _of_map(scene.map, resolved)
-    for key, (number, _, why) in resolution.wanted(scene).items():
-        given = maps is not None and key.startswith("map.")
-        kept = getattr(maps, key.split(".")[1]) if given else number
-        decisions[key] = Decision(kept, "that of the maps that are there" if given else why)
+    decisions |= {key: Decision(number, why) for key, (number, _, why) in wanted.items()}
     return Plan(decided, resolved, decisions)
 
 

@@ -29,12 +29,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.model import decided
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
@@ -132,11 +133,12 @@ def occupied_bounds(grids: Sequence[Marched]) -> NDArray[np.float64]:
     return around([grid.occupied_bounds for grid, _ in grids])
 
 
-def wanted(scene: Scene) -> dict[str, Wanted]:
+def wanted(scene: Scene, maps: MapSettings | None = None) -> dict[str, Wanted]:
     """Return a number for each of ``map.res``, ``map.steps`` and ``march.steps`` that is ``"auto"``.
 
     Maps and the march towards lights are there where there are grids and lights; without grids a camera ray
-    takes `STEPS_WITHOUT_GRIDS`. All maps get the resolution that the most demanding light needs.
+    takes `STEPS_WITHOUT_GRIDS`. All maps get the resolution that the most demanding light needs, or where
+    maps are there already, with the settings ``maps``, theirs.
     """
     found: dict[str, Wanted] = {}
     grids = marched(scene)
@@ -149,7 +151,12 @@ def wanted(scene: Scene) -> dict[str, Wanted]:
     step = f"steps of {VOXELS_PER_STEP} voxels, {size:.3g}, along the diagonal"
     held = f", shorter where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
     thick = held if VOXELS_PER_STEP * voxel_depth(grids) > DEPTH_PER_STEP else ""
-    if scene.lights:
+    if maps is not None:
+        for key, asked_for in (("res", scene.map.res), ("steps", scene.map.steps)):
+            if asked_for == "auto":
+                number = decided(getattr(maps, key))
+                found[f"map.{key}"] = Wanted(number, number, "that of the maps that are there")
+    elif scene.lights:
         if scene.map.res == "auto":
             found["map.res"] = _wanted_res(scene, grids)
         if scene.map.steps == "auto":
@@ -171,15 +178,18 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     maps
         Settings of maps that are there already: ``"auto"`` of the map then means their numbers.
     """
-    numbers: dict[str, dict[str, object]] = {"map": {}, "march": {}}
-    for name, (number, _, _) in wanted(scene).items():
-        section, key = name.split(".")
-        numbers[section][key] = number if maps is None or section == "march" else getattr(maps, key)
-    if not any(numbers.values()):
+    return with_numbers(scene, {key: found.number for key, found in wanted(scene, maps).items()})
+
+
+def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:
+    """Set numbers of the map and the march by dotted key; returns the scene itself where there are none."""
+    if not numbers:
         return scene
-    return scene.replace(
-        map=scene.map.replace(**numbers["map"]), march=scene.march.replace(**numbers["march"])
-    )
+    of: dict[str, dict[str, int]] = {"map": {}, "march": {}}
+    for name, number in numbers.items():
+        section, key = name.split(".")
+        of[section][key] = number
+    return scene.replace(map=scene.map.replace(**of["map"]), march=scene.march.replace(**of["march"]))
 
 
 def limited(scene: Scene) -> tuple[str, ...]:

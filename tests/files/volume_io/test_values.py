@@ -128,7 +128,7 @@ def test_keys_of_a_scene_and_back(tmp_path):
     (tmp_path / "a.toml").write_text('[volume]\nfile = "ct.npy"\noffset = 24\nwindow = [-1000, 1000]\n')
     file = SceneFile.read(tmp_path / "a.toml")
     scene = file.make(tfm.Scene)
-    assert scene.volume.data.max() == 1
+    assert scene.bodies[0].data.max() == 1
     assert options.options(file, scene)["volume"] | {"file": ""} == {
         "file": "",
         "grid": "density",
@@ -139,6 +139,7 @@ def test_keys_of_a_scene_and_back(tmp_path):
         "voxel_size": None,
         "origin": None,
         "transform": None,
+        "medium": None,
         "sanitize": False,
     }
 
