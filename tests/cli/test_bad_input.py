@@ -221,9 +221,8 @@ def test_impossible_scenes(bad, scene, old, new, message):
     assert "scene.toml: " in line or "npy: " in line or "not a known volume format" in line
 
 
-def test_a_scene_without_a_light(bad, scene):
+def test_lights_that_are_no_tables(bad, scene):
     text = SCENE[: SCENE.index("[[light]]")]
-    assert "at least one light" in bad(scene(SCENE, "light = []\n" + text))
     numbers = scene(SCENE, "light = [1]\n" + text)
     assert "light 0: light should be a table" in bad(numbers)
 

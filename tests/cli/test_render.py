@@ -364,3 +364,19 @@ def test_progress_on_a_terminal(cloud, program, tiny, quiet):
     else:
         assert "light pass: " in shown
         assert "view pass, light 1: " in shown
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '[[solid]]\nmesh = "missing.ply"',
+        '[[light]]\nfrom = [0, 0, 9]\nto = [0, 0, 0]\ntexture = "missing.png"',
+    ],
+    ids=["mesh", "texture"],
+)
+def test_files_are_read_before_a_device_is_looked_for(cli, cloud, folder, part):
+    (folder / "scene.toml").write_text(f'[volume]\nfile = "{cloud.name}"\ndensity_scale = 1\n{part}\n')
+    done = cli("render", "scene.toml", "-o", "a.npy", "--device", "abacus", "-q")
+    assert done.code == 2
+    assert "missing." in done.err
+    assert "abacus" not in done.err

@@ -65,6 +65,8 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
+        if not scene.lights:
+            return []
         settings = resolve(scene.map)
         extinction = parameters.reference_extinction(scene.medium)
         params = [self._params(scene, light, bricks) for light in scene.lights]
