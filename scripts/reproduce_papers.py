@@ -35,6 +35,7 @@ from tfm_cl import reference
 from tfm_cl.errors import InputError
 from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
 from tfm_cl.scene.lights.base import texel_positions
 
@@ -311,7 +312,7 @@ def reconstructed(basis: str, n: int, steps: Floats) -> Floats:
     """
     make = BASES[basis].functions
     assert make is not None  # noqa: S101 - bases with functions only
-    functions = make(tfm.MapSettings(basis=basis, coeffs=n).resolved(), None)
+    functions = make(resolve(tfm.MapSettings(basis=basis, coeffs=n)), None)
     depth: Floats = (steps @ functions.analysis(CELLS)) @ functions.values(EDGES).T
     return depth
 
@@ -734,7 +735,7 @@ def cosines(exact: Floats, n: int, alpha: float) -> Floats:
     """T̂ of TFM eq. 8–10, 19 and 20 at the steps' middles, clamped."""
     make = BASES["dct"].functions
     assert make is not None  # noqa: S101 - it has
-    functions = make(tfm.MapSettings(basis="dct", coeffs=n).resolved(), None)
+    functions = make(resolve(tfm.MapSettings(basis="dct", coeffs=n)), None)
     numbers = exact ** (1 / alpha) @ functions.analysis(CELLS)
     found: Floats = np.clip(numbers @ functions.values(MIDDLES).T, 0, 1) ** alpha
     return found

@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.files.scene_file import SECTIONS
 from tfm_cl.model import unknown_key
+from tfm_cl.scene.scene_file import SECTIONS
 from tfm_cl.scene.settings import ImageSettings
 
 SPOT = {"from": (1, 2, 3), "to": (0, 0, 0)}

@@ -9,7 +9,7 @@ from tolerances import LIGHTS, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.scene.bodies.leaves import LEAF, Leaves
+from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
 pytestmark = pytest.mark.slow
 

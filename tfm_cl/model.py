@@ -3,13 +3,15 @@
 import difflib
 import reprlib
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from tfm_cl.errors import SceneError
+
+T = TypeVar("T")
 
 LARGEST_COORDINATE = 1e15
 """Its square is far from float32's limit."""
@@ -193,9 +195,11 @@ def section_within(parse: Callable[[Any], Any]) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def is_auto(value: object) -> bool:
-    """Tell whether a setting is left to `Scene.resolved`."""
-    return value == "auto"
+def decided(value: T | Literal["auto"] | None) -> T:
+    """Return a setting that has been decided; one that is still open is a mistake of the caller's."""
+    if value is None or value == "auto":
+        raise ValueError("a setting is still open; tfm_cl.plan decides it")
+    return value
 
 
 def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
@@ -235,13 +239,10 @@ def in_words(counts: tuple[int, ...]) -> str:
 
 
 def count_or_auto(largest: int) -> PlainValidator:
-    """Make the validator of a whole number from 1 that may also be ``"auto"``.
-
-    Fields say `int`: what computes with them gets them resolved, without ``"auto"``.
-    """
+    """Make the validator of a whole number from 1 that may also be ``"auto"``."""
 
     def check(value: Any) -> Any:
-        if is_auto(value) or (type(value) is int and 1 <= value <= largest):
+        if value == "auto" or (type(value) is int and 1 <= value <= largest):
             return value
         raise ValueError(f"should be a whole number from 1 to {largest}, or 'auto'")
 

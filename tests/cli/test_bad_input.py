@@ -221,7 +221,7 @@ def test_impossible_scenes(bad, scene, old, new, message):
     assert "scene.toml: " in line or "npy: " in line or "not a known volume format" in line
 
 
-def test_a_scene_without_a_light(bad, scene):
+def test_lights_that_are_no_tables(bad, scene):
     text = SCENE[: SCENE.index("[[light]]")]
     dark = scene(SCENE, "light = []\n" + text)  # is one without lights, but none to set the cone of
     assert "light.cone: the scene has 0 [[light]] tables" in bad(dark, "--cone", "30")

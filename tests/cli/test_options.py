@@ -11,8 +11,8 @@ import pytest
 
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
-from tfm_cl.files.scene_file import SECTIONS
 from tfm_cl.scene.lights import SpotLight
+from tfm_cl.scene.scene_file import SECTIONS
 
 PROMISED = {
     *("--res", "--crop", "--exposure", "--aov", "--method"),
@@ -280,7 +280,7 @@ def test_help_states_the_models_default(option):
     if default in (None, ()):
         return
     if option.flag == "--phase":
-        assert stated == default.type
+        assert stated == default
     elif option.flag == "--res":
         assert stated == "{}x{}".format(*default)
     elif isinstance(default, tuple):

@@ -242,7 +242,7 @@ def test_json_report(render, cloud, folder, method, device_name):
     done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method, "--coeffs", "6")
     assert done.out == ""
     report = json.loads((folder / "report.json").read_text())
-    assert set(report) == {"options", "device", "seconds", "samples", "map_bytes", "error_estimate"}
+    assert set(report) == {"options", "plan", "device", "seconds", "samples", "map_bytes", "error_estimate"}
     assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "save", "total"}
     assert set(report["samples"]) == {"light_pass", "view_pass"}
     assert set(report["options"]) == {
@@ -254,6 +254,10 @@ def test_json_report(render, cloud, folder, method, device_name):
     with tfm_cl.Renderer(device_name) as renderer:
         assert report["device"] == {"name": renderer.device_name}
     dual = method == "dual"
+    assert set(report["plan"]) >= {"volume.density_scale", "camera.from", "light.from"}
+    assert all(set(decision) == {"value", "why"} for decision in report["plan"].values())
+    assert all(decision["why"] and decision["value"] is not None for decision in report["plan"].values())
+    assert report["plan"].get("map.basis", {}).get("value") == (None if dual else "klt")
     assert report["map_bytes"] == (0 if dual else 16 * 16 * 6 * 4)
     assert (report["seconds"]["light_pass"] == 0) is dual
     assert (report["samples"]["light_pass"] == 0) is dual
@@ -287,7 +291,10 @@ def test_statistics_go_to_stderr(render, cloud):
 def test_verbose_prints_every_option(render, cloud):
     done = render(cloud, "-o", "a.npy", "-v")
     assert done.out == ""
-    assert tomllib.loads(done.err.partition("\n")[2])["map"]["basis"] == "klt"
+    told = done.err.partition("\n")[2]
+    assert tomllib.loads(told)["map"]["basis"] == "klt"
+    assert "\n# map.basis = klt: the most accurate at equal bytes\n" in done.err
+    assert "\n# camera.from = " in done.err
 
 
 def test_negative_coordinates_are_values(render, cloud):
@@ -357,3 +364,19 @@ def test_progress_on_a_terminal(cloud, program, tiny, quiet):
     else:
         assert "light pass: " in shown
         assert "view pass, light 1: " in shown
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '[[solid]]\nmesh = "missing.ply"',
+        '[[light]]\nfrom = [0, 0, 9]\nto = [0, 0, 0]\ntexture = "missing.png"',
+    ],
+    ids=["mesh", "texture"],
+)
+def test_files_are_read_before_a_device_is_looked_for(cli, cloud, folder, part):
+    (folder / "scene.toml").write_text(f'[volume]\nfile = "{cloud.name}"\ndensity_scale = 1\n{part}\n')
+    done = cli("render", "scene.toml", "-o", "a.npy", "--device", "abacus", "-q")
+    assert done.code == 2
+    assert "missing." in done.err
+    assert "abacus" not in done.err

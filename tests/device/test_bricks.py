@@ -18,9 +18,9 @@ from tfm_cl.device import params as parameters
 from tfm_cl.device.bricks import brick_count_of, brick_table, build_bricks, record_bytes
 from tfm_cl.device.launch import Launcher
 from tfm_cl.errors import DeviceMemoryError
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.render.renderer import NO_MAP
-from tfm_cl.scene.bodies.leaves import Leaves
 
 VOXELS = ["f32", "f16", "u8"]
 HALF = 2.0**-11

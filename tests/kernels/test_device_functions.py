@@ -14,6 +14,7 @@ from tfm_cl.device.bricks import build_bricks
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.cosine import Cosines
 from tfm_cl.maps.light_pass import map_variant
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.render.renderer import NO_MAP
 from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic
 
@@ -306,7 +307,7 @@ def test_dct_of_an_exponential_has_the_closed_form(launcher, tau, alpha):
     assert device.scene.map.steps >= coeffs
     u = (np.arange(steps) + 0.5) / steps
     depths = (tau * u).astype(np.float32)[None]
-    settings = tfm.MapSettings(basis="dct", coeffs=coeffs, steps=steps).resolved()
+    settings = resolve(tfm.MapSettings(basis="dct", coeffs=coeffs, steps=steps))
     table = BASES["dct"].table(Cosines(coeffs, of_extinction=False), settings, steps)
 
     c = device.run("call_basis_project", 1, depths, ..., np.int32(steps), table, shape=(1, coeffs))[0]

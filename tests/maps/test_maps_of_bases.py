@@ -10,6 +10,7 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.resolved import resolve
 
 FITTED = 2e-4
 """Of T: normal equations of condition up to 1e4 in float32, and the ridge in another order of sums."""
@@ -114,7 +115,7 @@ def test_map_error_shows_the_residual(renderer):
 def test_bytes_ask_for_numbers(renderer, given, numbers):
     scene = make_scene(map=tfm.MapSettings(basis="dct", bytes=given, storage="f32"))
 
-    assert scene.map.resolved().coeffs == min(given // 4, 32)
+    assert resolve(scene.map).coeffs == min(given // 4, 32)
     assert renderer.build_maps(scene_with(basis="hcos", bytes=4 * numbers))[0].bytes_per_texel <= given
 
 
@@ -164,7 +165,7 @@ def test_what_makes_no_sense_is_refused(settings, words):
 )
 def test_blur_needs_numbers_that_are_linear_in_density(settings):
     with pytest.raises(SceneError, match="linear in the density"):
-        tfm.MapSettings(blur=3.0, **settings).resolved()
+        resolve(tfm.MapSettings(blur=3.0, **settings))
 
 
 def test_blurred_numbers_are_those_of_blurred_density(renderer):

@@ -10,6 +10,7 @@ from pathlib import PurePath
 
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, TARGETS
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.phases import PHASES
@@ -29,7 +30,7 @@ SETTINGS = [
 
 
 def _basis(settings: MapSettings) -> tuple[str, dict[str, int]]:
-    resolved = settings.resolved()
+    resolved = resolve(settings)
     return BASES[resolved.basis].header, {
         "TFM_N_COEFF": resolved.coeffs,
         "TFM_TARGET": TARGETS[resolved.target],

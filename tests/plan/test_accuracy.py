@@ -1,6 +1,7 @@
 """``map.max_error``: the picture keeps it, and the error reported is the picture's."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,7 +88,6 @@ def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     result = check(renderer, SCENES[name])
 
     numbers = result.stats.map
-    assert numbers.max_error is None
     assert all(type(n) is int for n in (numbers.res, numbers.steps, numbers.coeffs, result.scene.march.steps))
 
 
@@ -228,3 +228,46 @@ def test_a_change_ends_at_the_limits(renderer):
     assert chooser._changed(numbers, "light_steps", 0.5) == dataclasses.replace(numbers, light_steps=16)
     assert chooser._changed(dataclasses.replace(numbers, light_steps=16), "light_steps", 0.5) is None
     assert chooser._changed(numbers, "coeffs", 0.5).coeffs == 24
+
+
+class Pretended:
+    """Renders nothing: pictures that err as a march and a map would, and what was asked of them."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __call__(self, scene, method, crop):
+        self.asked.append((scene, method))
+        width, height = crop[2] - crop[0], crop[3] - crop[1]
+        error = 20 / scene.march.steps**2
+        if scene.grids and scene.lights:
+            error += 20 / scene.map.steps**2
+            if method == "tfm":
+                error += 3 / scene.map.res + 0.02 / scene.map.coeffs
+        return SimpleNamespace(image=np.full((height, width, 4), 1 + error, np.float32))
+
+
+MIXTURES = {
+    "grid": [VOLUME],
+    "grid and box": [VOLUME, tfm.BoxVolume()],
+    "two media": [VOLUME, CUBE.with_medium(tfm.Medium(sigma_s=3.0))],
+    "fog": [tfm.EverywhereVolume()],
+    "box and ball": [tfm.BoxVolume(), tfm.SphereVolume()],
+}
+
+
+@pytest.mark.parametrize("method", ["tfm", "dual"])
+@pytest.mark.parametrize("lights", [[SPOT], []], ids=["lit", "without lights"])
+@pytest.mark.parametrize("name", MIXTURES)
+def test_every_mixture_is_chosen_for(name, lights, method):
+    scene = scene_of(MIXTURES[name], 0.02, lights=lights, of_map={"basis": "moments"})
+    render = Pretended()
+    choice = accuracy.Chooser(render, scene, method, (0, 0, 48, 36), lambda *_: None).choice()
+
+    assert 0 <= choice.estimate <= 0.02
+    assert choice.scene.bodies == scene.bodies
+    assert choice.scene.map.max_error is None
+    assert type(choice.scene.march.steps) is int
+    marched = bool(scene.grids and lights)
+    assert (choice.scene.map.steps > 1) is marched
+    assert any(asked == "tfm" for _, asked in render.asked) is (method == "tfm")

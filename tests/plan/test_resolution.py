@@ -9,9 +9,10 @@ from scenes import blobs, make_scene, turned
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.errors import SceneError
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.metrics import compare
-from tfm_cl.plan.resolution import DEPTH_PER_STEP, STEPS, TEXEL_POWER, TEXELS, voxel_depth
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.plan import resolution
+from tfm_cl.plan.resolution import DEPTH_PER_STEP, STEPS, TEXEL_POWER, TEXELS, Marched, voxel_depth
 
 CAMERA = tfm.Camera(from_=(0, 0, 100), to=(0, 0, 0), fov=30, res=(16000, 8000))
 ADDED_ERROR = 0.012
@@ -33,7 +34,7 @@ def resolved(volume, light=None, camera=None, *, sigma_t=1e-6):
     """A scene in which all was "auto"; so thin that optical depth does not matter, unless told."""
     light, camera = light or spot(), camera or CAMERA
     scene = tfm.Scene(volume, tfm.Medium(sigma_s=sigma_t), camera=camera, lights=[light])
-    return auto(scene).resolved()
+    return resolution.resolved(auto(scene))
 
 
 def map_res_for(volume, light, camera):
@@ -190,12 +191,12 @@ def test_the_depth_of_a_voxel_is_that_of_the_body():
     density[5:15, 5:15, 5:15] = 3.0
     density[:, :, 0] = 1e-3  # a veil over a part as large counts for nothing
     volume = tfm.Volume(density, voxel_size=(2.0, 1.0, 4.0), density_scale=0.5)
-    assert voxel_depth(volume, 2.0) == pytest.approx(3.0 * 0.5 * 1.0 * 2.0, rel=1e-3)
+    assert voxel_depth([Marched(volume, 2.0)]) == pytest.approx(3.0 * 0.5 * 1.0 * 2.0, rel=1e-3)
     sparse = tfm.Volume(
         Leaves.from_dense(density.astype(np.float32)), voxel_size=(2.0, 1.0, 4.0), density_scale=0.5
     )
-    assert voxel_depth(sparse, 2.0) == pytest.approx(voxel_depth(volume, 2.0))
-    assert voxel_depth(tfm.Volume(np.zeros((3, 3, 3))), 1.0) == 0
+    assert voxel_depth([Marched(sparse, 2.0)]) == pytest.approx(voxel_depth([Marched(volume, 2.0)]))
+    assert voxel_depth([Marched(tfm.Volume(np.zeros((3, 3, 3))), 1.0)]) == 0
 
 
 def test_auto_tells_where_it_stops(renderer):
@@ -220,24 +221,26 @@ def test_limits_of_steps():
 
 def test_numbers_are_left_alone():
     scene = make_scene()
-    assert scene.resolved() is scene
+    assert resolution.resolved(scene) is scene
 
 
 def test_resolved_has_numbers_only():
     scene = auto(make_scene())
-    numbers = scene.resolved()
+    numbers = resolution.resolved(scene)
     assert all(type(n) is int for n in (numbers.map.res, numbers.map.steps, numbers.march.steps))
-    assert numbers.resolved() is numbers
-    assert (numbers.volume, numbers.camera, numbers.lights) == (scene.volume, scene.camera, scene.lights)
+    assert resolution.resolved(numbers) is numbers
+    assert (numbers.bodies, numbers.camera, numbers.lights) == (scene.bodies, scene.camera, scene.lights)
     assert scene.map.res == "auto"
 
 
 def test_each_is_resolved_by_itself():
-    every = auto(make_scene()).resolved()
-    scene = make_scene(
-        map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=33, steps="auto"),
-        march=tfm.MarchSettings(steps=7),
-    ).resolved()
+    every = resolution.resolved(auto(make_scene()))
+    scene = resolution.resolved(
+        make_scene(
+            map=tfm.MapSettings(basis="dct", density_weighting=10.0, res=33, steps="auto"),
+            march=tfm.MarchSettings(steps=7),
+        )
+    )
     assert (scene.map.res, scene.march.steps) == (33, 7)
     assert scene.map.steps == every.map.steps
 
@@ -246,24 +249,24 @@ def test_the_most_demanding_light_decides():
     scene = auto(make_scene())
     narrow, within = (light.replace(cone=2.0) for light in scene.lights), tfm.PointLight(from_=(0, 0, 0))
     narrow = tuple(narrow)
-    alone = [scene.replace(lights=lights).resolved().map.res for lights in (narrow, (within,))]
+    alone = [resolution.resolved(scene.replace(lights=lights)).map.res for lights in (narrow, (within,))]
     assert alone[0] < alone[1]
     for lights in ((*narrow, within), (within, *narrow)):
-        assert scene.replace(lights=lights).resolved().map.res == alone[1]
+        assert resolution.resolved(scene.replace(lights=lights)).map.res == alone[1]
 
 
 def test_maps_of_an_auto_scene_serve_it(renderer):
     scene = auto(make_scene(volume=cube(3.0, 60)))
     scene = scene.replace(camera=scene.camera.replace(res=(8, 6)))
     maps = renderer.build_maps(scene)
-    assert maps[0].coefficients.shape[0] == scene.resolved().map.res
+    assert maps[0].coefficients.shape[0] == resolution.resolved(scene).map.res
     own, given = renderer.render(scene), renderer.render(scene, maps=maps)
     np.testing.assert_array_equal(own.image, given.image)
-    np.testing.assert_array_equal(own.image, renderer.render(scene.resolved()).image)
+    np.testing.assert_array_equal(own.image, renderer.render(resolution.resolved(scene)).image)
     # For a larger image a map would be made finer; the one there serves all the same.
     other = scene.replace(camera=scene.camera.replace(res=(96, 72)))
-    assert other.resolved().map.res != scene.resolved().map.res
-    numbers = other.replace(map=scene.resolved().map)
+    assert resolution.resolved(other).map.res != resolution.resolved(scene).map.res
+    numbers = other.replace(map=resolution.resolved(scene).map)
     np.testing.assert_array_equal(renderer.render(other, maps=maps).image, renderer.render(numbers).image)
     with pytest.raises(SceneError, match="map settings"):
         renderer.render(scene.replace(map=scene.map.replace(coeffs=5)), maps=maps)
@@ -272,7 +275,7 @@ def test_maps_of_an_auto_scene_serve_it(renderer):
 def test_the_dual_march_takes_auto(renderer):
     scene = auto(make_scene())
     image = renderer.render(scene, method="dual").image
-    np.testing.assert_array_equal(image, renderer.render(scene.resolved(), method="dual").image)
+    np.testing.assert_array_equal(image, renderer.render(resolution.resolved(scene), method="dual").image)
 
 
 def test_the_reference_takes_auto():
@@ -282,15 +285,15 @@ def test_the_reference_takes_auto():
     )
     for method in ("tfm", "dual"):
         np.testing.assert_array_equal(
-            reference.render(scene, method), reference.render(scene.resolved(), method)
+            reference.render(scene, method), reference.render(resolution.resolved(scene), method)
         )
-    assert reference.density_weighting(scene) == reference.density_weighting(scene.resolved())
+    assert reference.density_weighting(scene) == reference.density_weighting(resolution.resolved(scene))
     light, points = scene.lights[0], np.zeros((1, 3))
     np.testing.assert_array_equal(
         reference.light_optical_depth(scene, light, points),
-        reference.light_optical_depth(scene.resolved(), light, points),
+        reference.light_optical_depth(resolution.resolved(scene), light, points),
     )
-    assert reference.build_map(scene, light).shape[0] == scene.resolved().map.res
+    assert reference.build_map(scene, light).shape[0] == resolution.resolved(scene).map.res
 
 
 # --------------------------------------------------------------------------------- the error added
@@ -310,7 +313,7 @@ def test_auto_is_as_good_as_converged(renderer, size):
     error = compare(renderer.render(chosen).image, truth).lit.rmse
     assert error < ADDED_ERROR
     # Sizes a quarter of those chosen are seen: the bound can be missed.
-    numbers = chosen.resolved()
+    numbers = resolution.resolved(chosen)
     coarse = numbers.replace(
         map=numbers.map.replace(res=numbers.map.res // 4, steps=numbers.map.steps // 4),
         march=tfm.MarchSettings(steps=numbers.march.steps // 4),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import blobs, make_scene, turned
+from tfm_cl.render.coloured import CHANNELS
 from tolerances import FLOAT32, PASS
 
 import tfm_cl as tfm
@@ -15,13 +16,13 @@ from tfm_cl import reference
 from tfm_cl.cli import main
 from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files import volume_io
-from tfm_cl.files.scene_file import SceneFile, to_toml
+from tfm_cl.files.volume_io import limits
 from tfm_cl.files.volume_io.colour import _overlap
-from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.plan import options
 from tfm_cl.render import renderer as renderers
-from tfm_cl.render.coloured import CHANNELS
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.lights.area import spread
+from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.scene_file import SceneFile, to_toml
 
 PLACED = {"world_from_index": turned(25, (1, 2, 0.5), (0.15, 0.2, 0.14), (-1.1, -1.0, -0.9))}
 TWICE = 2 * PASS
@@ -204,7 +205,7 @@ def test_maps_come_light_by_light_in_three_colours(renderer):
 
     maps = renderer.build_maps(scene)
 
-    points = list(chain.from_iterable(map(spread, scene.lights)))
+    points = list(chain.from_iterable(light.parts() for light in scene.lights))
     assert len(maps) == 3 * len(points) == 9
     for index, light_map in enumerate(maps):
         light, channel = points[index // 3], index % 3
@@ -653,7 +654,7 @@ def test_a_flipped_bit_is_found(tmp_path, data, rgb):
 
 def test_more_numbers_than_a_volume_may_have_are_refused_unread(tmp_path, data, rgb, monkeypatch):
     np.savez(tmp_path / "a.npz", density=data, colour=rgb)
-    monkeypatch.setattr(volume_io, "MAX_VOXELS", 3 * data.size - 1)
+    monkeypatch.setattr(limits, "MAX_VOXELS", 3 * data.size - 1)
     with pytest.raises(VolumeError, match=r"the colour of grid 'density' .* the limit is 71"):
         Volume.load(tmp_path / "a.npz")
 
@@ -690,18 +691,19 @@ def test_a_scene_file_and_the_one_written_from_it(folder, tmp_path, kind):
     volume = {"file": name, "grid": "density"} | ({} if colour is None else {"colour": colour})
     (folder / "scene.toml").write_text(to_toml({"volume": volume}))
     file = SceneFile.read(folder / "scene.toml")
-    scene = file.scene()
+    scene = file.make(tfm.Scene)
     expected = None if kind in {"left out", "none"} else rainbow()
     written = tmp_path / "written.toml"  # elsewhere: paths must not be relative
-    written.write_text(to_toml(file.resolved(scene)))
+    written.write_text(to_toml(options.options(file, scene)))
 
-    again = SceneFile.read(written).scene()
+    again = SceneFile.read(written).make(tfm.Scene)
 
     for each in (scene, again):
         np.testing.assert_array_equal(each.volume.colour, expected)
     told = told.format(folder=folder.resolve()) if isinstance(told, str) else told
-    assert file.resolved(scene)["volume"]["colour"] == told
-    assert SceneFile.read(written).resolved(again)["volume"] == file.resolved(scene)["volume"]
+    assert options.options(file, scene)["volume"]["colour"] == told
+    again_file = SceneFile.read(written)
+    assert options.options(again_file, again)["volume"] == options.options(file, scene)["volume"]
 
 
 def test_print_config_and_set(folder, capsys):

@@ -17,7 +17,7 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io.leaves import Leaves
 
 pytestmark = pytest.mark.lanes
 

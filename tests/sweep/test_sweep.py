@@ -21,8 +21,9 @@ import pytest
 from tfm_cl import metrics
 from tfm_cl.cli import main
 from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
+from tfm_cl.files.volume_io.leaves import Leaves
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import compare
-from tfm_cl.scene.bodies.leaves import Leaves
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.settings import MapSettings
@@ -39,7 +40,7 @@ class FakeMap:
     """Errs by a tenth of T over n; density everywhere but in the first row of texels."""
 
     def __init__(self, scene):
-        self.settings = scene.map.resolved()
+        self.settings = resolve(scene.map)
         self.error = 1 / self.settings.coeffs
         self.bytes_per_texel = (
             self.settings.coeffs * {"f32": 4.0, "f16": 2.0, "u8": 1.0}[self.settings.storage]
@@ -75,7 +76,7 @@ class FakeRenderer:
         if len(self.calls) == self._fail_at:
             raise KeyboardInterrupt
         if method == "tfm":
-            assert maps[0].settings == scene.map
+            assert maps[0].settings.request() == scene.map
             self.calls.append((scene.map.basis, scene.map.coeffs, scene.map.density_weighting))
         else:
             self.calls.append(("dual", scene.map.steps, scene.march.steps))

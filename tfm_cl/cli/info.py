@@ -14,9 +14,10 @@ from tfm_cl.errors import TfmError
 from tfm_cl.files import volume_io
 from tfm_cl.files.volume_io.grid import Grid
 from tfm_cl.files.volume_io.grid import shown as shown_name
-from tfm_cl.plan.placement import density_scale_for
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io.leaves import Leaves
+from tfm_cl.plan import resolution
 from tfm_cl.scene.bodies.volume import Volume, bounds_of
+from tfm_cl.scene.placement import density_scale_for
 from tfm_cl.scene.scene import Scene
 
 LANES = 16
@@ -87,7 +88,7 @@ def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
     """
     try:
         volume = Volume.of_grid(path, grid, voxels)
-        scene = Scene(volume.with_density_scale(density_scale_for(volume))).resolved()
+        scene = resolution.resolved(Scene(volume.with_density_scale(density_scale_for(volume))))
     except TfmError as error:
         return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
     from tfm_cl.render.diagnosis import too_thin  # noqa: PLC0415 - the help needs no picture formats

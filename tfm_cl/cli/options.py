@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
-from tfm_cl.errors import Faults
-from tfm_cl.files.scene_file import SECTIONS
-from tfm_cl.maps.bases import BASES
 from tfm_cl.constants import TARGETS
+from tfm_cl.errors import Faults
+from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
 from tfm_cl.scene.lights import LIGHTS, SpotLight
+from tfm_cl.scene.scene_file import SECTIONS
 
 
 def numbers(text: str) -> Any:
@@ -235,9 +235,14 @@ def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[st
 
 
 def as_flags(values: dict[str, Any]) -> str:
-    """Write dotted keys and values as the flags that set them."""
+    """Write dotted keys and values as the flags that set them; keys without a flag are ``--set``."""
     options = {option.key: option for option in SCENE_OPTIONS}
-    return " ".join(f"{options[key].flag} {options[key].shown(value)}" for key, value in values.items())
+    return " ".join(
+        f"{options[key].flag} {options[key].shown(value)}"
+        if key in options
+        else f"--set {key}={_shown(value)}"
+        for key, value in values.items()
+    )
 
 
 def _shown(value: Any) -> str:

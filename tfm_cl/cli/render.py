@@ -15,7 +15,10 @@ from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
-from tfm_cl.files.scene_file import SceneFile, Values, scene_text, to_toml
+from tfm_cl.plan import options
+from tfm_cl.plan.plan import Plan, plan
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile, Values, scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
 
 if TYPE_CHECKING:
@@ -75,20 +78,20 @@ def command(
     _check_writable(outputs, json_file)
     scene_file = SceneFile.read(source, overrides(given, settings))
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
-    scene = scene_file.scene()
-    resolved = scene_file.resolved(scene)
-    chosen = scene_file.chosen(scene)
+    scene = scene_file.make(Scene)
+    planned = plan(scene, file=scene_file)
+    resolved = options.options(scene_file, planned.scene)
     if not quiet:
         _tell_left_out(outputs, scene_file.image)
-    if chosen and not quiet:
-        print(f"chosen for {source.name}: {as_flags(chosen)}", file=sys.stderr)
-    _warn(scene_file.warnings(scene), quiet=quiet)
+        _tell_chosen(source, planned)
+    _warn(options.warnings(scene_file, scene), quiet=quiet)
     if verbose:
-        print(to_toml(resolved | {"map": scene.map.resolved().to_dict()}), file=sys.stderr)
+        _tell_all(resolved, planned)
     if print_config:
         print(scene_text(resolved), end="")
     if not outputs:
         return
+    scene.read_files()  # before the device is looked for
     load_seconds = time.perf_counter() - started
 
     # Imported here: printing a configuration needs no OpenCL.
@@ -109,7 +112,8 @@ def command(
     rendered = time.perf_counter()
     _save(result, outputs, scene_file.image, resolved)
     ended = time.perf_counter()
-    report = {"options": resolved} | result.stats.to_dict()
+    planned = planned.completed(result.scene, result.stats.map, result.stats.error_estimate)
+    report = {"options": resolved, "plan": planned.to_dict()} | result.stats.to_dict()
     report["seconds"] |= {"load": load_seconds, "save": ended - rendered, "total": ended - started}
     if stats and not quiet:
         _print_stats(report)
@@ -120,6 +124,20 @@ def command(
 def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
     for warning in () if quiet else warnings:
         print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+
+
+def _tell_chosen(source: Path, planned: Plan) -> None:
+    """Say what was placed, scaled and counted, as flags to start from."""
+    if planned.told:
+        print(f"chosen for {source.name}: {as_flags(planned.told)}", file=sys.stderr)
+
+
+def _tell_all(resolved: Values, planned: Plan) -> None:
+    """Print every option, and why those are what they are that were left open."""
+    of_map = resolved["map"] if planned.map is None else planned.map.to_dict()
+    for line in planned.lines():
+        print(f"# {one_line(line)}", file=sys.stderr)
+    print(to_toml(resolved | {"map": of_map}), file=sys.stderr)
 
 
 def _tell_error(asked: float | None, result: "RenderResult", *, quiet: bool) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.errors import DeviceMemoryError
-from tfm_cl.scene.bodies.leaves import LEAF, Leaves
+from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -127,7 +127,7 @@ def device_bytes(channels: Channels, lanes: int, voxels: VoxelType) -> int:
 
 
 def _blocks(leaves: Leaves, lanes: int) -> NDArray[np.int64]:
-    """Number the blocks whose records have a voxel > 0."""
+    """Return the numbers of the blocks whose records have a voxel > 0."""
     edge = BLOCK_BRICKS * BRICK_EDGE
     size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
     found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
@@ -232,8 +232,8 @@ def brick_table(
 ) -> NDArray[np.int32]:
     """Give bricks with density their block's first record, others minus their chessboard distance.
 
-    Each block has so many ``records``, numbered from ``first_record``, z-major. Distances stop at `FARTHEST`: a jump may be shorter
-    than it could.
+    Each block has so many ``records``, numbered from ``first_record``, z-major. Distances stop at
+    `FARTHEST`: a jump may be shorter than it could.
     """
     table = np.full(flags.shape, -FARTHEST, np.int32)
     reached = flags

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
 FARTHEST = 3e4
-"""Sizes of the media between them and the camera or a light, at which float32 errs by about a hundredth of the
-picture; ten times as far, the picture is another one."""
+"""Sizes of the media between them and the camera or a light, at which float32 errs by about a hundredth of
+the picture; ten times as far, the picture is another one."""
 SMALLEST_SIZE = 1e-6
 """World units, of what a millionth is the distance at which inverse-square falloff stops growing."""
 

@@ -1,4 +1,4 @@
-"""A scene's media on the device: what every kernel that meets them is told, and how it is compiled for them."""
+"""A scene's media on the device: what kernels that meet them are told, and how they are compiled for them."""
 
 from __future__ import annotations
 

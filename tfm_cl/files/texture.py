@@ -1,8 +1,10 @@
 """Images that colour a light: read, checked, reduced to what is needed, and kept."""
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from tfm_cl.model import LARGEST_COLOUR
 TEXTURE_RES = 2048
 """Most texels along a side; larger images are reduced to it."""
 KEPT = 4
-"""Images kept for the next render (50 MiB each at most)."""
+"""Images kept for the next render (50 MiB each at most), besides those that a scene holds."""
 
 
 def _name(value: Any) -> str:
@@ -43,7 +45,7 @@ def texture_for(path: str, intensity: tuple[float, float, float]) -> NDArray[np.
     """
     if not path:
         return None
-    image = _kept(path, stamp(path))
+    image = _image(path, stamp(path))
     check_brightness(path, float(image.max()), intensity)
     return image
 
@@ -87,23 +89,6 @@ def check_brightness(path: str, brightest: float, intensity: tuple[float, float,
         )
 
 
-def look_up(image: NDArray[np.floating], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Interpolate [height, width, n] bilinearly at u, v [points, 2]: v = 1 is the top, clamped at the edges.
-
-    ``kernels/texture.h`` in float64.
-    """
-    height, width = image.shape[:2]
-    x = np.clip(positions[:, 0] * width - 0.5, 0, width - 1)
-    y = np.clip((1 - positions[:, 1]) * height - 0.5, 0, height - 1)
-    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
-    right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    fx, fy = (x - left)[:, None], (y - top)[:, None]
-    upper = (1 - fx) * image[top, left] + fx * image[top, right]
-    lower = (1 - fx) * image[below, left] + fx * image[below, right]
-    mixed: NDArray[np.float64] = (1 - fy) * upper + fy * lower
-    return mixed
-
-
 def reduced(image: NDArray[np.float32], most: int = TEXTURE_RES) -> NDArray[np.float32]:
     """Average an image over areas, so that no side has more than ``most`` texels; its mean stays."""
     for axis in (0, 1):
@@ -122,6 +107,24 @@ def _reduced_rows(image: NDArray[np.float32], count: int) -> NDArray[np.float32]
         weights = np.minimum(np.arange(first, last) + 1, end) - np.maximum(np.arange(first, last), begin)
         rows[row] = np.tensordot(weights / weights.sum(), image[first:last], axes=1)
     return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """An image that stays for as long as somebody holds it."""
+
+    image: NDArray[np.float32] | None
+
+
+_held: WeakValueDictionary[tuple[str, tuple[int, int]], NDArray[np.float32]] = WeakValueDictionary()
+
+
+def _image(path: str, stamp: tuple[int, int]) -> NDArray[np.float32]:
+    """Return an image that somebody holds, one of the last few, or read it."""
+    image = _held.get((path, stamp))
+    if image is None:
+        image = _held[path, stamp] = _kept(path, stamp)
+    return image
 
 
 @lru_cache(maxsize=KEPT)

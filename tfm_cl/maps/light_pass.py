@@ -17,8 +17,8 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, Functions
 from tfm_cl.maps.prefilter import Prefilter
 from tfm_cl.maps.probe import light_defines
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
-from tfm_cl.scene.settings import STORAGE_BITS, MapSettings
 
 if TYPE_CHECKING:
     from tfm_cl.device.media import FieldOnDevice
@@ -33,22 +33,22 @@ RESIDUAL_STEPS = 4
 errors."""
 
 
-def steps_of_levels(settings: MapSettings) -> list[int]:
+def steps_of_levels(settings: ResolvedMap) -> list[int]:
     """List the steps along ranges of each level; the medium's bounds take all of them."""
     if settings.range == "box":
         return [0] * (MARCH_LEVELS - 1) + [settings.steps]
     return [-(-settings.steps * level // MARCH_LEVELS) for level in range(1, MARCH_LEVELS + 1)]
 
 
-def map_variant(settings: MapSettings) -> tuple[str, dict[str, int | str]]:
+def map_variant(settings: ResolvedMap) -> tuple[str, dict[str, int | str]]:
     """Header and macros of every kernel that reads or writes a map of such resolved settings."""
     return BASES[settings.basis].header, {
         "TFM_N_COEFF": settings.coeffs,
         "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage],
         "TFM_TARGET": TARGETS[settings.target],
-        "TFM_FIT": FITS[settings.fit],  # type: ignore[index]  # resolved
+        "TFM_FIT": FITS[settings.fit],
         "TFM_RANGE": int(settings.range != "box"),
-        "TFM_LOOKUP": LOOKUPS[settings.lookup],  # type: ignore[index]
+        "TFM_LOOKUP": LOOKUPS[settings.lookup],
     }
 
 
@@ -56,7 +56,7 @@ def map_variant(settings: MapSettings) -> tuple[str, dict[str, int | str]]:
 class MapPlan:
     """All that is decided before a map's rays are marched."""
 
-    settings: MapSettings
+    settings: ResolvedMap
     """Resolved."""
     field: NDArray[np.float32]
     """Ranges of the rays, [size, size, 4]; [1, 1, 4] of no meaning for the range ``box``."""
@@ -75,7 +75,7 @@ class MapPlan:
         """What the basis needs to evaluate its functions."""
         return np.zeros(0, np.float32) if self.functions is None else self.functions.modes
 
-    def struct(self, settings: MapSettings | None = None) -> NDArray[Any]:
+    def struct(self, settings: ResolvedMap | None = None) -> NDArray[Any]:
         """Return what kernels are told of the map; ``settings`` of one that is looked up in its place."""
         settings = settings or self.settings
         return map_struct(
@@ -98,12 +98,12 @@ class Numbers:
     """Where they begin, in units of `NUMBERS_UNIT`."""
 
 
-def numbers_size(settings: MapSettings) -> int:
-    """Room for a map, and one texel more, as two neighbours may be read at once: in units of `NUMBERS_UNIT`."""
+def numbers_size(settings: ResolvedMap) -> int:
+    """Room for a map and one texel more, as two neighbours may be read at once; in `NUMBERS_UNIT`."""
     return -(-settings.coeffs * (settings.res**2 + 1) // NUMBERS_UNIT)
 
 
-def map_bytes(settings: MapSettings) -> int:
+def map_bytes(settings: ResolvedMap) -> int:
     """Bytes on the device of a map's coefficients."""
     return numbers_size(settings) * NUMBERS_UNIT * STORAGE_BITS[settings.storage] // 8
 
@@ -132,7 +132,7 @@ class LightPass:
         self._launcher = launcher
         self._prefilter = Prefilter(launcher)
 
-    def room(self, settings: MapSettings, maps: int) -> list[Numbers]:
+    def room(self, settings: ResolvedMap, maps: int) -> list[Numbers]:
         """Allocate room for some maps, in as few buffers as the device allows."""
         launcher, size, nbytes = self._launcher, numbers_size(settings), map_bytes(settings)
         together = max(1, launcher.largest_buffer // nbytes)
@@ -213,7 +213,7 @@ class LightPass:
             seconds += blurring + packing
         return MapBuffers(room, limits, seconds, seen.samples, seen.hits, occupied)
 
-    def _floats(self, settings: MapSettings) -> cl.Buffer:
+    def _floats(self, settings: ResolvedMap) -> cl.Buffer:
         nbytes = 4 * NUMBERS_UNIT * numbers_size(settings)
         return self._launcher.empty("the map's coefficients", nbytes, reuse=True)
 
@@ -326,14 +326,14 @@ class LightPass:
         read: NDArray[np.float32] = plan.number_unit * values.astype(np.float32)
         return read
 
-    def read_occupied(self, settings: MapSettings, buffers: MapBuffers) -> NDArray[np.float32]:
+    def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
         return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
 
     def _kernel(
         self,
         name: str,
-        settings: MapSettings,
+        settings: ResolvedMap,
         light: Light,
         medium: FieldOnDevice,
         *,

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
-from tfm_cl.scene.settings import STORAGE_BITS, MapSettings
+from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -58,7 +59,7 @@ class TransmittanceMap:
     light_pass: LightPass
 
     @property
-    def settings(self) -> MapSettings:
+    def settings(self) -> ResolvedMap:
         """Resolved: no ``"auto"``."""
         return self.plan.settings
 
@@ -74,7 +75,7 @@ class TransmittanceMap:
 
     @property
     def extinction(self) -> float:
-        """At density 1, for which visibility is meant: of the fit, of the range ``visible`` and of `residual`."""
+        """Extinction at density 1 that visibility is meant for: fit, range ``visible``, `residual`."""
         return self.plan.extinction
 
     @property
@@ -118,7 +119,7 @@ class TransmittanceMap:
     @property
     def bytes_per_texel(self) -> float:
         """All numbers of a texel and its share of the ranges."""
-        return self.settings.bytes_per_texel(self.settings.coeffs, self.settings.range)
+        return self.settings.bytes_per_texel
 
     @cached_property
     def _residuals(self) -> NDArray[np.float32]:

@@ -12,19 +12,19 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import DeviceMemoryError, SceneError
-from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases import BASES, BEST
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import lit_mask
-from tfm_cl.model import is_auto
-from tfm_cl.scene.settings import AUTO
+from tfm_cl.model import decided
+from tfm_cl.plan import resolution
 
 if TYPE_CHECKING:
-    from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.scene import Scene
 
@@ -59,6 +59,14 @@ MOST_TRIALS = 30
 """Pilots that are rendered for a choice."""
 LADDER = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 """Numbers a texel that are tried: each has kernels of its own, which take seconds to compile."""
+
+
+class Picture(Protocol):
+    """What rendering gives."""
+
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """[H, W, 4]."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +113,7 @@ class Chooser:
 
     def __init__(
         self,
-        render: Callable[[Scene, str, Crop], RenderResult],
+        render: Callable[[Scene, str, Crop], Picture],
         scene: Scene,
         method: str,
         crop: Crop,
@@ -114,19 +122,25 @@ class Chooser:
         self._render, self._scene, self._method, self._crop = render, scene, method, crop
         self._progress, self._trials = progress, 0
         self._error = float(scene.map.max_error or 0)
-        self._has_maps = method == "tfm" and not (not scene.grids)
-        plain = scene.replace(map=scene.map.replace(max_error=None)).resolved()
-        settings = plain.map.resolved()
-        counts = BASES[settings.basis].counts
-        self._coeffs = sorted({max((n for n in counts if n <= most), default=min(counts)) for most in LADDER})
-        light_steps, res = (1, 1) if (not scene.grids) else (settings.steps, settings.res)
-        self._pilot = scene.camera, crop
-        self._first = Numbers(plain.march.steps, light_steps, res, settings.coeffs)
+        self._marches_to_lights = bool(scene.grids and scene.lights)
+        self._has_maps = method == "tfm" and self._marches_to_lights
+        plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
         # The truth follows the medium, whatever was given.
-        auto = plain.replace(
-            map=settings.replace(steps=AUTO), march=plain.march.replace(steps=AUTO)
-        ).resolved()
-        self._auto = auto.march.steps, 1 if (not scene.grids) else auto.map.steps
+        auto = resolution.resolved(
+            plain.replace(map=plain.map.replace(steps="auto"), march=plain.march.replace(steps="auto"))
+        )
+        basis = BASES[BEST if plain.map.basis == "auto" else plain.map.basis]
+        self._coeffs = sorted(
+            {max((n for n in basis.counts if n <= most), default=min(basis.counts)) for most in LADDER}
+        )
+        self._pilot = scene.camera, crop
+        light_steps, res, light_steps_of_auto = 1, 1, 1
+        if self._marches_to_lights:
+            light_steps, res = decided(plain.map.steps), decided(plain.map.res)
+            light_steps_of_auto = decided(auto.map.steps)
+        coeffs = resolve(plain.map, res=res, steps=light_steps).coeffs
+        self._first = Numbers(decided(plain.march.steps), light_steps, res, coeffs)
+        self._auto = decided(auto.march.steps), light_steps_of_auto
 
     def choice(self) -> Choice:
         """Choose.
@@ -166,7 +180,7 @@ class Chooser:
         x0, y0 = np.maximum(low, self._crop[:2]).tolist()
         x1, y1 = np.minimum(high, self._crop[2:]).tolist()
         share = float(lit[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].mean())
-        lights = sum(len(light.parts()) for light in self._scene.lights)
+        lights = max(1, sum(len(light.parts()) for light in self._scene.lights))
         a_pixel = CONVERGED**2 * math.prod(self._auto) * lights
         return self._reduced(
             float(np.clip(SAMPLES / a_pixel, LEAST_PIXELS, PIXELS)) / share, (x0, y0, x1, y1)
@@ -215,7 +229,7 @@ class Chooser:
     def _camera_steps(self) -> Numbers:
         """Choose the camera's steps, with the truth's towards the light."""
         numbers, allowed = self._first, OF_CAMERA * self._error
-        if not is_auto(self._scene.march.steps):
+        if self._scene.march.steps != "auto":
             return numbers
 
         def error(steps: int) -> float:
@@ -239,13 +253,13 @@ class Chooser:
     def _free(self) -> Iterator[str]:
         """Names of the numbers that may be chosen, what a map costs most by first."""
         settings = self._scene.map
-        if self._has_maps and is_auto(settings.res):
+        if self._has_maps and settings.res == "auto":
             yield "res"
-        if self._has_maps and is_auto(settings.coeffs):
+        if self._has_maps and settings.coeffs == "auto":
             yield "coeffs"
-        if is_auto(settings.steps) and not (not self._scene.grids):
+        if self._marches_to_lights and settings.steps == "auto":
             yield "light_steps"
-        if is_auto(self._scene.march.steps):
+        if self._scene.march.steps == "auto":
             yield "steps"
 
     def _better(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
@@ -310,7 +324,7 @@ class Chooser:
     def _refusal(self, numbers: Numbers, error: float) -> str:
         settings, march = self._scene.map, self._scene.march
         given = {"map.res": settings.res, "map.steps": settings.steps, "march.steps": march.steps}
-        fixed = [f"{key} = {value}" for key, value in given.items() if not is_auto(value)]
+        fixed = [f"{key} = {value}" for key, value in given.items() if value != "auto"]
         advice = f"leave out {', '.join(fixed)}, or ask" if fixed else "ask"
         of_map = f"{numbers.coeffs} numbers a texel, " if self._has_maps else ""
         return (

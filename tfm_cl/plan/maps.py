@@ -13,7 +13,7 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.light_pass import LARGEST_HALF, MapPlan
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
-from tfm_cl.scene.settings import MapSettings, field_res
+from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -72,7 +72,7 @@ class Planner:
         self, scene: Scene, of_lights: list[cl.Buffer], medium: FieldOnDevice, clip: Clip
     ) -> list[Planned]:
         """Plan the maps of one field."""
-        settings, extinction = scene.map.resolved(), medium.extinction
+        settings, extinction = resolve(scene.map), medium.extinction
         lights = list(zip(scene.lights, of_lights, strict=True))
         coarse = [
             self._probe.ranges(
@@ -81,9 +81,8 @@ class Planner:
             for light, of_light in lights
         ]
         deepest = max((float(probe.optical_depth.max()) for probe in coarse), default=0.0)
-        alpha = _density_weighting(scene, medium, deepest)
-        # Not checked again: for media with tiny sigmas α follows the density's large optical depth.
-        settings = settings.model_copy(update={"density_weighting": alpha})
+        alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
+        settings = settings.replace(density_weighting=alpha)
         probe_steps = max(settings.steps, RANGE_STEPS)
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
         unit = 1.0
@@ -118,27 +117,34 @@ class Planner:
         return plans
 
 
-def functions_of(settings: MapSettings, curves: Curves | None) -> Functions | None:
+def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | None:
     """Make the functions of a basis, if it has any."""
     make = BASES[settings.basis].functions
     return None if make is None else make(settings, curves)
 
 
-def _field(settings: MapSettings, probe: Probe) -> np.ndarray:
+def _field(settings: ResolvedMap, probe: Probe) -> np.ndarray:
     if settings.range == "box":
         return np.zeros((1, 1, 4), np.float32)
     return probe.global_field() if settings.range == "global" else probe.field()
 
 
-def _density_weighting(scene: Scene, medium: FieldOnDevice, deepest: float) -> float:
-    """α of eq. 19: the scene's, or half the largest optical depth that its lights meet.
+def density_weighting(asked: float | None, sigma_t: float, deepest: float) -> float:
+    """Return α of eq. 19: that asked for, or half the largest optical depth that the lights meet.
 
-    The range is that of the most extinguished colour's optical depth; α itself weights the density.
+    Parameters
+    ----------
+    asked
+        None: to be decided.
+    sigma_t
+        Largest extinction at density 1: the range is meant for the most extinguished colour's optical
+        depth; α itself weights the density, and for tiny extinctions follows its large depth.
+    deepest
+        Optical depth of the density.
     """
-    setting = scene.map.density_weighting
-    if setting != "auto":
-        return setting
-    if medium.strongest <= 0:
+    if asked is not None:
+        return asked
+    if sigma_t <= 0:
         return 1.0
-    weighting = float(np.clip(medium.strongest * deepest / 2, *AUTO_WEIGHTING))
-    return max(1.0, weighting / medium.strongest)
+    weighting = float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING))
+    return max(1.0, weighting / sigma_t)

@@ -29,20 +29,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tfm_cl.model import is_auto
+from tfm_cl.model import decided
 from tfm_cl.scene.bodies.base import around
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.bodies.volume import Volume
-    from tfm_cl.scene.camera import Camera
-    from tfm_cl.scene.lights import Light
-    from tfm_cl.scene.scene import Scene
-    from tfm_cl.scene.settings import MapSettings
+from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.lights.base import Light
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.settings import MapSettings
 
 VOXELS_PER_TEXEL = 0.5
 """Width of a texel where the light's rays cross the medium: two samples a voxel follow what is trilinear."""
@@ -60,35 +59,44 @@ camera's follow the ratio itself: of the three they err most, and cost least."""
 TEXELS = (64, 2048)
 """Range of the resolution, which is a multiple of `TEXELS_MULTIPLE`."""
 TEXELS_MULTIPLE = 32
-HOMOGENEOUS_STEPS = 100
-"""Along a camera ray through a medium of constant density."""
+STEPS_WITHOUT_GRIDS = 100
+"""Along a camera ray where nothing is marched but how light arrives."""
 STEPS = (16, 1024)
 """Range of the number of steps."""
 
 
-def joined(scene: Scene) -> Any:
-    """The grids."""
-    g = scene.grids
-    return SimpleNamespace(
-        parts=g,
-        bounds=around([x.bounds for x in g]),
-        occupied_bounds=around([x.occupied_bounds for x in g]),
-        voxel_size=min((x.voxel_size for x in g), key=lambda s: s.min()),
-    )
+class Marched(NamedTuple):
+    """A grid, and the extinction at density 1 of the colour that sees least far into its medium."""
+
+    grid: Volume
+    sigma_t: float
 
 
-def voxel_depth(volume: Any, sigma_t: float) -> float:
-    """Optical depth along the smallest edge of a typical voxel of the thickest volume.
+class Wanted(NamedTuple):
+    """What ``"auto"`` comes to."""
 
-    Parameters
-    ----------
-    sigma_t
-        Extinction at density 1 of the colour that sees least far.
-    """
-    return sigma_t * max(part.typical_density * float(part.voxel_size.min()) for part in volume.parts)
+    number: int
+    asked: float
+    """Before limits: it may be more than there can be, and infinite."""
+    why: str
 
 
-def texels_for(volume: Any, light: Light, camera: Camera, sigma_t: float) -> float:
+def marched(scene: Scene) -> tuple[Marched, ...]:
+    """Return a scene's grids, each with the extinction of its own medium."""
+    return tuple(Marched(grid, float(scene.medium_of(grid).sigma_t.max())) for grid in scene.grids)
+
+
+def finest_voxel(grids: Sequence[Marched]) -> float:
+    """Return the smallest edge of any grid's voxels, world units."""
+    return min(float(grid.voxel_size.min()) for grid, _ in grids)
+
+
+def voxel_depth(grids: Sequence[Marched]) -> float:
+    """Optical depth along the smallest edge of a typical voxel of the grid where that is largest."""
+    return max(sigma_t * grid.typical_density * float(grid.voxel_size.min()) for grid, sigma_t in grids)
+
+
+def texels_for(grids: Sequence[Marched], light: Light, camera: Camera) -> float:
     """Return the texels along a side that a light's map should have.
 
     A texel is `VOXELS_PER_TEXEL` of the smallest edge of a voxel wide, halfway between the nearest and the
@@ -97,100 +105,136 @@ def texels_for(volume: Any, light: Light, camera: Camera, sigma_t: float) -> flo
     pixel's footprint at the point of the bounds nearest to the camera. Where it would hold more than
     `DEPTH_PER_TEXEL` of optical depth it is narrower, by that ratio to the power of `TEXEL_POWER`.
     """
-    near, far = _distances(volume, light.frame().world_from_light[:3, 3])
+    bounds = occupied_bounds(grids)
+    near, far = _distances(bounds, light.frame().world_from_light[:3, 3])
     width = light.footprint((near + far) / 2)
-    to_camera, _ = _distances(volume, np.asarray(camera.from_))
+    to_camera, _ = _distances(bounds, np.asarray(camera.from_))
     pixel = 2 * math.tan(math.radians(camera.fov) / 2) * to_camera / camera.res[1]
-    texel = max(VOXELS_PER_TEXEL * float(volume.voxel_size.min()), PIXELS_PER_TEXEL * pixel)
-    depth = VOXELS_PER_TEXEL * voxel_depth(volume, sigma_t)
+    texel = max(VOXELS_PER_TEXEL * finest_voxel(grids), PIXELS_PER_TEXEL * pixel)
+    depth = VOXELS_PER_TEXEL * voxel_depth(grids)
     return float(width / texel * max(1.0, depth / DEPTH_PER_TEXEL) ** TEXEL_POWER)
 
 
-def steps_for(volume: Any, sigma_t: float, power: float = 1.0) -> float:
+def steps_for(grids: Sequence[Marched], power: float = 1.0) -> float:
     """Return the steps that a ray should take, of the light or of the camera.
 
     The longest ray through the grid, its diagonal, takes steps of `VOXELS_PER_STEP` of the voxel's smallest
     edge; or shorter ones, where these would hold more than `DEPTH_PER_STEP` of optical depth, by that ratio
     to a ``power``. Steps spread over the part of a ray inside the grid, so that all other rays take shorter
-    ones. Several volumes' longest ray is the diagonal of the box around them.
+    ones. Several grids' longest ray is the diagonal of the box around them.
     """
-    if len(volume.parts) > 1:
-        diagonal = float(np.linalg.norm(volume.bounds[1] - volume.bounds[0]))
-    else:
-        z, y, x = volume.parts[0].shape
-        edges = volume.parts[0].world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
-        diagonal = max(
-            float(np.linalg.norm(edges @ np.array([1, *signs])))
-            for signs in itertools.product((1, -1), repeat=2)
-        )
-    depth = VOXELS_PER_STEP * voxel_depth(volume, sigma_t)
-    steps = diagonal / (VOXELS_PER_STEP * float(volume.voxel_size.min()))
+    depth = VOXELS_PER_STEP * voxel_depth(grids)
+    steps = _diagonal(grids) / (VOXELS_PER_STEP * finest_voxel(grids))
     return float(steps * max(1.0, depth / DEPTH_PER_STEP) ** power)
 
 
+def occupied_bounds(grids: Sequence[Marched]) -> NDArray[np.float64]:
+    """World box around what has density, [2, 3]."""
+    return around([grid.occupied_bounds for grid, _ in grids])
+
+
+def wanted(scene: Scene, maps: MapSettings | None = None) -> dict[str, Wanted]:
+    """Return a number for each of ``map.res``, ``map.steps`` and ``march.steps`` that is ``"auto"``.
+
+    Maps and the march towards lights are there where there are grids and lights; without grids a camera ray
+    takes `STEPS_WITHOUT_GRIDS`. All maps get the resolution that the most demanding light needs, or where
+    maps are there already, with the settings ``maps``, theirs.
+    """
+    found: dict[str, Wanted] = {}
+    grids = marched(scene)
+    if not grids:
+        if scene.march.steps == "auto":
+            why = "no grid is marched: only how the light arrives varies along a camera ray"
+            found["march.steps"] = Wanted(STEPS_WITHOUT_GRIDS, STEPS_WITHOUT_GRIDS, why)
+        return found
+    size = VOXELS_PER_STEP * finest_voxel(grids)
+    step = f"steps of {VOXELS_PER_STEP} voxels, {size:.3g}, along the diagonal"
+    held = f", shorter where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
+    thick = held if VOXELS_PER_STEP * voxel_depth(grids) > DEPTH_PER_STEP else ""
+    if maps is not None:
+        for key, asked_for in (("res", scene.map.res), ("steps", scene.map.steps)):
+            if asked_for == "auto":
+                number = decided(getattr(maps, key))
+                found[f"map.{key}"] = Wanted(number, number, "that of the maps that are there")
+    elif scene.lights:
+        if scene.map.res == "auto":
+            found["map.res"] = _wanted_res(scene, grids)
+        if scene.map.steps == "auto":
+            asked = steps_for(grids, LIGHT_STEP_POWER)
+            found["map.steps"] = Wanted(_whole(asked, STEPS, 1), asked, step + thick)
+    if scene.march.steps == "auto":
+        asked = steps_for(grids)
+        found["march.steps"] = Wanted(_whole(asked, STEPS, 1), asked, step + thick)
+    return found
+
+
 def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
-    """Replace ``"auto"`` in ``map.res``, ``map.steps`` and ``march.steps`` by numbers.
+    """Replace ``"auto"`` in ``map.res``, ``map.steps`` and ``march.steps`` by the numbers `wanted`.
 
     Parameters
     ----------
     scene
-        Returned itself when there is nothing to replace. All its maps get the resolution that the most
-        demanding light needs.
+        Returned itself when there is nothing to replace. What there is no use for stays ``"auto"``.
     maps
         Settings of maps that are there already: ``"auto"`` of the map then means their numbers.
     """
-    of_map: dict[str, int] = {}
-    of_march: dict[str, int] = {}
-    if not scene.grids:
-        # Nothing varies along a ray but the light.
-        auto = {"steps": HOMOGENEOUS_STEPS} if is_auto(scene.march.steps) else {}
-        return scene.replace(march=scene.march.replace(**auto)) if auto else scene
-    wanted = _wanted(scene, joined(scene))
-    if not wanted:
+    return with_numbers(scene, {key: found.number for key, found in wanted(scene, maps).items()})
+
+
+def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:
+    """Set numbers of the map and the march by dotted key; returns the scene itself where there are none."""
+    if not numbers:
         return scene
-    for (section, key), number in wanted.items():
-        limits, multiple = (TEXELS, TEXELS_MULTIPLE) if key == "res" else (STEPS, 1)
-        (of_map if section == "map" else of_march)[key] = _whole(number, limits, multiple)
-    if maps is not None:
-        of_map = {key: getattr(maps, key) for key in of_map}
-    return scene.replace(map=scene.map.replace(**of_map), march=scene.march.replace(**of_march))
+    of: dict[str, dict[str, int]] = {"map": {}, "march": {}}
+    for name, number in numbers.items():
+        section, key = name.split(".")
+        of[section][key] = number
+    return scene.replace(map=scene.map.replace(**of["map"]), march=scene.march.replace(**of["march"]))
 
 
 def limited(scene: Scene) -> tuple[str, ...]:
     """Say where ``"auto"`` asks for more than it may take, one line each."""
-    if not scene.grids:
-        return ()
     return tuple(
-        f'{section}.{key} = "auto": {high} is the most it takes, {number:.0f} would follow the voxels; give '
-        f"{section}.{key} to take more"
-        for (section, key), number in _wanted(scene, joined(scene)).items()
-        if number > (high := (TEXELS if key == "res" else STEPS)[1])
+        f'{name} = "auto": {number} is the most it takes, {asked:.0f} would follow the voxels; '
+        f"give {name} to take more"
+        for name, (number, asked, _) in wanted(scene).items()
+        if asked > number
     )
 
 
-def _wanted(scene: Scene, volume: Any) -> dict[tuple[str, str], float]:
-    """Numbers for what is ``"auto"``, by section and key; they may be more than there can be."""
-    sigma_t = float(scene.medium.sigma_t.max())
-    wanted: dict[tuple[str, str], float] = {}
-    if is_auto(scene.map.res):
-        wanted["map", "res"] = wanted_res(scene, volume)
-    if is_auto(scene.map.steps):
-        wanted["map", "steps"] = steps_for(volume, sigma_t, LIGHT_STEP_POWER)
-    if is_auto(scene.march.steps):
-        wanted["march", "steps"] = steps_for(volume, sigma_t)
-    return wanted
+def _wanted_res(scene: Scene, grids: Sequence[Marched]) -> Wanted:
+    bounds = occupied_bounds(grids)
+    asked = [
+        max(texels_for(grids, part.fitted(bounds), scene.camera) for part in light.parts())
+        for light in scene.lights
+    ]
+    most = max(range(len(asked)), key=asked.__getitem__)
+    why = (
+        f"texels of {VOXELS_PER_TEXEL} voxels, {VOXELS_PER_TEXEL * finest_voxel(grids):.3g}, or "
+        f"{PIXELS_PER_TEXEL} pixels where those are wider, across the grids"
+    )
+    if VOXELS_PER_TEXEL * voxel_depth(grids) > DEPTH_PER_TEXEL:
+        why += f", narrower where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
+    if len(asked) > 1:
+        why += f"; light {most + 1} needs most"
+    return Wanted(_whole(asked[most], TEXELS, TEXELS_MULTIPLE), asked[most], why)
 
 
-def wanted_res(scene: Scene, volume: Any) -> float:
-    """Return the texels along a side that some light's map needs; they may be more than there can be."""
-    bounds, sigma_t = volume.occupied_bounds, float(scene.medium.sigma_t.max())
-    lights = (part.fitted(bounds) for light in scene.lights for part in light.parts())
-    return max((texels_for(volume, light, scene.camera, sigma_t) for light in lights), default=0.0)
+def _diagonal(grids: Sequence[Marched]) -> float:
+    """Length of the longest ray through the grids."""
+    if len(grids) > 1:
+        low, high = around([grid.bounds for grid, _ in grids])
+        return float(np.linalg.norm(high - low))
+    ((grid, _),) = grids
+    z, y, x = grid.shape
+    edges = grid.world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
+    ends = (edges @ np.array([1, *signs]) for signs in itertools.product((1, -1), repeat=2))
+    return max(float(np.linalg.norm(end)) for end in ends)
 
 
-def _distances(volume: Any, point: np.ndarray) -> tuple[float, float]:
-    """Distances from a point to the nearest and the farthest point of the occupied bounds."""
-    low, high = volume.occupied_bounds
+def _distances(bounds: NDArray[np.float64], point: NDArray[np.float64]) -> tuple[float, float]:
+    """Distances from a point to the nearest and the farthest point of a box."""
+    low, high = bounds
     nearest = np.clip(point, low, high)
     farthest = np.where(point - low > high - point, low, high)
     return float(np.linalg.norm(nearest - point)), float(np.linalg.norm(farthest - point))

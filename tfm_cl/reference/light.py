@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import is_auto
+from tfm_cl.model import decided
+from tfm_cl.plan import resolution
 from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Interval, Rays
 from tfm_cl.scene.bodies.base import around
@@ -40,8 +41,7 @@ class Bounded(Protocol):
 
 def with_numbers(scene: Scene) -> Scene:
     """Return the scene without ``"auto"`` for steps and the maps' resolution."""
-    settings = scene.map.res, scene.map.steps, scene.march.steps
-    return scene.resolved() if any(map(is_auto, settings)) else scene
+    return resolution.resolved(scene)
 
 
 # --- rays ------------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def marched_depths(scene: Scene, light: Light, points: Floats, weights: Floats) 
     rays, arrival = light_rays(light, points)
     k_in, k_out = march_bounds(scene.grids, *rays)
     ends = np.clip(arrival.distance, k_in, k_out)
-    return optical_depths(scene.grids, weights, rays, (k_in, ends), scene.map.steps)
+    return optical_depths(scene.grids, weights, rays, (k_in, ends), decided(scene.map.steps))
 
 
 def light_ways(scene: Scene, light: Light, points: Floats) -> Floats:

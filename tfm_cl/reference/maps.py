@@ -9,6 +9,8 @@ import numpy as np
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import UNIFORM_SHARE, Functions
+from tfm_cl.maps.resolved import ResolvedMap, resolve
+from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import field_density, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Integers, edges
@@ -18,7 +20,6 @@ from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.lights import Light
 from tfm_cl.scene.lights.base import texel_positions
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -38,7 +39,7 @@ class MapModel(NamedTuple):
     light pass and the look-up do with them is done here again.
     """
 
-    settings: MapSettings
+    settings: ResolvedMap
     functions: Functions
     field: Floats
     """The ranges ``[size, size, 4]``, not the field of densities."""
@@ -58,7 +59,7 @@ def map_model(scene: Scene, like: TransmittanceMap | None = None, field: int | N
     if like is not None:
         assert like.functions is not None  # noqa: S101 - a basis that is a sum of functions
         return MapModel(like.settings, like.functions, like.field.astype(float), like.extinction, weights)
-    settings = with_numbers(scene).map.resolved()
+    settings = resolve(with_numbers(scene).map)
     settings = settings.replace(density_weighting=density_weighting(scene, number))
     make = BASES[settings.basis].functions
     if make is None or BASES[settings.basis].needs_curves or settings.range != "box":
@@ -82,7 +83,7 @@ def density_weighting(scene: Scene, field: int = 0) -> float:
         begin, end = march_bounds(scene.grids, *rays)
         if scene.solids:
             end = np.clip(clip(scene, light, AUTO_RES), begin, end)
-        depths = optical_depths(scene.grids, weights, rays, (begin, end), scene.map.steps)
+        depths = optical_depths(scene.grids, weights, rays, (begin, end), decided(scene.map.steps))
         deepest = max(deepest, float(depths.max()))
     # α divides the density's optical depth, but the limits are meant for the medium's.
     return max(1.0, float(np.clip(sigma_t * deepest / 2, 1, 16)) / sigma_t) if sigma_t > 0 else 1.0
@@ -117,7 +118,7 @@ def _numbers(model: MapModel, depth: Floats) -> Floats:
     settings, steps = model.settings, depth.shape[1]
     after = np.cumsum(depth, axis=1)
     middle = after - depth / 2
-    value, alpha = middle, float(settings.density_weighting)
+    value, alpha = middle, decided(settings.density_weighting)
     if settings.target == "transmittance":
         value = -np.expm1(-middle / alpha)
     if settings.fit == "l2":
@@ -197,7 +198,7 @@ def map_optical_depth(
             positive: Floats = np.maximum(series, 0)
             return positive
         f = series if _has_one(model) else 1 - series
-        depth: Floats = -float(model.settings.density_weighting) * np.log(np.clip(f, DARKEST, 1))
+        depth: Floats = -decided(model.settings.density_weighting) * np.log(np.clip(f, DARKEST, 1))
         return depth
 
     tau = np.zeros(len(points))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from tfm_cl.errors import SceneError
+from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
 from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
@@ -209,7 +210,7 @@ class _Seen(NamedTuple):
 
 
 def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> _Seen:
-    steps, count = scene.march.steps, len(rays.origins)
+    steps, count = decided(scene.march.steps), len(rays.origins)
     nothing, endless = np.zeros(count), np.full(count, FAR)
     depth = grid_depth(matter, rays, crossing, nothing, endless, steps)
     depth += homogeneous_depth(matter, crossing, nothing, endless)
@@ -248,11 +249,11 @@ def _scattered(
         # What lies between the camera and the cone is dark, but hides what is behind.
         nothing = np.zeros_like(begin)
         through = np.exp(
-            -grid_depth(matter, rays, crossing, nothing, begin, settings.steps)
+            -grid_depth(matter, rays, crossing, nothing, begin, decided(settings.steps))
             - homogeneous_depth(matter, crossing, nothing, begin)
         )
     warp = light.light.projective_depth if settings.sampling == "projective" else None
-    parts = segments(crossing, (begin, end), settings.steps)
+    parts = segments(crossing, (begin, end), decided(settings.steps))
     for step in march(matter, rays, crossing, parts, through, warp, settings.max_stretch):
         part, pixels = rays.part(step.rays), lit[step.rays]
         points = part.at(step.distance)
@@ -285,7 +286,7 @@ def _reflected(
     if scene.march.attenuation == "paper":  # TFM's algorithm 1 dims only between the ends of the light's cone
         begin, end = intersection(crossing.medium, light.light.interval(*rays))
         through = np.exp(
-            -grid_depth(matter, rays, crossing, begin, end, scene.march.steps)
+            -grid_depth(matter, rays, crossing, begin, end, decided(scene.march.steps))
             - homogeneous_depth(matter, crossing, begin, end)
         )
     points = rays.at(met.distance)

@@ -17,9 +17,11 @@ from tfm_cl.constants import NUMBERS_UNIT
 from tfm_cl.device import launch
 from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
+from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
 from tfm_cl.scene.lights.base import texel_positions
-from tfm_cl.scene.settings import SHADOW_FILTERS, STORAGE_BITS, MapSettings
+from tfm_cl.scene.settings import SHADOW_FILTERS
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -63,7 +65,7 @@ class LightVariant:
     falloff: tuple[tuple[str, int | str], ...]
     is_textured: bool
     shares_samples: bool
-    """They reach all of every camera ray, and are sampled in the world: one march serves them and the camera."""
+    """They reach all of a camera ray, and are sampled in the world: one march serves them and the camera."""
 
     @classmethod
     def of(cls, light: Light, scene: Scene) -> LightVariant:
@@ -79,7 +81,7 @@ class Batch:
 
     of: LightVariant
     indices: list[int]
-    settings: MapSettings | None
+    settings: ResolvedMap | None
     """Of their maps; None where none are read."""
     shadow_filter: int
     """``TFM_SHADOW``: 0 without solids."""
@@ -147,7 +149,7 @@ class Batches:
         structs: NDArray[Any],
         touched: NDArray[np.int64],
         crop: Rectangle,
-        settings: MapSettings | None,
+        settings: ResolvedMap | None,
         *,
         is_dual: bool,
     ) -> None:
@@ -172,7 +174,7 @@ class Batches:
         if gbuffer is not None:
             self._costs = self._costs + 4 * sizes**2 + self._areas
         # However many lights meet in a block, a launch ends soon.
-        steps = scene.march.steps * (scene.map.steps if is_dual else 1)
+        steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
 
     def groups(self) -> Iterator[tuple[LightVariant, list[int]]]:
@@ -249,7 +251,7 @@ class Batches:
 
     def residuals(self, batch: Batch, maps: Sequence[TransmittanceMap]) -> Batch:
         """Return a batch whose maps hold their residuals, to be seen instead of the light's transmittance."""
-        settings = maps[0].settings.model_copy(update=SINGLE_NUMBER)
+        settings = maps[0].settings.replace(**SINGLE_NUMBER)
         size = numbers_size(settings) * NUMBERS_UNIT
         numbers = np.zeros((len(maps), size), np.float32)
         structs = []

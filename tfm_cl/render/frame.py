@@ -1,4 +1,4 @@
-"""One frame: camera, then for each batch of lights their maps, what the media scatter, and what solids reflect."""
+"""One frame: the camera, then for each batch of lights maps, what media scatter, and what solids reflect."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from tfm_cl.device.media import MediaOnDevice
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
+from tfm_cl.maps.resolved import resolve
+from tfm_cl.model import decided
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
@@ -96,10 +98,10 @@ class Frame:
             light_structs(scene, scene.lights),
             self._touched(gbuffer),
             crop,
-            scene.map.resolved() if reads_maps else None,
+            resolve(scene.map) if reads_maps else None,
             is_dual=is_dual,
         )
-        samples = scene.march.steps * (scene.map.steps if is_dual else 1)
+        steps, light_steps = decided(scene.march.steps), decided(scene.map.steps) if is_dual else 1
         seconds, camera_is_seen, warnings = 0.0, False, dict[str, None]()
         for variant, members in batches.groups():
             shares = variant.shares_samples and not scene.homogeneous
@@ -119,25 +121,24 @@ class Frame:
                     self.media,
                     view,
                     batch,
-                    samples,
+                    steps * light_steps,
                     frame,
                     done,
                     sees_camera=shares and not camera_is_seen,
                 )
                 camera_is_seen = True
                 if gbuffer is not None:
-                    most = scene.map.steps if is_dual else 1
-                    seconds += reflect(launcher, self.media, view, batch, most, frame, done)
+                    seconds += reflect(launcher, self.media, view, batch, light_steps, frame, done)
                 if errors is not None and of_batch:
                     residuals = batches.residuals(batch, of_batch)
-                    scatter(launcher, self.media, view, residuals, samples, errors, done)
+                    scatter(launcher, self.media, view, residuals, steps, errors, done)
         if not camera_is_seen:
             seconds += self._see(view, frame, has_solids=gbuffer is not None)
         stats.seconds["view_pass"] += seconds
         return buffers.read(launcher, frame, gbuffer, errors), (*warnings,)
 
     def _see(self, view: object, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
-        steps = self.scene.march.steps
+        steps = decided(self.scene.march.steps)
         return see(self.launcher, self.media, view, self.crop, steps, frame, has_solids=has_solids)
 
     def _touched(self, gbuffer: GBuffer | None) -> NDArray[np.int64]:

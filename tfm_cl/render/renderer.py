@@ -116,8 +116,8 @@ class Renderer:
         -------
         list of TransmittanceMap
             One for each light, in order, and for a light with a radius one for each of its points; they serve
-            until grids, light geometry or map settings change. Where grids have a colour in each voxel, or media
-            differ in colour, there are up to three in the place of each, one for each field
+            until grids, light geometry or map settings change. Where grids have a colour in each voxel, or
+            media differ in colour, there are up to three in the place of each, one for each field
             (`tfm_cl.scene.fields`). None without grids: what is homogeneous needs no map.
 
         Raises
@@ -125,10 +125,12 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        scene.read_files()
         progress = progress or _silent
         if scene.map.max_error is not None:
             scene, _ = self._chosen(scene, "tfm", None, None, progress)
-        scene = _single_lights(scene.resolved())
+        scene.read_files()
+        scene = _single_lights(resolution.resolved(scene))
         media = self._media(scene)
         if not media.fields.count:
             return []
@@ -174,6 +176,7 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         if scene.map.max_error is not None:
             scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
@@ -229,7 +232,8 @@ class Renderer:
         progress = progress or _silent
         method = _checked_method(method, scene)
         maps = maps if method == "tfm" else None
-        scene = scene.resolved(maps[0].requested if maps else None)
+        scene.read_files()
+        scene = resolution.resolved(scene, maps[0].requested if maps else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
@@ -281,8 +285,8 @@ def _single_lights(scene: Scene) -> Scene:
                     'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
                 )
     lights = list(chain.from_iterable(light.parts() for light in scene.lights))
-    # Maps show where grids have density; what shadows solids cast is asked for in all media. Bodies of constant
-    # density need neither, and may have thousands of lights.
+    # Maps show where grids have density; what shadows solids cast is asked for in all media. Bodies of
+    # constant density need neither, and may have thousands of lights.
     bounds = scene.occupied_bounds
     if scene.grids and not scene.solids:
         bounds = around([grid.occupied_bounds for grid in scene.grids])

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
+from tfm_cl.maps.resolved import ResolvedMap
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -31,7 +31,7 @@ class RenderStats:
     """Density samples of ``light_pass`` and ``view_pass``."""
     map_bytes: int = 0
     """Of the numbers of all maps together."""
-    map: MapSettings | None = None
+    map: ResolvedMap | None = None
     """Of the maps in use, without ``"auto"``; None for the dual march."""
     error_estimate: float | None = None
     """Relative RMSE of the lit pixels against the converged dual march, measured where ``map.max_error`` asks

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import Model, Vec3, check_different
+from tfm_cl.scene.frames import look_at
 
 MAX_PIXELS = 1 << 28
 """Largest image: 16384 × 16384."""
@@ -92,14 +93,3 @@ class Camera(Model):
         directions = x * right + y * up + forward
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.broadcast_to(position, directions.shape), directions
-
-
-def look_at(origin: Vec3, target: Vec3, up: Vec3) -> NDArray[np.float64]:
-    """World-from-local frame with z towards ``target``, y as near to ``up`` as can be, x = y-right."""
-    forward = np.subtract(target, origin)
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack([right, np.cross(right, forward), forward, origin])
-    return matrix

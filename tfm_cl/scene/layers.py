@@ -33,7 +33,7 @@ class Seen(Protocol):
 
     @property
     def solid(self) -> Array:
-        """[…, 4]: unit normal of what a pixel shows, world, towards the camera, and its distance, or infinite."""
+        """[…, 4]: unit normal of the solid that a pixel shows, world, and its distance; infinite without."""
 
     @property
     def albedo(self) -> Array:
@@ -73,8 +73,8 @@ LAYERS = {
     ),
     "light_transmittance": Layer(
         3,
-        "RGB mean over lights and ray of the light's transmittance, weighted by what the camera sees; 0 where "
-        "nothing is lit",
+        "RGB mean over lights and ray of the light's transmittance, weighted by what the camera sees; 0 "
+        "where nothing is lit",
         lambda seen: _mean_by_opacity(seen.light_seen),
     ),
     "samples": Layer(
@@ -97,8 +97,8 @@ LAYERS = {
     ),
     "map_error": Layer(
         1,
-        "relative error of the light's transmittance in the map, mean over lights and ray, weighted by what the "
-        "camera sees; 0 for the dual march",
+        "relative error of the light's transmittance in the map, mean over lights and ray, weighted by what "
+        "the camera sees; 0 for the dual march",
         lambda seen: _mean_by_opacity(seen.errors).mean(axis=-1),
         "asked",
     ),

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Model, section_within
-from tfm_cl.scene.phases import Isotropic, Phase, parse_phase
+from tfm_cl.scene.phases.base import Phase, parse_phase
 
 
 class Medium(Model):
@@ -21,7 +21,7 @@ class Medium(Model):
     sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
     sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
     phase: Annotated[Phase, section_within(parse_phase)] = Field(
-        Isotropic(), description="phase function: isotropic or hg:G"
+        "isotropic", validate_default=True, description="phase function: isotropic or hg:G"
     )
 
     @property

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
-from tfm_cl.plan import placement, resolution
+from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights import Light
+from tfm_cl.scene.lights.base import Light
 from tfm_cl.scene.medium import Medium
-from tfm_cl.scene.settings import AUTO, MapSettings, MarchSettings, ShadowSettings
-from tfm_cl.scene.solids import Solid
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.scene.solids.base import Solid
 
 
 @dataclass(frozen=True, init=False)
@@ -83,7 +84,7 @@ class Scene:
         lights = tuple(lights)
         map, march = map or MapSettings(), march or MarchSettings()  # noqa: A001
         if map.max_error is not None and "steps" not in march.model_fields_set:
-            march = march.replace(steps=AUTO)
+            march = march.replace(steps="auto")
         for name, value in (
             ("bodies", bodies),
             ("medium", medium or Medium()),
@@ -156,22 +157,25 @@ class Scene:
         SceneError, VolumeError
             One line naming the file, the key, and what was expected.
         """
-        from tfm_cl.files.scene_file import SceneFile  # noqa: PLC0415 - it builds on this module
+        return SceneFile.read(source_of(path, error=SceneError)).make(cls)
 
-        return SceneFile.read(source_of(path, error=SceneError)).scene()
+    def read_files(self) -> None:
+        """Read what solids and lights name, where that has not been done; volumes are read already.
+
+        Afterwards nothing is read any more until a file changes.
+
+        Raises
+        ------
+        SceneError
+            A mesh or an image that cannot be used.
+        """
+        for solid in self.solids:
+            solid.read_files()
+        for light in self.lights:
+            light.read_files()
 
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values["volume"] = values.pop("bodies")
         return type(self)(**values | changes)
-
-    def resolved(self, maps: MapSettings | None = None) -> Scene:
-        """Return the scene with numbers for every ``"auto"`` of map resolution and steps.
-
-        Parameters
-        ----------
-        maps
-            Settings of maps that are there already, and whose numbers are to be kept.
-        """
-        return resolution.resolved(self, maps)

@@ -4,13 +4,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from tfm_cl.errors import SceneError
-from tfm_cl.maps.bases import BASES, BEST
+from tfm_cl.maps.bases import BASES
 from tfm_cl.model import (
     Model,
     count_or_auto,
     in_words,
-    is_auto,
     number_or_auto,
     number_or_none,
     unknown_key,
@@ -21,15 +19,12 @@ MAX_WEIGHTING = 1e6
 """Beyond it float32 cannot tell e^(-τ/α) from 1."""
 MAX_RES = 8192
 MAX_COEFFS = 32
-AUTO: Any = "auto"
-"""The default of a count: see `count_or_auto`."""
+Count = int | Literal["auto"]
+"""A whole number, or left to `tfm_cl.plan`."""
 DEFAULT_COEFFS = 8
 """Numbers a texel where nothing else is asked for."""
-STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
 SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
 """Name in scene files -> ``TFM_SHADOW`` of the kernels; 0 is for scenes without solids."""
-FIELD_BYTES = 16
-"""Of an entry of the field of ranges: begin, end, slope beyond, last density."""
 MAX_STEPS = 100_000
 
 
@@ -49,8 +44,8 @@ class MapSettings(Model):
         description="basis of the map; auto: klt, the most accurate at equal bytes. "
         + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
     )
-    coeffs: Annotated[int, count_or_auto(MAX_COEFFS)] = Field(
-        AUTO, description="numbers per texel, 1 to 32; auto: what bytes or max_error ask for, else 8"
+    coeffs: Annotated[Count, count_or_auto(MAX_COEFFS)] = Field(
+        "auto", description="numbers per texel, 1 to 32; auto: what bytes or max_error ask for, else 8"
     )
     bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
         None, alias="bytes", description="at most this many bytes a texel, range and all, for coeffs = auto"
@@ -89,10 +84,10 @@ class MapSettings(Model):
         description="between texels: interpolate the numbers, interpolate what they give, or take one"
         " texel at random",
     )
-    res: Annotated[int, count_or_auto(MAX_RES)] = Field(
+    res: Annotated[Count, count_or_auto(MAX_RES)] = Field(
         1024, description="map is res × res texels; auto: as fine as voxels and pixels, 64 to 2048"
     )
-    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
+    steps: Annotated[Count, count_or_auto(MAX_STEPS)] = Field(
         100,
         description="steps along the range of a light ray, and along the light rays of the dual "
         "march; auto: at most "
@@ -115,19 +110,19 @@ class MapSettings(Model):
     @classmethod
     def _max_error_chooses(cls, values: Any) -> Any:
         if isinstance(values, dict) and values.get("max_error") is not None:
-            return {"res": AUTO, "steps": AUTO, **values}
+            return {"res": "auto", "steps": "auto", **values}
         return values
 
     @model_validator(mode="after")
     def _basis_allows(self) -> Self:
-        if self.bytes_ is not None and not is_auto(self.coeffs):
+        if self.bytes_ is not None and self.coeffs != "auto":
             raise ValueError(f"bytes chooses coeffs: set coeffs to auto, not {self.coeffs}")
         if self.bytes_ is not None and self.max_error is not None:
             raise ValueError("bytes and max_error both choose coeffs: set one of them")
         if self.basis == "auto":
             return self
         basis = BASES[self.basis]
-        if not is_auto(self.coeffs) and self.coeffs not in basis.counts:
+        if self.coeffs != "auto" and self.coeffs not in basis.counts:
             raise ValueError(
                 f"coeffs = {self.coeffs}: basis '{self.basis}' has {in_words(basis.counts)} numbers"
             )
@@ -141,54 +136,6 @@ class MapSettings(Model):
             )
         return self
 
-    def resolved(self) -> Self:
-        """Replace what is ``"auto"`` and needs no light ray to decide: all but α, resolution and steps.
-
-        ``coeffs`` stays where ``max_error`` asks for it.
-        """
-        basis = BASES[BEST if self.basis == "auto" else self.basis]
-        chosen: dict[str, Any] = {"basis": basis.name}
-        for name in ("target", "fit", "range", "lookup"):
-            if getattr(self, name) == "auto":
-                chosen[name] = getattr(basis.defaults, name)
-        if is_auto(self.coeffs) and self.max_error is None:
-            chosen |= {"coeffs": self._affordable(chosen.get("range", self.range)), "bytes_": None}
-        settings = self.replace(**chosen)
-        linear = settings.target != "transmittance" and settings.fit == "l2" and basis.lerps
-        if settings.blur > 0 and (not linear or settings.range not in ("box", "global")):
-            raise SceneError(
-                f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos'"
-                f" with range = "
-                f"'global'; not basis '{settings.basis}' with target '{settings.target}', fit "
-                f"'{settings.fit}', range "
-                f"'{settings.range}'"
-            )
-        return settings
-
-    def _affordable(self, range_: str) -> int:
-        basis = BASES[BEST if self.basis == "auto" else self.basis]
-        counts = (
-            [n for n in basis.counts if n <= DEFAULT_COEFFS] if self.bytes_ is None else list(basis.counts)
-        )
-        if self.bytes_ is not None:
-            counts = [n for n in counts if self.bytes_per_texel(n, range_) <= self.bytes_]
-        if not counts:
-            least = self.bytes_per_texel(min(basis.counts), range_)
-            raise SceneError(f"map.bytes = {self.bytes_:g}: basis '{basis.name}' needs at least {least:g}")
-        return max(counts)
-
-    def bytes_per_texel(self, coeffs: int | None = None, range_: str | None = None) -> float:
-        """All numbers of a texel, with its share of the field of ranges."""
-        numbers = (coeffs or self.coeffs) * STORAGE_BITS[self.storage] / 8
-        if (range_ or self.range) == "box":
-            return numbers
-        return numbers + FIELD_BYTES * (field_res(self.res) / self.res) ** 2
-
-
-def field_res(map_res: int) -> int:
-    """Entries along a side of the field of ranges of a map."""
-    return max(2, min(map_res, max(64, map_res // 4)))
-
 
 class MarchSettings(Model):
     """How the view pass samples the camera rays."""
@@ -198,7 +145,7 @@ class MarchSettings(Model):
     method: Literal["tfm", "dual"] = Field(
         "tfm", description="tfm: look the light up in its map; dual: march to the light at every sample"
     )
-    steps: Annotated[int, count_or_auto(MAX_STEPS)] = Field(
+    steps: Annotated[Count, count_or_auto(MAX_STEPS)] = Field(
         100, description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024"
     )
     sampling: Literal["projective", "world"] = Field(

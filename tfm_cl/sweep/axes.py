@@ -10,7 +10,8 @@ from typing import Any
 
 from tfm_cl.errors import InputError, SceneError
 from tfm_cl.maps.bases import BASES, BEST
-from tfm_cl.model import in_words
+from tfm_cl.maps.resolved import resolve
+from tfm_cl.model import decided, in_words
 from tfm_cl.scene.settings import MAX_COEFFS, MapSettings
 from tfm_cl.sweep.rows import Weighting
 
@@ -44,7 +45,7 @@ class Axes:
             if not values:
                 raise InputError(f"a sweep needs at least one {name}")
         for basis in self.bases:
-            MapSettings(basis=basis).resolved()
+            resolve(MapSettings(basis=basis))
         for name, values in (*self._settings().items(), ("density_weighting", self.density_weightings)):
             for value in values:
                 self._check(name, value)
@@ -65,7 +66,7 @@ class Axes:
         for basis in self.bases:
             try:
                 own = nearest_count(basis, value) if name == "coeffs" else value
-                MapSettings(**{"basis": basis, "coeffs": "auto", name: own}).resolved()
+                resolve(MapSettings(**{"basis": basis, "coeffs": "auto", name: own}))
             except SceneError as error:
                 refusal = refusal or error
             else:
@@ -107,7 +108,8 @@ class Axes:
             for alpha, n in itertools.product(_unique(self.density_weightings), coeffs):
                 count = nearest_count(basis, n)
                 try:
-                    variant = settings.replace(**chosen, density_weighting=alpha, coeffs=count).resolved()
+                    request = settings.replace(**chosen, density_weighting=alpha, coeffs=count)
+                    variant = resolve(request).request()
                 except SceneError as error:
                     refusals[str(error)] += 1
                     continue
@@ -120,7 +122,7 @@ class Axes:
         stand_ins: dict[str, dict[int, int]] = {}
         for variant, asked in found.items():
             for n in asked:
-                stand_ins.setdefault(variant.basis, {})[n] = variant.coeffs
+                stand_ins.setdefault(variant.basis, {})[n] = decided(variant.coeffs)
         notices = [
             f"basis '{basis}' has {in_words(BASES[basis].counts)} coefficients: {in_place_of(counts)}"
             for basis, counts in stand_ins.items()

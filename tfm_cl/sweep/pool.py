@@ -11,22 +11,19 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 from tfm_cl.device.scratch import make_scratch
 from tfm_cl.errors import DeviceError, InputError, TfmError
 from tfm_cl.interrupts import interrupts_held
-from tfm_cl.sweep.work import Task, Worker
 
-if TYPE_CHECKING:
-    from tfm_cl.device.launch import Progress
-    from tfm_cl.render.renderer import Renderer
+Progress = Callable[[str, float], None]
 
 MOST_JOBS = 61
 """More processes than this Windows cannot wait for."""
@@ -34,7 +31,7 @@ MOST_JOBS = 61
 
 @dataclass(frozen=True)
 class Job:
-    """A call of one of `Worker`'s methods."""
+    """A call of one of a worker's methods."""
 
     method: str
     arguments: tuple[Any, ...]
@@ -61,28 +58,22 @@ class Here:
 
     Parameters
     ----------
-    task
-        What is swept.
-    renderer, device
-        What renders; or, where it is None, part of the name of the device of one made for the purpose.
+    worker
+        What does the work, from when it is entered.
     """
 
-    def __init__(self, task: Task, renderer: Renderer | None, device: str | None) -> None:
-        if renderer is None:
-            self._renderer: AbstractContextManager[Renderer] = _renderer(device)
-        else:
-            self._renderer = nullcontext(renderer)
-        self._task = task
+    def __init__(self, worker: AbstractContextManager[Any]) -> None:
+        self._entered = worker
 
     def __enter__(self) -> Self:
-        self._worker = Worker(self._task, self._renderer.__enter__())
+        self._worker = self._entered.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         del self._worker
-        self._renderer.__exit__(kind, error, trace)
+        self._entered.__exit__(kind, error, trace)
 
     def run(self, jobs: list[Job], tracker: Tracker) -> None:
         """Do jobs in order; those that they lead to come next."""
@@ -105,28 +96,26 @@ class Processes:
 
     Parameters
     ----------
-    task
-        What is swept.
+    make_worker
+        Makes what does the work, in each process.
     count
         Processes, at most; they begin when there is work for them.
-    device
-        Part of the name of the device.
 
     Raises
     ------
     InputError
-        When the task cannot be sent to other processes.
+        When what makes the worker cannot be sent to other processes.
     """
 
-    def __init__(self, task: Task, count: int, device: str | None) -> None:
+    def __init__(self, make_worker: Callable[[], Any], count: int) -> None:
         try:
-            pickle.dumps(task)
+            pickle.dumps(make_worker)
         except Exception as error:
             raise InputError(
                 "several jobs need overrides that other processes can import: pairs of key and value, or a "
                 f"function of a module ({error})"
             ) from error
-        self._task, self._count, self._device = task, count, device
+        self._make_worker, self._count = make_worker, count
         self._processes: dict[Connection, SpawnProcess] = {}
 
     def __enter__(self) -> Self:
@@ -177,7 +166,7 @@ class Processes:
         if idle is None and len(self._processes) < self._count:
             idle, theirs = multiprocessing.Pipe()
             process = multiprocessing.get_context("spawn").Process(
-                target=_serve, args=(theirs, self._task, self._device, str(self._scratch.path)), daemon=True
+                target=_serve, args=(theirs, self._make_worker, str(self._scratch.path)), daemon=True
             )
             try:
                 if os.name == "posix":
@@ -206,21 +195,15 @@ def _other_end(job: Job) -> Iterator[None]:
         ) from error
 
 
-def _renderer(device: str | None) -> Renderer:
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - a caller's own renderer needs no OpenCL
-
-    return Renderer(device)
-
-
 # ----------------------------------------------------------------------------- in the other processes
 
 
-def _serve(pipe: Connection, task: Task, device: str | None, scratch: str) -> None:
+def _serve(pipe: Connection, make_worker: Callable[[], Any], scratch: str) -> None:
     """Do what comes through the pipe until it closes; answer with the result or the error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tempfile.tempdir = scratch
-    worker: Worker | None = None
+    worker: Any = None
     while True:
         try:
             method, arguments = pipe.recv()
@@ -229,7 +212,7 @@ def _serve(pipe: Connection, task: Task, device: str | None, scratch: str) -> No
         result: Any = None
         failure: Exception | None = None
         try:
-            worker = worker or Worker(task, _renderer(device))
+            worker = worker or make_worker()
             result = getattr(worker, method)(*arguments, _silent)
         except Exception as error:  # noqa: BLE001 - the first process raises it
             failure = _portable(error)

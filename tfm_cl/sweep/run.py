@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from tfm_cl.errors import InputError
 from tfm_cl.scene.settings import MAX_STEPS, MapSettings
 from tfm_cl.sweep import curves as sweep_curves
+from tfm_cl.sweep import written as sweep_report
 from tfm_cl.sweep.axes import Axes
 from tfm_cl.sweep.curves import Curve, Ray
 from tfm_cl.sweep.keys import content_hash
@@ -36,7 +37,7 @@ from tfm_cl.sweep.rows import (
     kept_image,
     read_rows,
 )
-from tfm_cl.sweep.work import OVERHEAD, Overrides, Plan, Task
+from tfm_cl.sweep.work import OVERHEAD, Overrides, Plan, Task, Workshop
 
 if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
@@ -136,8 +137,6 @@ def run(
         map_sizes=tuple(map_sizes),
     )
     _check(converged_steps, ray, jobs, renderer)
-    from tfm_cl.sweep import written as sweep_report  # noqa: PLC0415 - it builds on this module
-
     task = Task(
         out=out,
         axes=axes,
@@ -145,7 +144,8 @@ def run(
         converged=converged,
         converged_steps=converged_steps,
     )
-    pool = Here(task, renderer, device) if jobs == 1 else Processes(task, jobs, device)
+    workshop = Workshop(task, device)
+    pool = Here(workshop.using(renderer)) if jobs == 1 else Processes(workshop.worker, jobs)
     sweep = _Sweep(out, ray, notice or _say_nothing, progress)
     try:
         with pool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from tfm_cl import metrics
 from tfm_cl._version import __version__
 from tfm_cl.errors import InputError, SceneError, VolumeError
-from tfm_cl.files.scene_file import SceneFile
+from tfm_cl.model import decided
+from tfm_cl.plan import resolution
 from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.settings import MapSettings
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep.axes import Axes
@@ -100,7 +102,7 @@ class Worker:
         del progress
         scene = self._load(path)
         variants, notices = self._task.axes.variants(scene.map)
-        scenes = [scene.replace(map=variant).resolved() for variant in variants]
+        scenes = [resolution.resolved(scene.replace(map=variant)) for variant in variants]
         device = self._renderer.device_name
         reference = reference_key(scene, device)
         marches, converged = {reference: scene}, None
@@ -120,11 +122,13 @@ class Worker:
             stands_for={key: asked for key, asked in zip(keys, variants.values(), strict=True) if asked},
             notices=notices,
             march_samples={
-                key: OVERHEAD + pixels * each.march.steps * (1 + each.map.steps / 2)
+                key: OVERHEAD + pixels * decided(each.march.steps) * (1 + decided(each.map.steps) / 2)
                 for key, each in marches.items()
             },
             row_samples={
-                key: OVERHEAD + pixels * each.march.steps + each.map.steps * float(each.map.res) ** 2
+                key: OVERHEAD
+                + pixels * decided(each.march.steps)
+                + decided(each.map.steps) * float(decided(each.map.res)) ** 2
                 for key, each in zip(keys, scenes, strict=True)
             },
         )
@@ -193,7 +197,7 @@ class Worker:
             storage=settings.storage,
             map_res=settings.res,
             map_steps=settings.steps,
-            view_steps=scene.march.steps,
+            view_steps=decided(scene.march.steps),
             width=width,
             height=height,
             ssim=found.ssim,
@@ -260,9 +264,10 @@ class Worker:
             scene = (
                 overrides(Scene.load(path))
                 if callable(overrides)
-                else SceneFile.read(path, overrides).scene()
+                else SceneFile.read(path, overrides).make(Scene)
             )
-            self._scene = path, scene.resolved()
+            scene.read_files()
+            self._scene = path, resolution.resolved(scene)
         return self._scene[1]
 
     def _variant(self, plan: Plan, key: str) -> Scene:
@@ -295,6 +300,30 @@ class Worker:
             return asked
 
         return scene.replace(
-            map=scene.map.replace(steps=steps(scene.map.steps)),
-            march=scene.march.replace(steps=steps(scene.march.steps)),
+            map=scene.map.replace(steps=steps(decided(scene.map.steps))),
+            march=scene.march.replace(steps=steps(decided(scene.march.steps))),
         )
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """Makes workers, here or in other processes."""
+
+    task: Task
+    device: str | None
+    """Part of the name of the device of renderers that are made for the purpose."""
+
+    def worker(self) -> Worker:
+        """Make one with a renderer of its own."""
+        return Worker(self.task, self._renderer())
+
+    @contextlib.contextmanager
+    def using(self, renderer: Renderer | None) -> Iterator[Worker]:
+        """Make one with a renderer that is there, or with one that is closed afterwards."""
+        with self._renderer() if renderer is None else contextlib.nullcontext(renderer) as used:
+            yield Worker(self.task, used)
+
+    def _renderer(self) -> Renderer:
+        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - a caller's own renderer needs no OpenCL
+
+        return Renderer(self.device)

@@ -9,7 +9,7 @@ from tfm_cl.files.paths import write_text
 from tfm_cl.sweep.report.groups import grouped
 from tfm_cl.sweep.report.page import page
 from tfm_cl.sweep.report.tables import markdown
-from tfm_cl.sweep.run import read_rows
+from tfm_cl.sweep.rows import read_rows
 
 
 def write(out: Path) -> None:

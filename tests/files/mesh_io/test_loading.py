@@ -14,8 +14,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from tfm_cl.errors import SceneError
-from tfm_cl.files.mesh_io import loading
-from tfm_cl.render.tracing import triangles
+from tfm_cl.files.mesh_io import loading, triangles
 from tfm_cl.render.tracing.tracer import Tracer
 from tfm_cl.scene.solids import MeshSolid
 

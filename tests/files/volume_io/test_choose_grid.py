@@ -7,7 +7,7 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files import volume_io
 from tfm_cl.files.volume_io import FORMATS, choose_grid, open_grids, read_grid, read_stored
 from tfm_cl.files.volume_io.grid import Grid
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io.leaves import Leaves
 
 
 @pytest.fixture

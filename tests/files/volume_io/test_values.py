@@ -9,11 +9,12 @@ import pytest
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files import volume_io
-from tfm_cl.files.scene_file import SceneFile
 from tfm_cl.files.volume_io.grid import Grid
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.values import ValueMap
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.plan import options
 from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.scene_file import SceneFile
 
 HOUNSFIELD = np.array([-3024, -1000, -500, 0, 40, 400, 3000, 0], np.int16).reshape(2, 2, 2)
 
@@ -126,9 +127,9 @@ def test_keys_of_a_scene_and_back(tmp_path):
     npy(tmp_path, HOUNSFIELD)
     (tmp_path / "a.toml").write_text('[volume]\nfile = "ct.npy"\noffset = 24\nwindow = [-1000, 1000]\n')
     file = SceneFile.read(tmp_path / "a.toml")
-    scene = file.scene()
-    assert scene.volume.data.max() == 1
-    assert file.resolved(scene)["volume"] | {"file": ""} == {
+    scene = file.make(tfm.Scene)
+    assert scene.bodies[0].data.max() == 1
+    assert options.options(file, scene)["volume"] | {"file": ""} == {
         "file": "",
         "grid": "density",
         "colour": None,
@@ -138,6 +139,7 @@ def test_keys_of_a_scene_and_back(tmp_path):
         "voxel_size": None,
         "origin": None,
         "transform": None,
+        "medium": None,
         "sanitize": False,
     }
 

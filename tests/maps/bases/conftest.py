@@ -6,6 +6,7 @@ from light_rays import exact, light_rays, numbers, of_series, scene_of, slabs, s
 from tolerances import FIT, PASS
 
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.plan.maps import functions_of
 
 
@@ -42,7 +43,7 @@ def plain_functions():
     def make(name, coeffs, target="auto"):
         from tfm_cl import MapSettings  # noqa: PLC0415
 
-        return functions_of(MapSettings(basis=name, coeffs=coeffs, target=target).resolved(), None)
+        return functions_of(resolve(MapSettings(basis=name, coeffs=coeffs, target=target)), None)
 
     return make
 

@@ -7,6 +7,7 @@ from tolerances import FLOAT32, PASS
 
 from tfm_cl import MapSettings
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.resolved import resolve
 
 pytestmark = pytest.mark.lanes
 
@@ -143,7 +144,7 @@ def test_any_density_and_storage_is_a_number(renderer):
 
 
 def test_numbers_are_not_interpolated():
-    assert MapSettings(basis="nodes").resolved().lookup == "reconstruct"
+    assert resolve(MapSettings(basis="nodes")).lookup == "reconstruct"
     with pytest.raises(SceneError, match="lookup = 'interpolate': the numbers of basis 'nodes'"):
         MapSettings(basis="nodes", lookup="interpolate")
     with pytest.raises(SceneError, match="coeffs = 7: basis 'nodes'"):

@@ -7,13 +7,14 @@ from tolerances import PASS, ROUNDED
 
 from tfm_cl import MapSettings
 from tfm_cl.maps.bases.curves import CELLS, Curves
+from tfm_cl.maps.resolved import resolve
 from tfm_cl.plan.maps import functions_of
 
 pytestmark = pytest.mark.lanes
 
 
 def sliced(coeffs, slicing="uniform", curves=None, basis="slices"):
-    return functions_of(MapSettings(basis=basis, coeffs=coeffs, slicing=slicing).resolved(), curves)
+    return functions_of(resolve(MapSettings(basis=basis, coeffs=coeffs, slicing=slicing)), curves)
 
 
 def curves_of(density):

@@ -8,7 +8,8 @@ from scenes import blobs
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import volume_io
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io import limits
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.scene.bodies.volume import Volume
 
 SPARSE = Path(__file__).resolve().parents[2] / "files" / "volume_io" / "data" / "negative.vdb"
@@ -347,7 +348,7 @@ def test_load_does_not_copy_an_array(tmp_path, data, monkeypatch):
 
 
 def test_a_dense_array_of_too_many_voxels_is_refused(monkeypatch):
-    monkeypatch.setattr(volume_io, "MAX_VOXELS", 24 * 24 * 24)
+    monkeypatch.setattr(limits, "MAX_VOXELS", 24 * 24 * 24)
     ones = np.ones((24, 24, 24), np.float32)
     assert Volume(Leaves.from_dense(ones)).data.shape == ones.shape
     wide = np.ones((24, 24, 25), np.float32)
@@ -360,6 +361,6 @@ def test_a_dense_array_of_too_many_voxels_is_refused(monkeypatch):
 
 
 def test_too_many_leaves_of_an_array_are_refused(monkeypatch):
-    monkeypatch.setattr("tfm_cl.scene.bodies.leaves.MAX_LEAVES", 7)
+    monkeypatch.setattr("tfm_cl.files.volume_io.leaves.MAX_LEAVES", 7)
     with pytest.raises(VolumeError, match=r"^fog: 16×16×16 voxels make 8 leaves .* limit is 7$"):
         _ = Volume(np.ones((16, 16, 16)), name="fog").leaves

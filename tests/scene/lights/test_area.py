@@ -9,10 +9,11 @@ from scenes import blobs
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.files.scene_file import SceneFile, to_toml
+from tfm_cl.plan import options
 from tfm_cl.scene.lights import Light, LightFrame
-from tfm_cl.scene.lights.area import disk_points, spread
+from tfm_cl.scene.lights.area import disk_points
 from tfm_cl.scene.lights.spot import MOST_SAMPLES
+from tfm_cl.scene.scene_file import SceneFile, to_toml
 
 ROUNDING = 1e-12
 """Sums of up to 256 float64 numbers near 1, and a rotation."""
@@ -68,7 +69,7 @@ def test_points_are_spread_by_area(count):
 def test_lights_lie_on_a_disk_that_faces_the_axis(place, count):
     light = area_light(samples=count, **place)
 
-    lights = spread(light)
+    lights = light.parts()
 
     offsets = origins(lights) - light.from_
     axis = np.subtract(light.to, light.from_)
@@ -85,7 +86,7 @@ def test_lights_lie_on_a_disk_that_faces_the_axis(place, count):
 def test_intensities_add_up(count):
     light = area_light(samples=count)
 
-    total = np.sum([other.intensity for other in spread(light)], axis=0)
+    total = np.sum([other.intensity for other in light.parts()], axis=0)
 
     np.testing.assert_allclose(total, light.intensity, rtol=ROUNDING)
 
@@ -93,22 +94,22 @@ def test_intensities_add_up(count):
 def test_everything_else_is_the_lights_own():
     light = area_light(falloff="inverse-square")
 
-    for other in spread(light):
+    for other in light.parts():
         restored = other.replace(from_=light.from_, intensity=light.intensity, radius=light.radius)
         assert restored == light
-        assert spread(other) == (other,)
+        assert other.parts() == (other,)
 
 
 def test_always_the_same_lights():
-    assert spread(area_light()) == spread(area_light())
-    assert spread(area_light()) != spread(area_light(radius=0.5))
+    assert area_light().parts() == area_light().parts()
+    assert area_light().parts() != area_light(radius=0.5).parts()
 
 
 def test_a_point_is_itself():
     light = area_light(radius=0)
 
-    assert spread(light) == (light,)
-    assert spread(light)[0] is light
+    assert light.parts() == (light,)
+    assert light.parts()[0] is light
 
 
 class Candle(Light):
@@ -139,11 +140,11 @@ class Candle(Light):
 def test_a_light_of_another_type_is_itself():
     light = Candle(type="candle")
 
-    assert spread(light) == (light,)
+    assert light.parts() == (light,)
 
 
 def test_every_point_has_a_map_of_its_own():
-    lights = spread(area_light(samples=32))
+    lights = area_light(samples=32).parts()
 
     assert len({light.map_key() for light in lights}) == 32
 
@@ -162,7 +163,7 @@ def test_light_on_the_axis_is_that_of_a_disk(count, radius):
     light, z = area_light(radius=radius, samples=count), 2.0
     axis = np.subtract(light.to, light.from_)
     point = light.from_ + z * axis / np.linalg.norm(axis)
-    lights = spread(light)
+    lights = light.parts()
 
     squares = ((origins(lights) - point) ** 2).sum(axis=1)
     received = sum(other.intensity[0] / square for other, square in zip(lights, squares, strict=True))
@@ -176,7 +177,7 @@ def test_light_on_the_axis_is_that_of_a_disk(count, radius):
 def test_penumbra_is_the_part_of_the_disk_that_is_seen(share):
     # A screen with a straight edge, clear on one side, e^-3 on the other: the mean of T, not T of the mean.
     light = area_light(radius=1.0, samples=MOST_SAMPLES, from_=(0, 0, 4), to=(0, 0, 0))
-    x = origins(spread(light))[:, 0]
+    x = origins(light.parts())[:, 0]
     edge = np.linspace(-1, 1, 20_001)
     seen = (np.arccos(edge) - edge * np.sqrt(1 - edge**2)) / np.pi  # part of the disk with x > edge
     edge = edge[np.argmin(np.abs(seen - share))]
@@ -219,7 +220,7 @@ def test_impossible_values_are_one_line(keys, message):
 def test_the_largest_disk_can_be_spread():
     light = area_light(from_=(0, 0, 1), to=(0, 0, 0), radius=9e14, samples=MOST_SAMPLES)
 
-    assert len(spread(light)) == MOST_SAMPLES
+    assert len(light.parts()) == MOST_SAMPLES
 
 
 def test_a_scene_file_and_back(tmp_path):
@@ -230,15 +231,15 @@ def test_a_scene_file_and_back(tmp_path):
         "[[light]]\nfrom = [-3, 4, 2]\nto = [0, 0, 0]\n"
     )
     file = SceneFile.read(tmp_path / "scene.toml")
-    scene = file.scene()
+    scene = file.make(tfm.Scene)
     written = tmp_path / "written.toml"
-    written.write_text(to_toml(file.resolved(scene)), encoding="utf-8")
+    written.write_text(to_toml(options.options(file, scene)), encoding="utf-8")
 
-    again = SceneFile.read(written).scene()
+    again = SceneFile.read(written).make(tfm.Scene)
 
     assert [(light.radius, light.samples) for light in again.lights] == [(0.5, 7), (0.0, 16)]
     assert again.lights == scene.lights
-    assert len(list(chain.from_iterable(map(spread, again.lights)))) == 8
+    assert len(list(chain.from_iterable(light.parts() for light in again.lights))) == 8
     table = tomllib.loads(written.read_text(encoding="utf-8"))["light"][0]
     assert (table["radius"], table["samples"]) == (0.5, 7)
 
@@ -247,6 +248,6 @@ def test_the_placed_light_may_have_a_radius(tmp_path):
     np.save(tmp_path / "cloud.npy", blobs())
     overrides = [("light.radius", 0.25), ("light.samples", 4)]
 
-    lights = SceneFile.read(tmp_path / "cloud.npy", overrides).scene().lights
+    lights = SceneFile.read(tmp_path / "cloud.npy", overrides).make(tfm.Scene).lights
 
     assert [(light.radius, light.samples) for light in lights] == [(0.25, 4)]

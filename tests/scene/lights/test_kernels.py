@@ -9,9 +9,9 @@ from tolerances import DEVICE_FUNCTION, FLOAT32, GRAZING
 
 import tfm_cl as tfm
 from tfm_cl.device import params as parameters
-from tfm_cl.files import texture
 from tfm_cl.scene.lights import LIGHTS, PointLight, SunLight
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
+from tfm_cl.scene.lights.texels import look_up
 
 KERNELS = str(Path(__file__).with_name("light_functions.cl"))
 COUNT = 5003
@@ -201,7 +201,7 @@ def test_texture(launcher, rng, shape):
     arguments = [launcher.upload("texture", uploaded), np.int32(width), np.int32(height)]
     found = device.run("call_texture", positions, 3, before=arguments)
 
-    expected = texture.look_up(image, np.nan_to_num(positions.astype(np.float32).astype(np.float64), nan=0))
+    expected = look_up(image, np.nan_to_num(positions.astype(np.float32).astype(np.float64), nan=0))
     # A place is rounded to some half ulps of the width; neighbours differ by up to 4.
     assert np.abs(found - expected).max() < 4 * 4 * FLOAT32 * max(shape) + DEVICE_FUNCTION * 4
     assert np.isfinite(found).all()

@@ -5,9 +5,9 @@ import pytest
 from tolerances import ROUNDED
 
 from tfm_cl.errors import SceneError
-from tfm_cl.files.texture import look_up
 from tfm_cl.scene.lights import PointLight
 from tfm_cl.scene.lights.charts import BORDER, COARSEST, Octahedron
+from tfm_cl.scene.lights.texels import look_up
 
 STRETCH = 3.0
 """Radians a unit of the square is at most: in the middle of a face, 1/√3 from the centre and tilted by it."""

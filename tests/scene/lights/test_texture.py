@@ -11,8 +11,9 @@ import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.files import image_io, texture
 from tfm_cl.files.image_io.image import Image
-from tfm_cl.files.texture import TEXTURE_RES, look_up, reduced
+from tfm_cl.files.texture import TEXTURE_RES, reduced
 from tfm_cl.scene.lights import EnvironmentLight
+from tfm_cl.scene.lights.texels import look_up
 
 
 def spot(path, **keys):

@@ -11,7 +11,6 @@ from typing import IO, Any
 import numpy as np
 
 from tfm_cl.errors import SceneError
-from tfm_cl.render.tracing.triangles import MAX_CORNERS, MAX_FACES
 
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 WIDEST = 4
@@ -20,13 +19,13 @@ MAX_ENTRIES = 1_000_000
 """Of any of the file's lists."""
 
 
-def check_gltf(path: Path, stream: IO[bytes], largest: int) -> None:
+def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> None:
     """Check a .glb or .gltf stream's own figures; it is rewound.
 
     Raises
     ------
     SceneError
-        It would need more than ``largest`` bytes, twice, or too many triangles, or it is compressed.
+        It would need more than ``largest`` bytes, twice, or ``most_faces`` triangles, or it is compressed.
     ValueError, KeyError, TypeError
         It is no glTF.
     """
@@ -52,8 +51,8 @@ def check_gltf(path: Path, stream: IO[bytes], largest: int) -> None:
             f"{path}: announces {max(views, numbers * WIDEST):,} bytes; the limit is {2 * largest:,}"
         )
     corners = _corners(header, counts)
-    if corners > MAX_CORNERS:
-        raise SceneError(f"{path}: announces {corners // 3:,} triangles; the limit is {MAX_FACES:,}")
+    if corners > 3 * most_faces:
+        raise SceneError(f"{path}: announces {corners // 3:,} triangles; the limit is {most_faces:,}")
 
 
 def _corners(header: dict[str, Any], counts: list[int]) -> int:

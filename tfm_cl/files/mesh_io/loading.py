@@ -24,9 +24,8 @@ from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from tfm_cl.errors import SceneError
 from tfm_cl.files.mesh_io.gltf_limits import check_gltf
+from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO, MAX_CORNERS, MAX_FACES, Triangles, checked
 from tfm_cl.files.paths import check_readable, is_file, real_path
-from tfm_cl.render.tracing.triangles import MAX_CORNERS, MAX_FACES, Triangles, checked
-from tfm_cl.scene.solids.base import DEFAULT_ALBEDO
 
 MAX_BYTES = 1 << 30
 """Largest file, and most that the files it names may have together."""
@@ -79,7 +78,7 @@ def read_mesh(path: Path, albedo: tuple[float, float, float] | None = None) -> T
         with path.open("rb") as stream, _quietly():
             extension = path.suffix.lower()
             if extension in _GLTF:
-                check_gltf(path, stream, MAX_BYTES)
+                check_gltf(path, stream, MAX_BYTES, MAX_FACES)
             triangles = _flatten(path, _scene(stream, extension, path, colours=albedo is None), albedo)
     except SceneError:
         raise

@@ -5,7 +5,6 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 """
 
 import importlib
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.paths import check_readable
-from tfm_cl.files.volume_io.grid import Grid, VolumeFormat, shown, shown_names
-from tfm_cl.scene.bodies.leaves import MAX_LEAVES, Leaves
+from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, VolumeFormat, shown, shown_names
+from tfm_cl.files.volume_io.leaves import Leaves
+from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
 
 FORMATS: dict[str, str] = {
     ".vdb": "vdb",
@@ -29,22 +29,10 @@ FORMATS: dict[str, str] = {
 }
 """Extension -> module of this package; imported when a file of that kind is opened."""
 
-DEFAULT_NAME = "density"
-"""Grid that is rendered when none is named."""
-COLOUR = "colour"
-"""Grid or array that is a colour, where none is named."""
-MAX_VOXELS = 1 << 31
-"""Largest dense grid read into memory (8 GiB of float32)."""
-MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
-"""Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
-
 __all__ = [
     "COLOUR",
     "DEFAULT_NAME",
     "FORMATS",
-    "MAX_BOX_EDGE",
-    "MAX_BOX_VOXELS",
-    "MAX_VOXELS",
     "beyond_limits",
     "choose_grid",
     "find_grid",
@@ -53,8 +41,6 @@ __all__ = [
     "read_stored",
     "read_vectors",
     "refusal",
-    "too_large",
-    "too_many_leaves",
 ]
 
 
@@ -183,22 +169,6 @@ def beyond_limits(grid: Grid) -> str:
         z, y, x = grid.shape
         return too_large((z, y, 3 * x), sparse=False)
     return too_large(grid.shape, sparse=grid.read_leaves is not None) or too_many_leaves(grid.leaf_count)
-
-
-def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
-    """Why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty when it can."""
-    z, y, x = shape
-    limit = MAX_BOX_VOXELS if sparse else MAX_VOXELS
-    if math.prod(shape) > limit:
-        return f"spans {x}×{y}×{z} = {x * y * z:,} voxels; the limit is {limit:,}"
-    if sparse and max(shape) > MAX_BOX_EDGE:
-        return f"spans {x}×{y}×{z} voxels; the limit along an axis is {MAX_BOX_EDGE:,}"
-    return ""
-
-
-def too_many_leaves(count: int) -> str:
-    """Why that many leaves cannot be read; empty when they can."""
-    return f"takes {count:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" if count > MAX_LEAVES else ""
 
 
 def refusal(grid: Grid) -> str:

@@ -11,9 +11,10 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files import volume_io
 from tfm_cl.files.paths import source_of
 from tfm_cl.files.volume_io import numpy_array
-from tfm_cl.files.volume_io.grid import Grid, shown, shown_names
+from tfm_cl.files.volume_io.grid import COLOUR, Grid, shown, shown_names
+from tfm_cl.files.volume_io.leaves import Index
+from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.model import LARGEST_COLOUR
-from tfm_cl.scene.bodies.leaves import Index
 
 ColourSource = str | Path | Sequence[str] | Literal[False] | None
 """See `tfm_cl.scene.bodies.volume.Volume.load`."""
@@ -89,11 +90,11 @@ def read_colour(
     """
     hint = ""
     if source is None and path.suffix.lower() == ".npz" and numpy_array.has_colour(path):
-        source, hint = volume_io.COLOUR, "; to leave it out, --set volume.colour=false"
+        source, hint = COLOUR, "; to leave it out, --set volume.colour=false"
     if source is None or source is False:
         return None, ()
     z, y, x = grid.shape
-    if reason := volume_io.too_large((z, y, 3 * x), sparse=False):
+    if reason := too_large((z, y, 3 * x), sparse=False):
         raise VolumeError(f"{path}: the colour of grid {shown(grid.name)} {reason}, channels counted")
     if not isinstance(source, str | Path):
         rgb, notes = _read_three_grids(path, grid, source)
@@ -183,7 +184,7 @@ def _common(grid: Grid, part: Grid, label: str) -> tuple[tuple[slice, ...], tupl
     if not np.abs(grid_from_part - aligned).max() <= ALIGNMENT:  # NaN is not
         raise VolumeError(f"{label} does not have its voxels where grid {shown(grid.name)} has them")
     z, y, x = part.shape
-    if reason := volume_io.too_large((z, y, x * (1 if part.read_colour is None else 3)), sparse=False):
+    if reason := too_large((z, y, x * (1 if part.read_colour is None else 3)), sparse=False):
         raise VolumeError(f"{label} {reason} for a dense array")
     common = [_overlap(*sides) for sides in zip(grid.shape, part.shape, offset[::-1], strict=True)]
     of_grid, of_part = zip(*common, strict=True)

@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io.leaves import Leaves
 
 LONGEST_SHOWN = 40
 """Characters of a name in a message."""
 MOST_SHOWN = 12
 """Names in a message."""
+
+DEFAULT_NAME = "density"
+"""Grid that is rendered when none is named."""
+COLOUR = "colour"
+"""Grid or array that is a colour, where none is named."""
 
 GridClass = Literal["fog volume", "level set", "staggered", "unknown"]
 

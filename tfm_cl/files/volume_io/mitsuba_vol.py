@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io import COLOUR, DEFAULT_NAME
-from tfm_cl.files.volume_io.grid import Grid, as_colour, world_from_index_of
-from tfm_cl.files.volume_io.raw import read_voxels
+from tfm_cl.files.volume_io.decoding import read_voxels
+from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, as_colour, world_from_index_of
 
 EXTENSIONS = (".vol",)
 

@@ -37,9 +37,16 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.paths import is_file
-from tfm_cl.files.volume_io import COLOUR, DEFAULT_NAME
-from tfm_cl.files.volume_io.grid import Grid, as_colour, refuse, shown, world_from_index_of
-from tfm_cl.files.volume_io.raw import ByteSource, read_voxels
+from tfm_cl.files.volume_io.decoding import ByteSource, read_voxels
+from tfm_cl.files.volume_io.grid import (
+    COLOUR,
+    DEFAULT_NAME,
+    Grid,
+    as_colour,
+    refuse,
+    shown,
+    world_from_index_of,
+)
 
 EXTENSIONS = (".nrrd", ".nhdr")
 

@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.paths import check_readable
-from tfm_cl.files.volume_io import COLOUR, DEFAULT_NAME
-from tfm_cl.files.volume_io.grid import Grid, shown, shown_names, world_from_index_of
-from tfm_cl.files.volume_io.raw import read_voxels
+from tfm_cl.files.volume_io.decoding import read_voxels
+from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, shown, shown_names, world_from_index_of
 
 EXTENSIONS = (".npy", ".npz")
 

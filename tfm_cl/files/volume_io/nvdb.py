@@ -59,6 +59,7 @@ from tfm_cl.files.volume_io.binary import (
     unzip_into,
 )
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
@@ -79,7 +80,6 @@ from tfm_cl.files.volume_io.tree import (
     place_origins,
     vector_type,
 )
-from tfm_cl.scene.bodies.leaves import Leaves
 
 __all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 

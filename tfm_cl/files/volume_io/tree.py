@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io import too_large, too_many_leaves
 from tfm_cl.files.volume_io.binary import Cursor
-from tfm_cl.scene.bodies.leaves import LEAF, MAX_LEAVES, Leaves
+from tfm_cl.files.volume_io.leaves import LEAF, MAX_LEAVES, Leaves
+from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
 
 ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
 """Voxels along a tile of the root, of an upper and of a lower node."""

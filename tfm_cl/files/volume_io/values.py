@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io import too_large
+from tfm_cl.files.volume_io.leaves import Leaves
+from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.model import LARGEST_COLOUR
-from tfm_cl.scene.bodies.leaves import Leaves
 
 
 def _is_number(value: Any) -> bool:

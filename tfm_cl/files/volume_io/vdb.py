@@ -56,6 +56,7 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.binary import Cursor, map_file, unblosc, unzip
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
+from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
@@ -76,7 +77,6 @@ from tfm_cl.files.volume_io.tree import (
     place_origins,
     vector_type,
 )
-from tfm_cl.scene.bodies.leaves import Leaves
 
 __all__ = ["EXTENSIONS", "StoredTree", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 

@@ -13,7 +13,6 @@ from tfm_cl.constants import RIDGE
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
-    from tfm_cl.scene.settings import MapSettings
 
 Floats = NDArray[np.float64]
 Target = Literal["transmittance", "optical-depth", "extinction"]
@@ -28,6 +27,30 @@ LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 
 UNIFORM_SHARE = 0.02
 """Of the visibility-weighted fit: keeps what no light reaches from going anywhere. Of 0.01, 0.02, 0.03, 0.1
 and 0.3 the first three differ by a few per cent on six volumes, the last two are worse by 10 and 20 %."""
+
+
+class Choices(Protocol):
+    """What a basis has to know of a map: decided, nothing is ``"auto"``."""
+
+    @property
+    def coeffs(self) -> int:
+        """Numbers a texel."""
+
+    @property
+    def target(self) -> Target:
+        """What is approximated."""
+
+    @property
+    def fit(self) -> Fit:
+        """How its numbers are found."""
+
+    @property
+    def slicing(self) -> str:
+        """Where the bases of planes have theirs: ``uniform``, ``density`` or ``gamma``."""
+
+    @property
+    def density_weighting(self) -> float | None:
+        """α of eq. 19; there where it matters: the target is the transmittance and rays have been seen."""
 
 
 class Functions(Protocol):
@@ -72,8 +95,8 @@ class Basis:
     summary: str
     """One line for ``--help``."""
     defaults: Defaults
-    functions: Callable[[MapSettings, Curves | None], Functions] | None
-    """Makes the functions for resolved settings; None where the kernel header accumulates in its own way.
+    functions: Callable[[Choices, Curves | None], Functions] | None
+    """Makes the functions of a map; None where the kernel header accumulates in its own way.
     `Curves`, light rays of the map itself, are given where `needs_curves` says so."""
     targets: tuple[Target, ...] = ("transmittance", "optical-depth", "extinction")
     """That make sense for it."""
@@ -84,20 +107,20 @@ class Basis:
     counts: tuple[int, ...] = field(default=tuple(range(1, 33)))
     """Numbers a texel that it can have."""
 
-    def table(self, functions: Functions, settings: MapSettings, steps: int) -> NDArray[np.float32]:
+    def table(self, functions: Functions, choices: Choices, steps: int) -> NDArray[np.float32]:
         """Make what ``kernels/projection.h`` wants for every step of a march.
 
         Parameters
         ----------
-        settings
-            Resolved.
+        choices
+            Of the map.
         steps
             Along a ray's range.
         """
-        n = settings.coeffs
-        if settings.fit == "l2":
+        n = choices.coeffs
+        if choices.fit == "l2":
             analysis = functions.analysis(steps)
-            rows = analysis if settings.target == "extinction" else _suffix_sums(analysis)
+            rows = analysis if choices.target == "extinction" else _suffix_sums(analysis)
             return rows.astype(np.float32).ravel()
         values = functions.values(middles(steps))
         below = np.tril_indices(n)
@@ -109,6 +132,12 @@ class Basis:
 def middles(steps: int) -> Floats:
     """Middles of equal steps in [0, 1]."""
     return (np.arange(steps) + 0.5) / steps
+
+
+def part_before(v: Floats, steps: int) -> Floats:
+    """Share of each of equal steps that lies before each v: [steps, len(v)]."""
+    shares: Floats = np.clip(v * steps - np.arange(steps)[:, None], 0, 1)
+    return shares
 
 
 def least_squares(values: Floats) -> Floats:

@@ -29,11 +29,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.maps.bases.base import Basis, Defaults, Floats, least_squares, middles
+from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, least_squares, middles
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
-    from tfm_cl.scene.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,9 @@ class Cosines:
         return least_squares(cosines) * (steps if self.of_extinction else 1)
 
 
-def _functions(settings: MapSettings, curves: Curves | None) -> Cosines:
+def _functions(choices: Choices, curves: Curves | None) -> Cosines:
     del curves
-    return Cosines(settings.coeffs, settings.target == "extinction")
+    return Cosines(choices.coeffs, choices.target == "extinction")
 
 
 DCT = Basis(

@@ -23,11 +23,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.maps.bases.base import Basis, Defaults, Floats, least_squares, middles
+from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, least_squares, middles
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
-    from tfm_cl.scene.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,9 @@ class Fourier:
         return np.diff(self.values(np.arange(steps + 1) / steps), axis=0) * steps / norms
 
 
-def _functions(settings: MapSettings, curves: Curves | None) -> Fourier:
+def _functions(choices: Choices, curves: Curves | None) -> Fourier:
     del curves
-    return Fourier(settings.coeffs, settings.target == "extinction")
+    return Fourier(choices.coeffs, choices.target == "extinction")
 
 
 FOURIER = Basis(

@@ -19,16 +19,12 @@ Srebro and Jaakkola, "Weighted low-rank approximations", ICML 2003.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.maps.bases.base import UNIFORM_SHARE, Basis, Defaults, Floats, weighted_fit
+from tfm_cl.maps.bases.base import UNIFORM_SHARE, Basis, Choices, Defaults, Floats, weighted_fit
 from tfm_cl.maps.bases.curves import CELLS, Curves
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.settings import MapSettings
 
 ROUNDS = 6
 """Of solving in turn. On six volumes 4 rounds leave the error 5 to 12 % above that of 12, 6 within 5 %."""
@@ -66,10 +62,10 @@ class Learnt:
         return functionals
 
 
-def learn(settings: MapSettings, curves: Curves | None) -> Learnt:
+def learn(choices: Choices, curves: Curves | None) -> Learnt:
     """Find the functions for light rays."""
     assert curves is not None  # noqa: S101 - needs_curves
-    n = settings.coeffs
+    n = choices.coeffs
     x = np.linspace(-1, 1, CELLS + 1)[1:]
     polynomials = _orthonormal(np.polynomial.legendre.legvander(x, n - 1).astype(np.float64))
     if len(curves.optical_depth) == 0:  # nothing to learn from, and nothing to show
@@ -77,11 +73,12 @@ def learn(settings: MapSettings, curves: Curves | None) -> Learnt:
     depth = curves.optical_depth[:, 1:]
     weight = _at_edges(curves.visibility)
     value: Floats = depth
-    if settings.target == "transmittance":
-        alpha = float(settings.density_weighting)
+    if choices.target == "transmittance":
+        assert choices.density_weighting is not None  # noqa: S101 - these are the rays that it follows
+        alpha = choices.density_weighting
         value = -np.expm1(-depth / alpha)
         weight = weight * np.exp(np.minimum(2 * depth / alpha, 600))
-    if settings.fit == "l2":
+    if choices.fit == "l2":
         mean = weight.sum(axis=0)
         mean = (1 - MEAN_SHARE) * mean / max(float(mean.sum()), TINY) + MEAN_SHARE / CELLS
         root = np.sqrt(mean)[:, None]

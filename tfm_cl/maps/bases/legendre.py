@@ -21,11 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.maps.bases.base import Basis, Defaults, Floats, least_squares, middles
+from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, least_squares, middles
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
-    from tfm_cl.scene.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -54,9 +53,9 @@ class Legendre:
         )
 
 
-def _functions(settings: MapSettings, curves: Curves | None) -> Legendre:
+def _functions(choices: Choices, curves: Curves | None) -> Legendre:
     del curves
-    return Legendre(settings.coeffs, settings.target == "extinction")
+    return Legendre(choices.coeffs, choices.target == "extinction")
 
 
 LEGENDRE = Basis(

@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.maps.bases.base import Basis, Defaults, Floats
+from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, part_before
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
-    from tfm_cl.scene.settings import MapSettings
 
 
 @dataclass(frozen=True)
@@ -42,15 +41,9 @@ class Parts:
         return np.diff(part_before(np.arange(self.n + 1) / self.n, steps), axis=1)
 
 
-def part_before(v: Floats, steps: int) -> Floats:
-    """Share of each of equal steps that lies before each v: [steps, len(v)]."""
-    shares: Floats = np.clip(v * steps - np.arange(steps)[:, None], 0, 1)
-    return shares
-
-
-def _functions(settings: MapSettings, curves: Curves | None) -> Parts:
+def _functions(choices: Choices, curves: Curves | None) -> Parts:
     del curves
-    return Parts(settings.coeffs)
+    return Parts(choices.coeffs)
 
 
 PIECEWISE = Basis(

@@ -23,17 +23,12 @@ Source: Kim and Neumann, "Opacity Shadow Maps", Eurographics Workshop on Renderi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.maps.bases.base import Basis, Defaults, Floats
+from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, part_before
 from tfm_cl.maps.bases.curves import CELLS, Curves
-from tfm_cl.maps.bases.piecewise import part_before
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.settings import MapSettings
 
 GAMMA = 2.0
 """Of the slicing ``gamma``: the display's, roughly, as in OSM figure 3c."""
@@ -83,14 +78,14 @@ class Slices:
         return part_before(self.planes, steps)
 
 
-def planes(settings: MapSettings, curves: Curves | None) -> Floats:
+def planes(choices: Choices, curves: Curves | None) -> Floats:
     """Place n planes in [0, 1], the last one at 1."""
-    n = settings.coeffs
-    if settings.slicing == "density":
+    n = choices.coeffs
+    if choices.slicing == "density":
         assert curves is not None  # noqa: S101 - needs_curves
         return _halved_by_density(n, curves)
     even = np.arange(1, n + 1) / n
-    return even**GAMMA if settings.slicing == "gamma" else even
+    return even**GAMMA if choices.slicing == "gamma" else even
 
 
 def _halved_by_density(n: int, curves: Curves) -> Floats:
@@ -106,12 +101,12 @@ def _halved_by_density(n: int, curves: Curves) -> Floats:
     return np.array(edges[1:])
 
 
-def _linear(settings: MapSettings, curves: Curves | None) -> Slices:
-    return Slices(planes(settings, curves), cubic=False)
+def _linear(choices: Choices, curves: Curves | None) -> Slices:
+    return Slices(planes(choices, curves), cubic=False)
 
 
-def _cubic(settings: MapSettings, curves: Curves | None) -> Slices:
-    return Slices(planes(settings, curves), cubic=True)
+def _cubic(choices: Choices, curves: Curves | None) -> Slices:
+    return Slices(planes(choices, curves), cubic=True)
 
 
 SLICES = Basis(

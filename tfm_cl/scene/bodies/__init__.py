@@ -1,7 +1,7 @@
 """What fills space with density: one module each.
 
-To add a shape of constant density, write a module with a `Homogeneous` subclass and its kernel header, and list
-the class in ``SHAPES``.
+To add a shape of constant density, write a module with a `Homogeneous` subclass and its kernel header, and
+list the class in ``SHAPES``.
 """
 
 from typing import Any

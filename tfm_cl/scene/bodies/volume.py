@@ -16,10 +16,11 @@ from tfm_cl.files import volume_io
 from tfm_cl.files.paths import source_of
 from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, read_colour
 from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
+from tfm_cl.files.volume_io.leaves import Index, Leaves, NotDensities
+from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
-from tfm_cl.scene.bodies.leaves import Index, Leaves, NotDensities
 from tfm_cl.scene.medium import Medium, parse_medium
 
 
@@ -244,9 +245,9 @@ class Volume(Body):
         Raises
         ------
         VolumeError
-            The volume holds leaves, and the dense array would be larger than `volume_io.MAX_VOXELS`.
+            The volume holds leaves, and the dense array would be larger than `limits.MAX_VOXELS`.
         """
-        reason = volume_io.too_large(self.shape, sparse=False)
+        reason = too_large(self.shape, sparse=False)
         if reason and self._voxels.leaves is not None:
             raise VolumeError(f"{self.label}: {reason} for a dense array; .leaves are its voxels without")
         return self._voxels.dense
@@ -292,9 +293,9 @@ class Volume(Body):
         return tuple(channel.leaves for channel in (self.channels if self._colour is not None else (self,)))
 
     def densities_at(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Density in each channel at world points [n, 3], float64 [n, 3]; the second and third are 0 without colour.
+        """Density in each channel at world points [n, 3], float64 [n, 3].
 
-        Trilinear between voxel centres, 0 one voxel beyond them.
+        Trilinear between voxel centres, 0 one voxel beyond them; without colour the first channel is all.
         """
         from scipy import ndimage  # noqa: PLC0415 - few ask
 
@@ -308,7 +309,7 @@ class Volume(Body):
         return scaled
 
     def interval(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> tuple[float, float]:
-        """Part of a world ray, from 0 on, within the grid and its border of one voxel: begin, end; (0, 0) without."""
+        """Begin and end ≥ 0 of a world ray in the grid and its border of one voxel; (0, 0) without."""
         matrix = np.linalg.inv(self.world_from_index)
         start, along = matrix[:3, :3] @ origin + matrix[:3, 3], matrix[:3, :3] @ direction
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,23 +1,17 @@
 """Lights: one module each.
 
-To add one, write a module with a `Light` subclass and its kernel header, and list the class in
-``LIGHTS``.
+To add one, write a module with a `Light` subclass and its kernel header, and list the class here.
 """
 
-from typing import Any
-
-from tfm_cl.errors import SceneError
-from tfm_cl.model import unknown_key
-from tfm_cl.scene.lights.base import Arrival, Light, LightFrame
+from tfm_cl.scene.lights.base import LIGHTS, Arrival, Light, LightFrame, parse_light
 from tfm_cl.scene.lights.environment import EnvironmentLight
 from tfm_cl.scene.lights.point import PointLight
 from tfm_cl.scene.lights.spot import SpotLight
 from tfm_cl.scene.lights.sun import SunLight
 
-LIGHTS: dict[str, type[Light]] = {
-    cls.model_fields["type"].default: cls for cls in (SpotLight, SunLight, PointLight, EnvironmentLight)
-}
-"""Name in scene files -> class."""
+LIGHTS.update(
+    {cls.model_fields["type"].default: cls for cls in (SpotLight, SunLight, PointLight, EnvironmentLight)}
+)
 
 __all__ = [
     "LIGHTS",
@@ -30,17 +24,3 @@ __all__ = [
     "SunLight",
     "parse_light",
 ]
-
-
-def parse_light(values: dict[str, Any]) -> Light:
-    """Make a light from a scene file's table; ``type`` is ``spot`` when left out.
-
-    Raises
-    ------
-    SceneError
-        Unknown type, unknown key or impossible value.
-    """
-    name = values.get("type", "spot")
-    if not isinstance(name, str) or name not in LIGHTS:
-        raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
-    return LIGHTS[name].from_table(values)

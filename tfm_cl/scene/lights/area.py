@@ -6,13 +6,9 @@ of T, which is darker.
 """
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.lights.base import Light
 
 MOST_SAMPLES = 256
 """Parts of a light: each has a map."""
@@ -48,8 +44,3 @@ def sphere_directions(count: int) -> NDArray[np.float64]:
     y, angle = 1 - (2 * number + 1) / count, number * GOLDEN_ANGLE
     radius = np.sqrt(1 - y * y)
     return np.column_stack([radius * np.cos(angle), y, radius * np.sin(angle)])
-
-
-def spread(light: "Light") -> tuple["Light", ...]:
-    """Return the lights whose sum a light is, each with one map: `Light.parts`."""
-    return light.parts()

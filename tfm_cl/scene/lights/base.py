@@ -2,15 +2,15 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.model import LARGEST_COORDINATE, RGB, Model, Vec3, number_or_none
-from tfm_cl.scene.camera import look_at
+from tfm_cl.errors import SceneError
+from tfm_cl.model import LARGEST_COORDINATE, RGB, Model, number_or_none, unknown_key
+from tfm_cl.scene.lights.texels import look_up
 
 Floats = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ class Light(Model):
 
     @property
     def has_even_depth(self) -> bool:
-        """Whether even steps of its projective space are even in the world too: `projective_depth` is constant."""
+        """Whether even steps of its projective space are even in the world: constant `projective_depth`."""
         return True
 
     @abstractmethod
@@ -188,10 +188,17 @@ class Light(Model):
         """
         return None
 
+    def read_files(self) -> None:
+        """Read what the light names, so that nothing has to be read later.
+
+        Raises
+        ------
+        SceneError
+            As `texture_image`.
+        """
+
     def intensity_at(self, positions: Floats) -> Floats:
         """Intensity times texture at the image's positions u, v: [points, 2] to [points, RGB]."""
-        from tfm_cl.files.texture import look_up  # noqa: PLC0415 - it reads files; few lights do
-
         intensity = np.broadcast_to(np.asarray(self.intensity), (len(positions), 3))
         image = self.texture_image()
         return intensity if image is None else intensity * look_up(image, positions)
@@ -221,6 +228,24 @@ class Light(Model):
         return (self.headers, frame.world_from_light.tobytes(), frame.shape, frame.chart, cone)
 
 
+LIGHTS: dict[str, type[Light]] = {}
+"""Name in scene files -> class, of all that `tfm_cl.scene.lights` lists."""
+
+
+def parse_light(values: dict[str, Any]) -> Light:
+    """Make a light from a scene file's table; ``type`` is ``spot`` when left out.
+
+    Raises
+    ------
+    SceneError
+        Unknown type, unknown key or impossible value.
+    """
+    name = values.get("type", "spot")
+    if not isinstance(name, str) or name not in LIGHTS:
+        raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
+    return LIGHTS[name].from_table(values)
+
+
 Reach = Annotated[float | None, number_or_none(SHORTEST_REACH, LARGEST_COORDINATE)]
 """Distance beyond which a light is dark, world units; None: it has no end."""
 
@@ -242,17 +267,3 @@ def texel_positions(res: int) -> Floats:
     """Texel centres of a map ``[res², 2]``; x runs fastest, and the first row is the lowest y."""
     at = (np.arange(res) + 0.5) / res
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-
-
-def facing(origin: Vec3, target: Vec3) -> Floats:
-    """4×4 world-from-light at ``origin`` with z towards ``target``; the map's rows are horizontal."""
-    return _facing(origin, target).copy()
-
-
-@lru_cache(maxsize=1 << 14)
-def _facing(origin: Vec3, target: Vec3) -> Floats:
-    """`facing`, kept: it is asked for often, and of many lights."""
-    axis = np.subtract(target, origin)
-    # Any up will do that is not along the axis.
-    up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)
-    return look_at(origin, target, up)

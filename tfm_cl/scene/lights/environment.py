@@ -66,6 +66,10 @@ class EnvironmentLight(Light):
             for direction, part in zip(directions, flux, strict=True)
         )
 
+    def read_files(self) -> None:
+        """Sum the texture up for its parts, which is kept."""
+        self.parts()
+
     @property
     def needs_fitting(self) -> bool:
         """Whether its parts do."""
@@ -77,7 +81,7 @@ class EnvironmentLight(Light):
 
     def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
         """Return itself: only its parts have maps."""
-        del bounds
+        del bounds, everything
         return self
 
     def footprint(self, distance: float) -> float:

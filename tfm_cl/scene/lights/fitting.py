@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.scene.lights.base import facing
+from tfm_cl.scene.frames import facing
 from tfm_cl.scene.lights.charts import MARGIN, Chart, Hemisphere, Octahedron, Perspective
 
 Floats = NDArray[np.float64]

@@ -1,16 +1,18 @@
 """The spot light."""
 
 import math
+from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tfm_cl.files.texture import ImagePath, texture_for
+from tfm_cl.files.texture import Held, ImagePath, texture_for
 from tfm_cl.model import LARGEST_COORDINATE, Vec3, check_different
+from tfm_cl.scene.frames import facing
 from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
-from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval, facing
+from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval
 from tfm_cl.scene.lights.fitting import Cone
 from tfm_cl.scene.lights.placed import PlacedLight
 from tfm_cl.scene.transform import turned
@@ -92,6 +94,14 @@ class SpotLight(PlacedLight):
         offsets = self.radius * disk_points(self.samples) @ np.stack([right, up])
         part = {"intensity": np.divide(self.intensity, self.samples), "radius": 0.0}
         return tuple(self.replace(from_=self.from_ + offset, **part) for offset in offsets)
+
+    @cached_property
+    def _held(self) -> Held:
+        return Held(texture_for(self.texture, self.intensity))
+
+    def read_files(self) -> None:
+        """Read the texture, and hold it for as long as the light is there."""
+        _ = self._held
 
     def texture_image(self) -> NDArray[np.float32] | None:
         """As `Light.texture_image`; what is transparent in the image is dark."""

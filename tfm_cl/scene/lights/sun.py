@@ -9,7 +9,8 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Vec3, check_different
-from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame, facing
+from tfm_cl.scene.frames import facing
+from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
 from tfm_cl.scene.transform import turned
 
 MARGIN = 1e-5

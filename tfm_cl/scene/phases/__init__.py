@@ -1,43 +1,12 @@
 """Phase functions: one module each.
 
-To add one, write a module with a `Phase` subclass and its kernel header, and list the class in
-``PHASES``.
+To add one, write a module with a `Phase` subclass and its kernel header, and list the class here.
 """
 
-from typing import Any
-
-from tfm_cl.model import unknown_key
-from tfm_cl.scene.phases.base import Phase
+from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.phases.henyey_greenstein import HenyeyGreenstein
 from tfm_cl.scene.phases.isotropic import Isotropic
 
-PHASES: dict[str, type[Phase]] = {
-    cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein)
-}
-"""Name in scene files -> class."""
+PHASES.update({cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein)})
 
 __all__ = ["PHASES", "HenyeyGreenstein", "Isotropic", "Phase", "parse_phase"]
-
-
-def parse_phase(value: Any) -> Phase:
-    """Make a phase function from a `Phase`, ``"name"``, ``"name:numbers"`` or a table with ``type``.
-
-    Raises
-    ------
-    ValueError
-        Unknown name or wrong form.
-    """
-    if isinstance(value, Phase):
-        return value
-    if isinstance(value, str):
-        name, _, text = value.partition(":")
-        return _phase_class(name).from_text(text)
-    if isinstance(value, dict) and isinstance(value.get("type"), str):
-        return _phase_class(value["type"])(**value)
-    raise ValueError('should be a name, as "isotropic" or "hg:0.3", or a table { type = "hg", g = 0.3 }')
-
-
-def _phase_class(name: str) -> type[Phase]:
-    if name not in PHASES:
-        raise ValueError(unknown_key(name, list(PHASES)).replace("key", "phase function"))
-    return PHASES[name]

@@ -1,13 +1,13 @@
 """What a phase function is to the rest of the project."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from tfm_cl.model import Model
+from tfm_cl.model import Model, unknown_key
 
 
 class Phase(Model):
@@ -37,3 +37,31 @@ class Phase(Model):
         if text:
             raise ValueError(f"takes no parameter; got '{text}'")
         return cls()  # type: ignore[call-arg]  # every subclass has a default type
+
+
+PHASES: dict[str, type[Phase]] = {}
+"""Name in scene files -> class, of all that `tfm_cl.scene.phases` lists."""
+
+
+def parse_phase(value: Any) -> Phase:
+    """Make a phase function from a `Phase`, ``"name"``, ``"name:numbers"`` or a table with ``type``.
+
+    Raises
+    ------
+    ValueError
+        Unknown name or wrong form.
+    """
+    if isinstance(value, Phase):
+        return value
+    if isinstance(value, str):
+        name, _, text = value.partition(":")
+        return _phase_class(name).from_text(text)
+    if isinstance(value, dict) and isinstance(value.get("type"), str):
+        return _phase_class(value["type"])(**value)
+    raise ValueError('should be a name, as "isotropic" or "hg:0.3", or a table { type = "hg", g = 0.3 }')
+
+
+def _phase_class(name: str) -> type[Phase]:
+    if name not in PHASES:
+        raise ValueError(unknown_key(name, list(PHASES)).replace("key", "phase function"))
+    return PHASES[name]

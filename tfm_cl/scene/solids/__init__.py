@@ -7,7 +7,7 @@ from typing import Any
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import unknown_key
-from tfm_cl.scene.solids.base import DEFAULT_ALBEDO, AnalyticSolid, Solid
+from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.box import BoxSolid
 from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.solids.plane import PlaneSolid
@@ -19,7 +19,6 @@ SOLIDS: dict[str, type[AnalyticSolid]] = {
 """Shape's name in scene files -> class; what is not a shape is a mesh."""
 
 __all__ = [
-    "DEFAULT_ALBEDO",
     "SOLIDS",
     "AnalyticSolid",
     "BoxSolid",

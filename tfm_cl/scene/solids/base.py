@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.model import RGB, Model
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
-
-DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
-"""Of a solid that nothing says more about."""
 
 
 def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -52,6 +50,15 @@ class Solid(Model):
     def to_dict(self) -> dict[str, Any]:
         """Return the solid as a scene file writes it; `parse_solid` reads it."""
         return {key: value for key, value in super().to_dict().items() if value is not None}
+
+    def read_files(self) -> None:
+        """Read what the solid names, so that nothing has to be read later.
+
+        Raises
+        ------
+        SceneError
+            A file that cannot be used.
+        """
 
     @abstractmethod
     def bounds(self) -> NDArray[np.float64] | None:

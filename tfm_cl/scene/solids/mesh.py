@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PlainValidator
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files.mesh_io.triangles import Triangles, checked
 from tfm_cl.files.paths import name_of, source_of
-from tfm_cl.render.tracing.triangles import Triangles, checked
 from tfm_cl.scene.solids.base import Albedo, Solid
 from tfm_cl.scene.transform import IDENTITY
 
@@ -93,6 +93,10 @@ class MeshSolid(Solid):
             Missing, damaged, too large or unknown file, or one without triangles.
         """
         return self._triangles
+
+    def read_files(self) -> None:
+        """As `load`."""
+        self.load()
 
     def world_vertices(self) -> NDArray[np.float64]:
         """[V, 3], world units.

@@ -16,7 +16,7 @@ from tfm_cl.metrics import compare
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep.report.groups import Group
 from tfm_cl.sweep.report.pictures import Pictures, pictures
-from tfm_cl.sweep.run import BUDGETS, SweepRow, kept_image
+from tfm_cl.sweep.rows import BUDGETS, SweepRow, kept_image
 
 LIMIT = 40_000_000
 """Bytes of the file; pictures beyond it are left out, and the page says which."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
 from tfm_cl.sweep.report.groups import Group
-from tfm_cl.sweep.run import kept_image
+from tfm_cl.sweep.rows import kept_image
 
 SIDES = (640, 448, 320)
 """Pixels: the longest side of a picture; the next where those of the one before are too many bytes."""

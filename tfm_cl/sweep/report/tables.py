@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from tfm_cl.sweep.report.groups import SETTINGS, Group
-from tfm_cl.sweep.run import BUDGETS, SweepRow
+from tfm_cl.sweep.rows import BUDGETS, SweepRow
 
 
 def _decibel(psnr: float | None) -> str:

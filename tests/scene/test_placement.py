@@ -9,7 +9,7 @@ from scenes import blobs, turned
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COLOUR
-from tfm_cl.plan.placement import (
+from tfm_cl.scene.placement import (
     INTENSITY,
     OPTICAL_DEPTH,
     TOWARDS_CAMERA,

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COORDINATE
-from tfm_cl.scene.solids.base import DEFAULT_ALBEDO
+
+DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
+"""Linear Rec. 709, of what nothing says more about."""
 
 MAX_FACES = 50_000_000
 """Most triangles of a mesh: Embree's tree over them takes some 10 GB."""

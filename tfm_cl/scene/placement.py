@@ -2,21 +2,21 @@
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights import LIGHTS, Light, parse_light
+from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tfm_cl.scene.bodies.base import Body
-    from tfm_cl.scene.bodies.volume import Volume
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
 """From the volume to the camera: in front, a little to the right and above, where y is up."""
@@ -30,6 +30,17 @@ WIDEST_CONE = 60.0
 """Degrees."""
 OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
+
+
+class Voxels(Protocol):
+    """A grid, as far as its optical depth goes."""
+
+    @property
+    def voxel_size(self) -> NDArray[np.float64]:
+        """Edge lengths (x, y, z) of a voxel, world units."""
+
+    def line_sums(self, axis: int) -> NDArray[np.float64]:
+        """Sum the voxels along the grid's lines of one direction: 0, 1 or 2 for z, y or x."""
 
 
 def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
@@ -87,7 +98,7 @@ def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Ligh
     return parse_light(given)
 
 
-def density_scale_for(volume: "Volume") -> float:
+def density_scale_for(volume: Voxels) -> float:
     """Scale the density to an optical depth that shows both body and detail (`OPTICAL_DEPTH`).
 
     It is that of σ_t = 1, so that a medium given by hand does what its numbers say.

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.scene.bodies import leaves as module
-from tfm_cl.scene.bodies.leaves import Leaves
+from tfm_cl.files.volume_io import leaves as module
+from tfm_cl.files.volume_io.leaves import Leaves
 
 SUM = 1e-12
 """Relative: a few thousand float64 terms added in another order than NumPy's."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import tomli_w
 from pydantic import BeforeValidator, Field, PlainValidator
@@ -17,24 +16,23 @@ from tfm_cl.errors import Faults, InputError, SceneError
 from tfm_cl.files import volume_io
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
+from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.model import (
     LARGEST_COLOUR,
     SPELLINGS,
     Model,
     Vec3,
-    is_auto,
     nearest,
     number_or_auto,
     section_within,
     unknown_key,
 )
-from tfm_cl.plan import placement
+from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume, parse_homogeneous
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
-from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -42,6 +40,7 @@ from tfm_cl.scene.transform import Transform
 MAX_BYTES = 1 << 20
 """A scene file larger than this is not one."""
 
+S = TypeVar("S")
 Values = dict[str, Any]
 """A scene as TOML gives it: nested tables."""
 
@@ -158,7 +157,7 @@ class VolumeSettings(Model):
         if isinstance(colour, Path):
             colour = str(real_path(colour))
         elif colour is None and volume.colour is not None and self.file.lower().endswith(".npz"):
-            colour = volume_io.COLOUR
+            colour = COLOUR
         return self.to_dict() | {
             "file": str(real_path(source_of(self.file, folder))),
             "grid": volume.name or None,
@@ -258,8 +257,13 @@ class SceneFile:
                     made[attributes.get(name, name)] = makers[name](table)
         return made
 
-    def scene(self) -> Scene:
-        """Read the volume and place what the file left out.
+    def make(self, scene_class: Callable[..., S]) -> S:
+        """Read the volumes, place what the file left out, and make the scene.
+
+        Parameters
+        ----------
+        scene_class
+            `tfm_cl.scene.scene.Scene`, which builds on this module.
 
         Raises
         ------
@@ -274,7 +278,7 @@ class SceneFile:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
                 lights = (placement.light_for(bodies, camera, **placed),)
             self._check_crop(camera)
-            return Scene(
+            return scene_class(
                 bodies,
                 self.medium,
                 camera,
@@ -311,89 +315,6 @@ class SceneFile:
             crop = list(self.image.crop)
             raise SceneError(f"image.crop = {crop}: does not lie in the image of {width}×{height} pixels")
 
-    def chosen(self, scene: Scene) -> Values:
-        """Return what was placed, scaled or counted by itself, by dotted key, to be fixed by hand."""
-        values: Values = {}
-        for number, settings, volume in self._grids(scene):
-            if settings.density_scale == "auto":
-                values[f"volume.{number}density_scale"] = volume.density_scale
-        camera = scene.camera.to_dict()
-        values |= {f"camera.{key}": camera[key] for key in ("from", "to") if key not in self.camera}
-        if self.light is None:
-            light = scene.lights[0].to_dict()
-            placed = (key for key in ("from", "to", "cone", "intensity") if key not in self.placed_light)
-            values |= {f"light.{key}": light[key] for key in placed if key in light}
-        if scene.map.max_error is not None:
-            return values
-        resolved = scene.resolved()
-        for section, key in COUNTS:
-            if is_auto(getattr(getattr(self, section), key)):
-                values[f"{section}.{key}"] = getattr(getattr(resolved, section), key)
-        return values
-
-    def warnings(self, scene: Scene) -> tuple[str, ...]:
-        """Tell, one line each, what the file leaves out and most likely should not."""
-        return tuple(
-            f'{self.path}: volume.{number}density_scale is not given: 1 is used; "auto" would take '
-            f"{sensible:g}: give one of them"
-            for number, settings, volume in self._grids(scene)
-            if "density_scale" not in settings.model_fields_set
-            and _is_far_from_one(
-                sensible := placement.density_scale_for(volume), float(scene.medium.sigma_t.max())
-            )
-        )
-
-    def _grids(self, scene: Scene) -> Iterator[tuple[str, VolumeSettings, Volume]]:
-        """Yield each volume that is a grid, with its settings and what its keys' section is numbered with."""
-        for i, (settings, volume) in enumerate(zip(self.volumes, scene.bodies, strict=True)):
-            if isinstance(settings, VolumeSettings) and isinstance(volume, Volume):
-                yield f"{i}." if len(self.volumes) > 1 else "", settings, volume
-
-    def resolved(self, scene: Scene) -> Values:
-        """Return every option as resolved, in the shape of a scene file that reproduces this run.
-
-        What ``map.max_error`` chooses stays ``"auto"``: it is found by rendering.
-        """
-        scene = scene if scene.map.max_error is not None else scene.resolved()
-        volumes = [
-            settings.resolved(self.path.parent, body)
-            if isinstance(settings, VolumeSettings) and isinstance(body, Volume)
-            else settings.to_dict()
-            for settings, body in zip(self.volumes, scene.bodies, strict=True)
-        ]
-        return {
-            "volume": volumes[0] if len(volumes) == 1 else volumes,
-            "medium": scene.medium.to_dict(),
-            "camera": scene.camera.to_dict(),
-            "light": [light.to_dict() for light in scene.lights],
-            "solid": [solid.to_dict() for solid in scene.solids],
-            "ambient": scene.ambient.to_dict(),
-            "shadow": scene.shadow.to_dict(),
-            "map": scene.map.to_dict(),
-            "march": scene.march.to_dict(),
-            "image": self.image.to_dict(),
-        }
-
-
-FAR = 2.0
-"""Factor between two density scales that makes another picture."""
-
-
-def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
-    """Tell whether a density scale of 1 gives a much worse optical depth than ``sensible`` would.
-
-    ``sensible`` is for σ_t = 1. A medium of another σ_t may say by it what the density scale does not: then
-    both together would be worse.
-    """
-    if sigma_t <= 0:
-        return False
-    # Of logarithms, since a quotient may be beyond float64.
-    as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
-    return as_it_is >= math.log(FAR) and as_it_is > with_sensible
-
-
-COUNTS = (("map", "res"), ("map", "steps"), ("march", "steps"))
-"""Sections and keys of the numbers that follow voxels and image where they are ``"auto"``."""
 
 NUMBERS = ("coeffs", "bytes", "max_error")
 """Keys of the map that each say how many numbers a texel has."""

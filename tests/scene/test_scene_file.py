@@ -9,12 +9,14 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scenes import blobs
+from tfm_cl.device.params import fill
 
 import tfm_cl as tfm
-from tfm_cl.device.params import fill
 from tfm_cl.errors import SceneError, TfmError
-from tfm_cl.files.scene_file import SECTIONS, SceneFile, to_toml
-from tfm_cl.plan.placement import density_scale_for
+from tfm_cl.plan import options, resolution
+from tfm_cl.plan.plan import plan
+from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.scene_file import SECTIONS, SceneFile, to_toml
 from tfm_cl.scene.settings import ImageSettings
 
 SAMPLES = Path(__file__).resolve().parents[2] / "volumes"
@@ -129,14 +131,14 @@ def read(folder):
         path = folder / "scene.toml"
         path.write_text(text)
         file = SceneFile.read(path, overrides)
-        return file, file.scene()
+        return file, file.make(tfm.Scene)
 
     return read
 
 
 def test_every_key_arrives(folder):
     file = SceneFile.read(folder / "full.toml")
-    scene = file.scene()
+    scene = file.make(tfm.Scene)
     np.testing.assert_array_equal(scene.bodies[0].data, blobs())
     # Twice as high, and moved.
     np.testing.assert_allclose(scene.bodies[0].voxel_size, (0.1, 0.2, 0.6))
@@ -195,14 +197,14 @@ def test_every_key_arrives(folder):
     assert file.image == ImageSettings(
         crop=(1, 2, 30, 40), exposure=-1.5, aov=("depth", "samples"), pixel_type="half"
     )
-    assert file.chosen(scene) == {}
+    assert plan(scene, file=file).told == {}
 
 
 def test_the_full_scene_has_every_key(folder):
     table = tomllib.loads((folder / "full.toml").read_text())
     for name, model in SECTIONS.items():
-        # Instead of coeffs.
-        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error"}, name
+        # Instead of coeffs, and of [medium].
+        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error", "medium"}, name
     assert set(table["light"][0]) == set(tfm.SpotLight.keys())
 
 
@@ -219,7 +221,7 @@ def test_defaults_are_those_of_the_interface(read):
 
 def test_what_is_left_out_is_placed_and_told(read):
     file, scene = read('[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n[camera]\nfov = 20\n')
-    chosen = file.chosen(scene)
+    chosen = plan(scene, file=file).told
     assert list(chosen) == [
         *("volume.density_scale", "camera.from", "camera.to"),
         *("light.from", "light.to", "light.cone", "light.intensity"),
@@ -228,7 +230,7 @@ def test_what_is_left_out_is_placed_and_told(read):
     assert tuple(chosen["camera.from"]) == scene.camera.from_
     assert chosen["light.cone"] == scene.lights[0].cone
     again_file, again = read('[volume]\nfile = "cloud.npy"\n', ("camera.fov", 20), *chosen.items())
-    assert again_file.chosen(again) == {}
+    assert plan(again, file=again_file).told == {}
     assert again.camera == scene.camera
     assert again.lights == scene.lights
 
@@ -239,7 +241,12 @@ def test_a_bare_volume_is_a_scene(folder):
         '[volume]\nfile = "cloud.npy"\ndensity_scale = "auto"\n'
         '[map]\nres = "auto"\nsteps = "auto"\n[march]\nsteps = "auto"\n'
     )
-    assert bare.resolved(bare.scene()) == (file := SceneFile.read(written)).resolved(file.scene())
+    file = SceneFile.read(written)
+    assert options_of(bare) == options_of(file)
+
+
+def options_of(file):
+    return options.options(file, plan(file.make(tfm.Scene)).scene)
 
 
 COUNTS = ["map.res", "map.steps", "march.steps"]
@@ -247,13 +254,13 @@ COUNTS = ["map.res", "map.steps", "march.steps"]
 
 def test_a_bare_volume_counts_by_itself_and_tells(folder):
     file = SceneFile.read(folder / "cloud.npy")
-    scene = file.scene()
-    numbers = scene.resolved()
-    chosen = file.chosen(scene)
+    scene = file.make(tfm.Scene)
+    numbers = resolution.resolved(scene)
+    chosen = plan(scene, file=file).told
     assert list(chosen)[-3:] == COUNTS
     assert [chosen[key] for key in COUNTS] == [numbers.map.res, numbers.map.steps, numbers.march.steps]
     assert all(type(chosen[key]) is int for key in COUNTS)
-    table = file.resolved(scene)
+    table = options.options(file, plan(scene).scene)
     assert {key: table[key.split(".")[0]][key.split(".")[1]] for key in COUNTS} == {
         key: chosen[key] for key in COUNTS
     }
@@ -262,21 +269,23 @@ def test_a_bare_volume_counts_by_itself_and_tells(folder):
 @pytest.mark.parametrize("key", COUNTS)
 def test_a_number_given_is_not_chosen(folder, key):
     file = SceneFile.read(folder / "cloud.npy", [(key, 33)])
-    scene = file.scene()
-    assert [name for name in COUNTS if name in file.chosen(scene)] == [name for name in COUNTS if name != key]
-    assert file.resolved(scene)[key.split(".")[0]][key.split(".")[1]] == 33
+    scene = file.make(tfm.Scene)
+    assert [name for name in COUNTS if name in plan(scene, file=file).told] == [
+        name for name in COUNTS if name != key
+    ]
+    assert options.options(file, scene)[key.split(".")[0]][key.split(".")[1]] == 33
 
 
 @pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
 def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     file = SceneFile.read(folder / name)
-    scene = file.scene()
+    scene = file.make(tfm.Scene)
     written = tmp_path / "written.toml"  # elsewhere: the volume's path must not be relative
-    written.write_text(to_toml(file.resolved(scene)), encoding="utf-8")
+    written.write_text(to_toml(options.options(file, plan(scene).scene)), encoding="utf-8")
     again = SceneFile.read(written)
-    copy = again.scene()
+    copy = again.make(tfm.Scene)
     for part in ("medium", "camera", "lights", "map", "march"):
-        assert getattr(copy, part) == getattr(scene.resolved(), part), part
+        assert getattr(copy, part) == getattr(resolution.resolved(scene), part), part
     assert again.image == file.image
     np.testing.assert_array_equal(copy.bodies[0].data, scene.bodies[0].data)
     np.testing.assert_array_equal(copy.bodies[0].world_from_index, scene.bodies[0].world_from_index)
@@ -294,7 +303,7 @@ def test_overrides_make_tables_that_are_missing(read):
 
 
 def test_scene_load_is_the_same(folder):
-    scene, truth = tfm.Scene.load(folder / "full.toml"), SceneFile.read(folder / "full.toml").scene()
+    scene, truth = tfm.Scene.load(folder / "full.toml"), SceneFile.read(folder / "full.toml").make(tfm.Scene)
     assert (scene.camera, scene.lights, scene.map) == (truth.camera, truth.lights, truth.map)
 
 
@@ -303,7 +312,7 @@ def test_a_path_with_letters_of_any_kind(folder, tmp_path):
     odd.mkdir()
     (odd / "cloud.npy").write_bytes((folder / "cloud.npy").read_bytes())
     file = SceneFile.read(odd / "cloud.npy")
-    table = tomllib.loads(to_toml(file.resolved(file.scene())))
+    table = tomllib.loads(to_toml(options.options(file, file.make(tfm.Scene))))
     assert table["volume"]["file"] == str(odd / "cloud.npy")
 
 
@@ -314,7 +323,7 @@ def test_center_is_centre_in_files_and_overrides(read):
         file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
         assert scene.bodies[0].centre == (7, 8, 9)
         assert scene.solids[0].centre == (4, 5, 6)
-        assert "center" not in to_toml(file.resolved(scene))
+        assert "center" not in to_toml(options.options(file, scene))
         assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
 
 
@@ -505,18 +514,19 @@ dotted = (
 def check_lines_or_a_scene(make):
     try:
         file = make()
-        scene = file.scene()
+        scene = file.make(tfm.Scene)
     except TfmError as error:
         lines = error.args
         assert lines
         assert all(lines)
         assert not any("\n" in line for line in lines)
     else:
-        scene = scene.resolved()
-        for light in scene.lights:  # what the kernels get are finite float32
+        scene = resolution.resolved(scene)
+        own = any(body.own_medium for body in scene.bodies)
+        for light in () if own else scene.lights:  # what the kernels get are finite float32
             params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
             assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
-        assert tomllib.loads(to_toml(file.resolved(scene)))
+        assert tomllib.loads(to_toml(options.options(file, scene)))
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -582,7 +592,7 @@ def without_density_scale(folder, peak, scene="", override=()):
     np.save(folder / "cloud.npy", peak * blobs())
     (folder / "scene.toml").write_text(scene or '[volume]\nfile = "cloud.npy"')
     file = SceneFile.read(folder / "scene.toml", override)
-    return file.warnings(file.scene())
+    return options.warnings(file, file.make(tfm.Scene))
 
 
 def sensible(peak):
@@ -611,9 +621,9 @@ def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
     given = tmp_path / "scene.toml"
     file = SceneFile.read(given)
     printed = tmp_path / "printed.toml"
-    printed.write_text(to_toml(file.resolved(file.scene())))
+    printed.write_text(to_toml(options.options(file, file.make(tfm.Scene))))
     again = SceneFile.read(printed)
-    assert again.warnings(again.scene()) == ()
+    assert options.warnings(again, again.make(tfm.Scene)) == ()
 
 
 @pytest.mark.parametrize(
@@ -643,4 +653,4 @@ def test_media_without_a_grid_have_no_density_scale_to_tell_of(tmp_path):
 @pytest.mark.parametrize("name", [path.name for path in sorted(SAMPLES.glob("*.toml"))])
 def test_sample_scenes_are_not_warned(name):
     file = SceneFile.read(SAMPLES / name)
-    assert file.warnings(file.scene()) == ()
+    assert options.warnings(file, file.make(tfm.Scene)) == ()

@@ -1,0 +1,164 @@
+"""How the package is built: folders and floors without circles, as CONTRIBUTING.md draws them."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "tfm_cl"
+
+MOST_IN_ROOT = 12
+"""Modules in the package's root: what everything may use."""
+
+CIRCLES = {
+    frozenset({"device.bricks", "device.launch", "device.params", "device.program"}),
+    frozenset({"maps.transmittance_map", "reference"}),
+    frozenset({"render.coloured", "render.renderer"}),
+}
+"""Modules that import each other, still: this may only shrink."""
+
+UPWARDS = {("maps", "reference")}
+"""Folders that import what builds on them, still: this may only shrink."""
+
+FLOORS = {
+    "": 2,
+    "files": 5,
+    "maps/bases": 4,
+    "scene": 9,
+    "device": 9,
+    "plan": 12,
+    "maps": 12,
+    "reference": 12,
+    "render": 15,
+    "sweep": 17,
+    "cli": 18,
+}
+"""Most modules on top of each other, each importing the next, down from one of the folder."""
+
+
+def _modules() -> dict[str, Path]:
+    """Every module, by its name within the package."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = _modules()
+
+
+def _imports(name: str) -> set[str]:
+    """Modules of the package that one imports, anywhere in its text: for types and in functions too."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative imports hide where they lead"
+            parts = (node.module or "").split(".")
+            if parts[0] == "tfm_cl":
+                base = ".".join(parts[1:])
+                inner = (f"{base}.{alias.name}".lstrip(".") for alias in node.names)
+                found |= {module if module in MODULES else base for module in inner}
+        elif isinstance(node, ast.Import):
+            inner = (alias.name for alias in node.names if alias.name.startswith("tfm_cl."))
+            found |= {module.removeprefix("tfm_cl.") for module in inner}
+    return found - {name, ""}
+
+
+# The root's __init__ names the whole package, for those who use it.
+IMPORTS = {name: _imports(name) if name else set() for name in MODULES}
+
+
+@cache
+def reachable(name: str) -> frozenset[str]:
+    """All that a module leads to."""
+    seen, waiting = set(), [name]
+    while waiting:
+        for other in IMPORTS[waiting.pop()] - seen:
+            seen.add(other)
+            waiting.append(other)
+    return frozenset(seen)
+
+
+def circle_of(name: str) -> frozenset[str]:
+    """The modules that one imports, however indirectly, and that import it; itself too."""
+    return frozenset({name, *(other for other in reachable(name) if name in reachable(other))})
+
+
+@cache
+def floor(circle: frozenset[str]) -> int:
+    """Modules on top of each other, with a circle as one."""
+    below = {circle_of(other) for name in circle for other in IMPORTS[name] if other not in circle}
+    return 1 + max(map(floor, below), default=0)
+
+
+def folder_of(name: str) -> str:
+    """``scene`` of ``scene.lights.spot``; empty in the root. The bases know nothing of maps."""
+    if name.startswith("maps.bases"):
+        return "maps/bases"
+    first = name.split(".", maxsplit=1)[0]
+    return first if (PACKAGE / first).is_dir() else ""
+
+
+def folder_imports() -> set[tuple[str, str]]:
+    """Which folder imports which; the root is none."""
+    pairs = {(folder_of(name), folder_of(other)) for name, others in IMPORTS.items() for other in others}
+    return {(one, other) for one, other in pairs if one and other and one != other}
+
+
+def drawn() -> set[tuple[str, str]]:
+    """Arrows of the picture in CONTRIBUTING.md; everything uses the root, which is not drawn."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    picture = re.search(r"```mermaid\n(.*?)```", text, re.DOTALL)
+    assert picture, "CONTRIBUTING.md: the picture of the layout is missing"
+    return set(re.findall(r"^ *(\S+) --> (\S+)$", picture[1], re.MULTILINE))
+
+
+def below(folder: str, arrows: set[tuple[str, str]]) -> set[str]:
+    """All folders that arrows lead to."""
+    found: set[str] = set()
+    for one, other in arrows:
+        if one == folder:
+            found |= {other} | below(other, arrows)
+    return found
+
+
+def test_the_root_holds_few_modules():
+    assert len(list(PACKAGE.glob("*.py"))) <= MOST_IN_ROOT
+    leading = {name: others for name, others in IMPORTS.items() if not folder_of(name) and name != "__main__"}
+    for name, others in leading.items():
+        assert not any(map(folder_of, others)), f"{name} imports {others}: the root is what all build on"
+
+
+def test_no_module_is_its_own_foundation():
+    found = {circle for circle in map(circle_of, MODULES) if len(circle) > 1}
+    assert not found - CIRCLES, "modules import each other"
+    assert not CIRCLES - found, "cut by now: take it off the list"
+
+
+def test_the_picture_shows_what_imports_what():
+    arrows, real = drawn(), folder_imports() - UPWARDS
+    for one, other in sorted(real):
+        assert other in below(one, arrows), f"{one} imports {other}, which CONTRIBUTING.md does not draw"
+    for arrow in sorted(arrows):
+        assert arrow in real, f"CONTRIBUTING.md draws {arrow}, which no module imports"
+        others = arrows - {arrow}
+        assert arrow[1] not in below(arrow[0], others), f"{arrow} is drawn, but other arrows say it already"
+
+
+def test_folders_lie_on_top_of_each_other():
+    assert folder_imports() >= UPWARDS, "cut by now: take it off the list"
+    arrows = drawn()
+    assert {folder for arrow in arrows for folder in arrow} == {folder for folder in FLOORS if folder}
+    for folder in FLOORS:
+        assert folder not in below(folder, arrows)  # a circle would not end
+
+
+def test_no_folder_rises_higher():
+    found: dict[str, int] = {}
+    for name in MODULES:
+        if name not in ("", "__main__"):
+            found[folder_of(name)] = max(found.get(folder_of(name), 0), floor(circle_of(name)))
+    assert found.keys() == FLOORS.keys()
+    assert {folder: height for folder, height in found.items() if height > FLOORS[folder]} == {}

@@ -1,0 +1,26 @@
+"""How much of a file is read: a header may declare more than there can be."""
+
+import math
+
+from tfm_cl.files.volume_io.leaves import MAX_LEAVES
+
+MAX_VOXELS = 1 << 31
+"""Largest dense grid read into memory (8 GiB of float32)."""
+MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
+"""Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
+
+
+def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
+    """Why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty when it can."""
+    z, y, x = shape
+    limit = MAX_BOX_VOXELS if sparse else MAX_VOXELS
+    if math.prod(shape) > limit:
+        return f"spans {x}×{y}×{z} = {x * y * z:,} voxels; the limit is {limit:,}"
+    if sparse and max(shape) > MAX_BOX_EDGE:
+        return f"spans {x}×{y}×{z} voxels; the limit along an axis is {MAX_BOX_EDGE:,}"
+    return ""
+
+
+def too_many_leaves(count: int) -> str:
+    """Why that many leaves cannot be read; empty when they can."""
+    return f"takes {count:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" if count > MAX_LEAVES else ""

@@ -1,0 +1,120 @@
+"""A map as it is built: every choice of `MapSettings` made, in plain numbers and names."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+
+from tfm_cl.errors import SceneError
+from tfm_cl.maps.bases import BASES, BEST, Basis
+from tfm_cl.maps.bases.base import Fit, Lookup, Range, Target
+from tfm_cl.model import Model, decided
+from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
+
+STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
+FIELD_BYTES = 16
+"""Of an entry of the field of ranges: begin, end, slope beyond, last density."""
+
+
+class ResolvedMap(Model):
+    """What the passes read of a map; its names are those of `MapSettings`, and nothing is ``"auto"``."""
+
+    SECTION: ClassVar[str] = "map"
+
+    basis: str
+    coeffs: int
+    density_weighting: float | None = None
+    """α of eq. 19; None until the light's rays have been looked at, where it is left to them."""
+    target: Target
+    fit: Fit
+    range: Range
+    slicing: Literal["uniform", "density", "gamma"]
+    lookup: Lookup
+    res: int
+    steps: int
+    storage: Literal["f32", "f16", "u8"]
+    blur: float
+    blur_kernel: Literal["box", "gaussian"] = Field("gaussian")
+
+    @property
+    def bytes_per_texel(self) -> float:
+        """All numbers of a texel, with its share of the field of ranges."""
+        return _bytes_per_texel(self.coeffs, self.storage, self.range, self.res)
+
+    def request(self) -> MapSettings:
+        """Return the settings that ask for exactly this."""
+        return MapSettings.from_table(self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the section of a scene file that asks for exactly this."""
+        table = {key: getattr(self, name, None) for key, name in MapSettings.keys().items()}  # its order
+        alpha = "auto" if self.density_weighting is None else self.density_weighting
+        return table | {"density_weighting": alpha}
+
+
+def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None = None) -> ResolvedMap:
+    """Make every choice that no light ray is needed for: all but α.
+
+    Parameters
+    ----------
+    settings
+        Without ``max_error``, which is kept by measuring.
+    res, steps
+        Numbers for ``"auto"`` of the settings.
+
+    Raises
+    ------
+    SceneError
+        ``bytes`` that are too few, or a blur of numbers that are not linear in the density.
+    """
+    basis = BASES[BEST if settings.basis == "auto" else settings.basis]
+    range_: Range = basis.defaults.range if settings.range == "auto" else settings.range
+    res = decided(settings.res) if res is None else res
+    coeffs = settings.coeffs
+    resolved = ResolvedMap(
+        basis=basis.name,
+        coeffs=_affordable(settings, basis, range_, res) if coeffs == "auto" else coeffs,
+        density_weighting=None if settings.density_weighting == "auto" else settings.density_weighting,
+        target=basis.defaults.target if settings.target == "auto" else settings.target,
+        fit=basis.defaults.fit if settings.fit == "auto" else settings.fit,
+        range=range_,
+        slicing=settings.slicing,
+        lookup=basis.defaults.lookup if settings.lookup == "auto" else settings.lookup,
+        res=res,
+        steps=decided(settings.steps) if steps is None else steps,
+        storage=settings.storage,
+        blur=settings.blur,
+        blur_kernel=settings.blur_kernel,
+    )
+    linear = resolved.target != "transmittance" and resolved.fit == "l2" and basis.lerps
+    if resolved.blur > 0 and (not linear or resolved.range not in ("box", "global")):
+        raise SceneError(
+            f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos' with "
+            f"range = 'global'; not basis '{basis.name}' with target '{resolved.target}', fit "
+            f"'{resolved.fit}', range '{resolved.range}'"
+        )
+    return resolved
+
+
+def field_res(map_res: int) -> int:
+    """Entries along a side of the field of ranges of a map."""
+    return max(2, min(map_res, max(64, map_res // 4)))
+
+
+def _affordable(settings: MapSettings, basis: Basis, range_: Range, res: int) -> int:
+    """Return the most numbers that ``bytes`` leaves room for, or the default."""
+    if settings.bytes_ is None:
+        return max([n for n in basis.counts if n <= DEFAULT_COEFFS] or [min(basis.counts)])
+    needs = {n: _bytes_per_texel(n, settings.storage, range_, res) for n in basis.counts}
+    affordable = [n for n, size in needs.items() if size <= settings.bytes_]
+    if not affordable:
+        raise SceneError(
+            f"map.bytes = {settings.bytes_:g}: basis '{basis.name}' needs at least {min(needs.values()):g}"
+        )
+    return max(affordable)
+
+
+def _bytes_per_texel(coeffs: int, storage: str, range_: Range, res: int) -> float:
+    numbers = coeffs * STORAGE_BITS[storage] / 8
+    return numbers if range_ == "box" else numbers + FIELD_BYTES * (field_res(res) / res) ** 2

@@ -1,0 +1,77 @@
+"""What a run came to, as a scene file says it, and what a scene file leaves out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from tfm_cl.scene import placement
+from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
+
+FAR = 2.0
+"""Factor between two density scales that makes another picture."""
+
+
+def warnings(file: SceneFile, scene: Scene) -> tuple[str, ...]:
+    """Tell, one line each, what the file leaves out and most likely should not."""
+    return tuple(
+        f'{file.path}: volume.{number}density_scale is not given: 1 is used; "auto" would take '
+        f"{sensible:g}: give one of them"
+        for number, settings, volume in grids(file, scene)
+        if "density_scale" not in settings.model_fields_set
+        and _is_far_from_one(
+            sensible := placement.density_scale_for(volume), float(scene.medium_of(volume).sigma_t.max())
+        )
+    )
+
+
+def grids(file: SceneFile, scene: Scene) -> Iterator[tuple[str, VolumeSettings, Volume]]:
+    """Yield each volume that is a grid, with its settings and what its keys' section is numbered with."""
+    for i, (settings, volume) in enumerate(zip(file.volumes, scene.bodies, strict=True)):
+        if isinstance(settings, VolumeSettings) and isinstance(volume, Volume):
+            yield f"{i}." if len(file.volumes) > 1 else "", settings, volume
+
+
+def options(file: SceneFile, scene: Scene) -> Values:
+    """Return every option in the shape of a scene file that reproduces this run.
+
+    Parameters
+    ----------
+    file
+        What was asked for.
+    scene
+        Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
+    """
+    volumes = [
+        settings.resolved(file.path.parent, body)
+        if isinstance(settings, VolumeSettings) and isinstance(body, Volume)
+        else settings.to_dict()
+        for settings, body in zip(file.volumes, scene.bodies, strict=True)
+    ]
+    return {
+        "volume": volumes[0] if len(volumes) == 1 else volumes,
+        "medium": scene.medium.to_dict(),
+        "camera": scene.camera.to_dict(),
+        "light": [light.to_dict() for light in scene.lights],
+        "solid": [solid.to_dict() for solid in scene.solids],
+        "ambient": scene.ambient.to_dict(),
+        "shadow": scene.shadow.to_dict(),
+        "map": scene.map.to_dict(),
+        "march": scene.march.to_dict(),
+        "image": file.image.to_dict(),
+    }
+
+
+def _is_far_from_one(sensible: float, sigma_t: float) -> bool:
+    """Tell whether a density scale of 1 gives a much worse optical depth than ``sensible`` would.
+
+    ``sensible`` is for σ_t = 1. A medium of another σ_t may say by it what the density scale does not: then
+    both together would be worse.
+    """
+    if sigma_t <= 0:
+        return False
+    # Of logarithms, since a quotient may be beyond float64.
+    as_it_is, with_sensible = abs(math.log(sigma_t) - math.log(sensible)), abs(math.log(sigma_t))
+    return as_it_is >= math.log(FAR) and as_it_is > with_sensible

@@ -1,0 +1,181 @@
+"""The plan of a run: every ``"auto"`` decided once, as a number or a name with its reason.
+
+A scene is a request; what a pass finds is a fact. Between them stands the plan: what the passes do, and what
+the command line tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from tfm_cl.maps.resolved import ResolvedMap, resolve
+from tfm_cl.plan import resolution
+from tfm_cl.plan.options import grids
+from tfm_cl.scene import placement
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.settings import MapSettings
+
+OF_BASIS = ("target", "fit", "range", "lookup")
+"""Keys of ``[map]`` for which a basis has a way of its own."""
+NUMBERS = ("map.res", "map.steps", "map.coeffs", "march.steps")
+"""What ``map.max_error`` chooses by measuring, where it is ``"auto"``."""
+PLACED = {
+    "from": "above what has density, to the left and in front of it",
+    "to": "the middle of what has density",
+    "cone": "half a degree more than what has density takes up, at most 60",
+    "intensity": "brings a dense, white medium near white, whatever the distance",
+}
+"""Keys of a light that is placed, and why they are what they are."""
+
+Decisions = Mapping[str, "Decision"]
+
+
+class Decision(NamedTuple):
+    """What is done where the user left it open."""
+
+    value: Any
+    """As a scene file writes it; None as long as only rendering can tell."""
+    why: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a scene is rendered with."""
+
+    scene: Scene
+    """The scene with numbers for resolution and steps; what ``max_error`` asks for is left to measuring."""
+    map: ResolvedMap | None
+    """Of all maps; None where there are none: for the dual march, without grids or lights, and as long as
+    ``max_error`` is to be measured."""
+    decisions: Decisions
+    """By dotted key of the scene file, all that was left open."""
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What was placed, scaled or counted, by dotted key, to be fixed by hand."""
+        counts = ("map.res", "map.steps", "march.steps")
+        return {
+            key: decision.value
+            for key, decision in self.decisions.items()
+            if decision.value is not None and (key in counts or key.split(".")[0] not in ("map", "march"))
+        }
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Return the decisions for JSON."""
+        return {key: {"value": value, "why": why} for key, (value, why) in self.decisions.items()}
+
+    def lines(self) -> Iterator[str]:
+        """Yield the decisions for people."""
+        for key, (value, why) in self.decisions.items():
+            yield f"{key} = {'?' if value is None else value}: {why}"
+
+    def completed(self, scene: Scene, used: ResolvedMap | None, error: float | None = None) -> Plan:
+        """Add what rendering found out.
+
+        Parameters
+        ----------
+        scene
+            With the numbers that it was rendered with.
+        used
+            Its maps; None without.
+        error
+            Measured, where ``max_error`` asked for it.
+        """
+        found: dict[str, Any] = {"map.steps": scene.map.steps, "march.steps": scene.march.steps}
+        if used is not None:
+            found |= {"map.res": used.res, "map.coeffs": used.coeffs, "map.steps": used.steps}
+            found["map.density_weighting"] = used.density_weighting
+        decisions = dict(self.decisions)
+        for key, (value, why) in self.decisions.items():
+            if value is None and isinstance(found.get(key), int | float):
+                measured = f"; measured: {error:.2g}" if error is not None and key in NUMBERS else ""
+                decisions[key] = Decision(found[key], why + measured)
+            elif value is None:
+                del decisions[key]  # nothing needed it
+        return replace(self, scene=scene, map=used, decisions=decisions)
+
+
+def plan(
+    scene: Scene, *, method: str | None = None, maps: MapSettings | None = None, file: SceneFile | None = None
+) -> Plan:
+    """Decide what a scene leaves open.
+
+    Parameters
+    ----------
+    scene
+        The request.
+    method
+        ``tfm`` or ``dual`` instead of the scene's.
+    maps
+        Settings of maps that are there already: their numbers stand where the scene's are ``"auto"``.
+    file
+        That the scene was read from: tells what was placed and scaled.
+
+    Raises
+    ------
+    SceneError
+        ``map.bytes`` that are too few, or a blur that its basis does not take.
+    """
+    decisions = {} if file is None else dict(_placed(scene, file))
+    has_maps = (method or scene.march.method) == "tfm" and bool(scene.grids and scene.lights)
+    if scene.map.max_error is not None:
+        if has_maps:
+            plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
+            decisions |= _of_map(scene.map, resolve(plain.map))
+        return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
+    wanted = resolution.wanted(scene, maps)
+    decided = resolution.with_numbers(scene, {key: found.number for key, found in wanted.items()})
+    resolved = resolve(decided.map) if has_maps else None
+    if resolved is not None:
+        decisions |= _of_map(scene.map, resolved)
+    decisions |= {key: Decision(number, why) for key, (number, _, why) in wanted.items()}
+    return Plan(decided, resolved, decisions)
+
+
+def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
+    """Yield what the file leaves to `tfm_cl.scene.placement`."""
+    for number, settings, volume in grids(file, scene):
+        if settings.density_scale == "auto":
+            why = f"an optical depth of {placement.OPTICAL_DEPTH:g} along typical lines of sight at σ_t = 1"
+            yield f"volume.{number}density_scale", Decision(volume.density_scale, why)
+    camera = scene.camera.to_dict()
+    for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
+        if key not in file.camera:
+            yield f"camera.{key}", Decision(camera[key], why)
+    if file.light is None:
+        light = scene.lights[0].to_dict()
+        for key, why in PLACED.items():
+            if key in light and key not in file.placed_light:
+                yield f"light.{key}", Decision(light[key], why)
+
+
+def _of_map(asked: MapSettings, resolved: ResolvedMap) -> dict[str, Decision]:
+    """Return what a map's settings leave to its basis, and to the light's rays."""
+    found = {}
+    if asked.basis == "auto":
+        found["map.basis"] = Decision(resolved.basis, "the most accurate at equal bytes")
+    for key in OF_BASIS:
+        if getattr(asked, key) == "auto":
+            found[f"map.{key}"] = Decision(
+                getattr(resolved, key), f"what basis {resolved.basis} is best with"
+            )
+    if asked.coeffs == "auto" and asked.max_error is None:
+        room = f"the most that map.bytes = {asked.bytes_ or 0:g} has room for"
+        found["map.coeffs"] = Decision(resolved.coeffs, room if asked.bytes_ else "the default")
+    if asked.density_weighting == "auto" and resolved.target == "transmittance":
+        why = "half the largest optical depth along the lights' rays, between 1 and 16"
+        found["map.density_weighting"] = Decision(None, why)
+    return found
+
+
+def _to_measure(scene: Scene, *, has_maps: bool) -> Iterator[tuple[str, Decision]]:
+    """Yield what ``max_error`` chooses."""
+    why = f"the cheapest found that keeps map.max_error = {scene.map.max_error:g}"
+    of_map = {"map.res": scene.map.res, "map.coeffs": scene.map.coeffs} if has_maps else {}
+    of_light = {"map.steps": scene.map.steps} if scene.grids and scene.lights else {}
+    for key, asked in (of_map | of_light | {"march.steps": scene.march.steps}).items():
+        if asked == "auto":
+            yield key, Decision(None, why)
