@@ -59,6 +59,8 @@ class Step(NamedTuple):
     """Which these are."""
     distance: Floats
     """``[n]``, of its middle."""
+    mean: Floats
+    """``[n, RGB]``: where its opacity is on the mean; its middle where grids are, whose density is read there."""
     amounts: list[Floats]
     """Of each body, grids first: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
     depth: Floats
@@ -86,11 +88,11 @@ def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Cro
 
 
 def segments(crossing: Crossing, part: Interval, steps: int) -> list[Segment]:
-    """Cut a part of rays at the ends of the grids' boxes; without grids on it, it is one piece."""
+    """Cut a part of rays at the ends of the grids' boxes; without grids on it, the first piece is all."""
     begin, end = part
     first, last = (np.clip(edge, begin, end) for edge in crossing.grids)
     cut = last > first
-    first, last = np.where(cut, first, begin), np.where(cut, last, end)
+    first, last = np.where(cut, first, end), np.where(cut, last, end)
     length = end - begin
 
     def beside(low: Floats, high: Floats) -> Segment:
@@ -146,7 +148,10 @@ def march(
             for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
                 amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
             depth = _summed(matter.sigma_t, amounts)
-            yield Step(which, t, amounts, depth, through[which] * -np.expm1(-depth))
+            middle = np.broadcast_to(t[:, None], depth.shape)
+            within = mean_distance(depth / np.where(length > 0, length, 1), length)
+            mean = middle if has_grids else t0[:, None] + within
+            yield Step(which, t, mean, amounts, depth, through[which] * -np.expm1(-depth))
             through[which] *= np.exp(-depth)
 
 

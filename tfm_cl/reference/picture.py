@@ -218,9 +218,8 @@ def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> _Seen
     distance, opacity, scatters = np.zeros(count), np.zeros(count), np.zeros((count, 3))
     through = np.ones((count, 3))
     for step in march(matter, rays, crossing, segments(crossing, crossing.medium, steps), through):
-        of_step = step.opacity.mean(axis=-1)
-        distance[step.rays] += of_step * step.distance
-        opacity[step.rays] += of_step
+        distance[step.rays] += (step.opacity * step.mean).mean(axis=-1)
+        opacity[step.rays] += step.opacity.mean(axis=-1)
         scatters[step.rays] += step.opacity * scattered(matter, step)
     albedo = matter.albedo
     if (albedo == albedo[0]).all():  # eq. 7
