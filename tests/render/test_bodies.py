@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from scenes import blobs, make_scene, turned
-from tolerances import LIGHTS, PASS, SKIPPING
+from tolerances import FAST_MATH, LIGHTS, PASS, SKIPPING
 
 import tfm_cl as tfm
 from tfm_cl import reference
@@ -25,6 +25,8 @@ TWICE = 2 * PASS
 """Two renders that should be the same, each of which is as far from the truth as `PASS`."""
 CHORD = 1e-5
 """Transmittance of a chord: where a ray grazes a ball its length is the root of a small difference."""
+MARCHED = 400 * FAST_MATH
+"""Transmittance of several bodies after 400 steps: each multiplies by an exponential that is rounded."""
 QUADRATURE = 2e-3
 """Of the brightest: 400 midpoints, where a kink of the density or of the light's way lies within a step."""
 VOXEL_FACES = 0.01
@@ -308,8 +310,8 @@ def test_homogeneous_bodies_against_midpoints(renderer, bodies, light):
     assert image.max() > 0.02
     assert np.abs(result.image[..., :3] - image).max() < QUADRATURE * image.max()
     if not endless:
-        assert np.abs(result.aovs["transmittance"] - transmittance).max() < CHORD
-        assert np.abs(result.image[..., 3] - (1 - transmittance.mean(axis=-1))).max() < CHORD
+        assert np.abs(result.aovs["transmittance"] - transmittance).max() < CHORD + MARCHED
+        assert np.abs(result.image[..., 3] - (1 - transmittance.mean(axis=-1))).max() < CHORD + MARCHED
 
 
 @pytest.mark.parametrize("body", [BOX, BALL, ROOM], ids=["box", "ball", "room"])
@@ -319,7 +321,7 @@ def test_a_body_and_itself_are_a_denser_one(renderer, body):
     twice = scene_of(body, body, march=march, ambient=ambient)
     denser = scene_of(body.replace(density=2 * body.density), march=march, ambient=ambient)
     two, one = renderer.render(twice), renderer.render(denser)
-    assert_close(two.aovs["transmittance"], one.aovs["transmittance"], CHORD)
+    assert_close(two.aovs["transmittance"], one.aovs["transmittance"], CHORD + MARCHED / 2)  # of 200 steps
     assert np.abs(two.image - one.image).max() < QUADRATURE * one.image.max()
     seen = one.image[..., 3] > 0.05
     assert np.allclose(two.aovs["depth"][seen], one.aovs["depth"][seen], rtol=QUADRATURE)
