@@ -221,9 +221,10 @@ class TransmittanceMap:
         same_grids = len(self.grids) == len(scene.grids) and all(
             one.same_density(other) for one, other in zip(self.grids, scene.grids, strict=False)
         )
+        changed = self.fields.first_change(fields)
         for what, same in (
             ("volume", same_grids),
-            ("mixture of media, whose colours decide what maps hold", self.fields.same_weights(fields)),
+            (f"colour of {_name(scene, changed)}: its share of what maps hold has changed", changed is None),
             ("set of solids", self.solids == scene.solids),
             ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
             ("light", self.light.map_key() == light.map_key()),
@@ -232,3 +233,13 @@ class TransmittanceMap:
         ):
             if not same:
                 raise SceneError(f"was built for another {what}; build the maps again")
+
+
+def _name(scene: Scene, grid: int | None) -> str:
+    """What messages call a grid of a scene."""
+    if grid is None:
+        return ""
+    number = scene.bodies.index(scene.grids[grid])
+    return (
+        f"volume.{number} ({scene.grids[grid].label})" if len(scene.bodies) > 1 else scene.grids[grid].label
+    )

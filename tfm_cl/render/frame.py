@@ -88,7 +88,8 @@ class Frame:
         fields = self.media.fields.count
         reads_maps = method == "tfm" and fields > 0
         is_dual = method == "dual" and fields > 0
-        sources = self.maps.sources(scene, self.media, maps) if reads_maps else None
+        reads_given = method == "tfm" and maps is not None
+        sources = self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None
         batches = Batches(
             launcher,
             scene,
@@ -109,7 +110,7 @@ class Frame:
                 seconds += self._see(view, frame, has_solids=gbuffer is not None)
                 camera_is_seen = True
             for indices in batches.cut(members):
-                of_batch = [] if sources is None else self.maps.of(sources, indices, self.progress)
+                of_batch = self.maps.of(sources, indices, self.progress) if sources and reads_maps else []
                 for light_map in of_batch:
                     stats.add_map(light_map, built=maps is None)
                     warnings |= dict.fromkeys(_warnings(light_map))

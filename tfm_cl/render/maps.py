@@ -115,14 +115,24 @@ class MapBuilder:
 
     def _check(self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap]) -> None:
         count = media.fields.count
+        if maps and count and scene.lights:
+            self._check_one(scene, media, maps, 0)  # which says more than how many there are
         if len(maps) != count * len(scene.lights):
-            each = "" if count == 1 else f", each of which takes {count} in such a mixture of colours"
+            each = ", none of which has maps without a grid" if count == 0 else ""
+            if count > 1:
+                each = f", each of which takes {count} in such a mixture of colours"
             raise SceneError(
                 f"{len(maps)} maps for {len(scene.lights)} lights (points of area lights count){each}; "
                 "build the maps again"
             )
-        for place, light_map in enumerate(maps):
-            try:
-                light_map.check_serves(scene, scene.lights[place // count], media.fields)
-            except SceneError as error:
-                raise SceneError(f"map {place + 1} {error}") from None
+        for place in range(len(maps)):
+            self._check_one(scene, media, maps, place)
+
+    def _check_one(
+        self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap], place: int
+    ) -> None:
+        light = scene.lights[place // media.fields.count]
+        try:
+            maps[place].check_serves(scene, light, media.fields)
+        except SceneError as error:
+            raise SceneError(f"map {place + 1} {error}") from None

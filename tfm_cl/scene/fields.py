@@ -56,9 +56,18 @@ class Fields:
         extinctions: NDArray[np.float64] = np.where(np.isfinite(seen), seen, 1.0)
         return extinctions
 
-    def same_weights(self, other: Fields) -> bool:
-        """Tell whether maps of these fields serve others: the fields are the same, whatever A."""
-        return np.array_equal(self.weights, other.weights)
+    def first_change(self, other: Fields) -> int | None:
+        """Return the number of the first grid whose part in fields is another; None where all are the same.
+
+        Maps of these fields then serve the others, whatever A.
+        """
+        for i, (one, two) in enumerate(zip(self.weights, other.weights, strict=False)):
+            shared = min(one.shape[1], two.shape[1])
+            if not np.array_equal(one[:, :shared], two[:, :shared]):
+                return i
+            if one[:, shared:].any() or two[:, shared:].any():
+                return i
+        return None
 
 
 def fields_of(scene: Scene) -> Fields:
