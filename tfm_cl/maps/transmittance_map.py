@@ -236,7 +236,7 @@ class TransmittanceMap:
 
 
 def _name(scene: Scene, grid: int | None) -> str:
-    """What messages call a grid of a scene."""
+    """Return what messages call a grid of a scene."""
     if grid is None:
         return ""
     number = scene.bodies.index(scene.grids[grid])

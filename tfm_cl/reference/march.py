@@ -60,7 +60,7 @@ class Step(NamedTuple):
     distance: Floats
     """``[n]``, of its middle."""
     mean: Floats
-    """``[n, RGB]``: where its opacity is on the mean; the middle where there are grids, which are read there."""
+    """``[n, RGB]``: where its opacity is on the mean; the middle where there are grids, read there."""
     amounts: list[Floats]
     """Of each body, grids first: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
     depth: Floats
