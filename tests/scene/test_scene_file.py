@@ -242,7 +242,7 @@ def test_a_bare_volume_is_a_scene(folder):
 
 
 def options_of(file):
-    return options.options(file, plan(file.make(tfm.Scene)).scene)
+    return options.table(file, plan(file.make(tfm.Scene)).scene)
 
 
 COUNTS = ["map.res", "map.steps", "march.steps"]
@@ -256,7 +256,7 @@ def test_a_bare_volume_counts_by_itself_and_tells(folder):
     assert list(chosen)[-3:] == COUNTS
     assert [chosen[key] for key in COUNTS] == [numbers.map.res, numbers.map.steps, numbers.march.steps]
     assert all(type(chosen[key]) is int for key in COUNTS)
-    table = options.options(file, plan(scene).scene)
+    table = options.table(file, plan(scene).scene)
     assert {key: table[key.split(".")[0]][key.split(".")[1]] for key in COUNTS} == {
         key: chosen[key] for key in COUNTS
     }
@@ -269,7 +269,7 @@ def test_a_number_given_is_not_chosen(folder, key):
     assert [name for name in COUNTS if name in plan(scene, file=file).told] == [
         name for name in COUNTS if name != key
     ]
-    assert options.options(file, scene)[key.split(".")[0]][key.split(".")[1]] == 33
+    assert options.table(file, scene)[key.split(".")[0]][key.split(".")[1]] == 33
 
 
 @pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
@@ -277,7 +277,7 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     file = SceneFile.read(folder / name)
     scene = file.make(tfm.Scene)
     written = tmp_path / "written.toml"  # elsewhere: the volume's path must not be relative
-    written.write_text(to_toml(options.options(file, plan(scene).scene)), encoding="utf-8")
+    written.write_text(to_toml(options.table(file, plan(scene).scene)), encoding="utf-8")
     again = SceneFile.read(written)
     copy = again.make(tfm.Scene)
     for part in ("medium", "camera", "lights", "map", "march"):
@@ -307,7 +307,7 @@ def test_a_path_with_letters_of_any_kind(folder, tmp_path):
     odd.mkdir()
     (odd / "cloud.npy").write_bytes((folder / "cloud.npy").read_bytes())
     file = SceneFile.read(odd / "cloud.npy")
-    table = tomllib.loads(to_toml(options.options(file, file.make(tfm.Scene))))
+    table = tomllib.loads(to_toml(options.table(file, file.make(tfm.Scene))))
     assert table["volume"]["file"] == str(odd / "cloud.npy")
 
 
@@ -318,7 +318,7 @@ def test_center_is_centre_in_files_and_overrides(read):
         file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
         assert scene.bodies[0].centre == (7, 8, 9)
         assert scene.solids[0].centre == (4, 5, 6)
-        assert "center" not in to_toml(options.options(file, scene))
+        assert "center" not in to_toml(options.table(file, scene))
         assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
 
 
@@ -358,7 +358,7 @@ def check_lines_or_a_scene(make):
         for light in () if own else scene.lights:  # what the kernels get are finite float32
             params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
             assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
-        assert tomllib.loads(to_toml(options.options(file, scene)))
+        assert tomllib.loads(to_toml(options.table(file, scene)))
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -453,7 +453,7 @@ def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
     given = tmp_path / "scene.toml"
     file = SceneFile.read(given)
     printed = tmp_path / "printed.toml"
-    printed.write_text(to_toml(options.options(file, file.make(tfm.Scene))))
+    printed.write_text(to_toml(options.table(file, file.make(tfm.Scene))))
     again = SceneFile.read(printed)
     assert options.warnings(again, again.make(tfm.Scene)) == ()
 

@@ -46,7 +46,7 @@ def grey_scenes(scene: Scene) -> tuple[Scene, ...]:
             medium=medium.replace(sigma_s=medium.sigma_s[c], sigma_a=medium.sigma_a[c]),
             lights=tuple(light.replace(intensity=light.intensity[c]) for light in scene.lights),
         )
-        for c, volume in enumerate(scene.grid.channels)
+        for c, volume in enumerate(scene.grids[0].channels)
     )
 
 

@@ -139,19 +139,6 @@ class Scene:
         """Return what a body is made of: its own medium, or the scene's."""
         return body.own_medium or self.medium
 
-    @property
-    def grid(self) -> Volume:
-        """The volume, where it is one grid.
-
-        Raises
-        ------
-        SceneError
-            The scene has several volumes, or a homogeneous one.
-        """
-        if not isinstance(self.volume, Volume):
-            raise SceneError("this works with a single volume only, not several or a homogeneous one")
-        return self.volume
-
     @classmethod
     def load(cls, path: str | Path) -> Scene:
         """Read a scene file (TOML), or a bare volume file with everything placed by itself.
@@ -166,7 +153,7 @@ class Scene:
     def read_files(self) -> None:
         """Read what solids and lights name, where that has not been done; volumes are read already.
 
-        Afterwards nothing is read any more until a file changes.
+        Afterwards nothing is read any more, but an image that has changed since.
 
         Raises
         ------

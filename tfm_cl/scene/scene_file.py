@@ -153,7 +153,7 @@ class VolumeSettings(Model):
         is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
         return source_of(str(self.colour), folder) if is_file else self.colour
 
-    def resolved(self, folder: Path, volume: Volume) -> Values:
+    def written(self, folder: Path, volume: Volume) -> Values:
         """Return the section of a scene file anywhere that loads ``volume`` again."""
         colour = self._colour_in(folder)
         if isinstance(colour, Path):
