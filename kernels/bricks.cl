@@ -1,6 +1,6 @@
-/* From leaves of 8x8x8 voxels, as the host keeps them, to the bricks and records of volume.h.
-   Works on a slab of brick layers and the leaf layers that it touches. Requires: what volume.h does; Params. */
-#include "volume.h"
+/* From leaves of 8x8x8 voxels, as the host keeps them, to the bricks and records of body/grid.h.
+   Works on a slab of brick layers and the leaf layers that it touches. Requires: what grid.h does. */
+#include "body/grid.h"
 
 #define LEAF_SHIFT 3
 #define LEAF_EDGE 8
@@ -63,19 +63,17 @@ __kernel void find_occupied(__global const int *table, __global const float *lea
   occupied[((size_t)bz * (size_t)brick_count.y + (size_t)by) * (size_t)brick_count.x + (size_t)bx] = (uchar)found;
 }
 
-/* Write the records of the blocks listed: number first_record + i for block i of `blocks` (x, y, z, unused) in the
-   pool given. exponent: voxels are multiplied by 2 to this power before they are stored (16 bits). One work-item a
+/* Write the records of the blocks listed: x, y, z and the number of the record in the pool given. exponent: voxels are multiplied by 2 to this power before they are stored (16 bits). One work-item a
    record. */
 __kernel void fill_records(__global const int *table, __global const float *leaves, int4 leaf_count, int4 first,
-                           __global const int4 *blocks, int count, int first_record, int exponent,
-                           __global Voxel *pool)
+                           __global const int4 *blocks, int count, int exponent, __global Voxel *pool)
 {
   const int i = (int)get_global_id(0);
   if (i >= count)
     return;
   const LeafSlab slab = {table, leaves, leaf_count, first};
   const int4 corner = blocks[i] * BLOCK_EDGE;
-  __global Voxel *record = pool + (size_t)(first_record + i) * RECORD_SIZE;
+  __global Voxel *record = pool + (size_t)blocks[i].w * RECORD_SIZE;
 #if TFM_VOXEL_BITS == 8
   float most = 0.0f;
   for (int z = 0; z < RECORD_EDGE; ++z)

@@ -27,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -36,7 +37,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -50,7 +50,7 @@ from tfm_cl.files import image_io
 from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.model import decided
 from tfm_cl.plan.resolution import resolved
-from tfm_cl.render.view_pass import ViewPass
+from tfm_cl.render import buffers
 from tfm_cl.scene.placement import density_scale_for
 
 SCRIPTS = Path(__file__).resolve().parent
@@ -151,18 +151,12 @@ class Roofline:
     def __init__(self, launcher: Launcher, grid: NDArray[np.float32], rays: int = ROOFLINE_RAYS) -> None:
         self._launcher = launcher
         self._rays = rays
-        # The text itself goes to the compiler, which keeps programs by their text.
-        text = (SCRIPTS / "bench_kernels.cl").read_text(encoding="utf-8")
-        text += f"/* kernels: {fingerprint(kernels_dir())} */\n"
-        options = [
-            "-cl-std=CL1.2",
-            f"-DTFM_LANES={launcher.lanes}",
-            f"-DGRID_EDGE={GRID_EDGE}",
-            "-I",
-            str(kernels_dir()),
-        ]
-        program = cl.Program(launcher.context, text).build(options)
-        self._kernels = {form: cl.Kernel(program, name) for form, name in FORMS.items()}
+        path = SCRIPTS / "bench_kernels.cl"
+        # Some drivers know a program by its text alone, and miss that an included file has changed.
+        defines = {"GRID_EDGE": GRID_EDGE, "BENCH_KERNELS": zlib.crc32(path.read_bytes())}
+        self._kernels = {
+            form: launcher.kernels.kernel(name, str(path), (), defines) for form, name in FORMS.items()
+        }
         self._grid = launcher.upload("the roofline's grid", grid)
         self._sums = launcher.empty("the roofline's sums", 4 * rays * rays)
         self.latest: dict[str, float] = {}
@@ -171,13 +165,10 @@ class Roofline:
     def run(self, form: str, steps: int = ROOFLINE_STEPS) -> float:
         """Seconds on the device."""
         size = self._rays
-        return self._launcher.run_tiles(
+        return self._launcher.run(
             self._kernels[form],
-            (0, 0, size, size),
-            self._grid,
-            self._sums,
-            np.int32(size),
-            np.int32(steps),
+            self._launcher.tiles((0, 0, size, size)),
+            {"grid": self._grid, "sums": self._sums, "size": size, "steps": steps},
         )
 
     def sums(self, form: str, steps: int = ROOFLINE_STEPS) -> NDArray[np.float32]:
@@ -418,15 +409,16 @@ class Host:
     def __init__(self, renderer: tfm.Renderer, launcher: Launcher, scene: tfm.Scene) -> None:
         self._renderer, self._launcher, self._scene = renderer, launcher, scene
         self._maps = renderer.build_maps(scene)
-        self._view_pass = ViewPass(launcher)
-        self._frame = self._view_pass.allocate((0, 0, *scene.camera.res))
+        self._frame = buffers.allocate(launcher, (0, 0, *scene.camera.res), None)
 
     def measure(self) -> Figures:
         """Upload of the bricks; parameters and launch of one pixel; read-back of a whole frame."""
         volume, voxels = self._scene.grids[0], self._scene.march.voxels
-        upload = seconds_of(lambda: build_bricks(self._launcher, [volume.leaves], "the volume", voxels))
+        upload = seconds_of(
+            lambda: build_bricks(self._launcher, [volume.channel_leaves], "the volume", voxels)
+        )
         one_pixel = seconds_of(lambda: self._renderer.render(self._scene, maps=self._maps, crop=(0, 0, 1, 1)))
-        read_back = seconds_of(lambda: self._view_pass.read(self._frame))
+        read_back = seconds_of(lambda: buffers.read(self._launcher, self._frame, None, None))
         return {"upload_seconds": upload, "one_pixel_seconds": one_pixel, "read_back_seconds": read_back}
 
 

@@ -1,7 +1,7 @@
 /* The roofline of scripts/bench.py: how many trilinear samples a second the device takes when it does nothing else.
    Tiles of rays, close together, march through a dense grid of float32; nothing is looked up or left out.
    Requires: TFM_LANES; GRID_EDGE, voxels along each side of the grid, at least 129. */
-#include "lanes.h"
+#include "core/lanes.h"
 
 #define GRID_LAYER (GRID_EDGE * GRID_EDGE)
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.ambient import Ambient
-    from tfm_cl.scene.bodies.homogeneous import BoxVolume, EverywhereVolume, SphereVolume
-    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.bodies import BoxVolume, EverywhereVolume, SphereVolume, Volume
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
     from tfm_cl.scene.medium import Medium
@@ -30,12 +29,12 @@ if TYPE_CHECKING:
 _HOME = {
     "Ambient": "scene.ambient",
     "BoxSolid": "scene.solids",
-    "BoxVolume": "scene.bodies.homogeneous",
+    "BoxVolume": "scene.bodies",
     "Camera": "scene.camera",
     "Comparison": "metrics",
     "DeviceError": "errors",
     "EnvironmentLight": "scene.lights",
-    "EverywhereVolume": "scene.bodies.homogeneous",
+    "EverywhereVolume": "scene.bodies",
     "HenyeyGreenstein": "scene.phases",
     "InputError": "errors",
     "Isotropic": "scene.phases",
@@ -50,12 +49,12 @@ _HOME = {
     "Scene": "scene.scene",
     "ShadowSettings": "scene.settings",
     "SphereSolid": "scene.solids",
-    "SphereVolume": "scene.bodies.homogeneous",
+    "SphereVolume": "scene.bodies",
     "SpotLight": "scene.lights",
     "SunLight": "scene.lights",
     "TfmError": "errors",
     "TransmittanceMap": "maps.transmittance_map",
-    "Volume": "scene.bodies.volume",
+    "Volume": "scene.bodies",
     "__version__": "_version",
     "compare": "metrics",
 }

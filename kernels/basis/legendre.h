@@ -5,9 +5,9 @@
 #define TFM_BASIS_H
 
 #define TFM_BASIS_HAS_ONE
-#include "../projection.h"
+#include "../map/projection.h"
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;
@@ -31,7 +31,7 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
     before = now;
     now = next;
   }
-  return optical_depth_of_series(params, sum);
+  return optical_depth_of_series(map, sum);
 }
 
 #endif

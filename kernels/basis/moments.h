@@ -9,7 +9,7 @@
 #define TFM_BASIS_H
 
 #define TFM_BASIS_OWN_STATE
-#include "../projection.h"
+#include "../map/projection.h"
 
 #if TFM_N_COEFF == 5
 #define ORDER 2 /* half the number of moments */
@@ -45,10 +45,10 @@ TFM_INLINE void basis_begin(BasisState *state)
     state->sum[j] = floats(0.0f);
 }
 
-TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisState *state,
+TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
-  (void)params;
+  (void)map;
   (void)table;
   for (int k = 0; k < steps->count; ++k) {
     const Floats depth = steps->depth[k];
@@ -65,10 +65,10 @@ TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisSta
   }
 }
 
-TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints active,
+TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
-  (void)params;
+  (void)map;
   (void)table;
   (void)most;
   for (int j = 0; j < TFM_N_COEFF; ++j)
@@ -189,7 +189,7 @@ TFM_INLINE void cubic_roots(Floats a, Floats b, Floats c, Floats d, Floats *root
 }
 #endif
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;
@@ -225,7 +225,7 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
   Floats before = POINT_SHARE * weight_at(&h, x);
   for (int i = 0; i < ORDER; ++i)
     before += roots[i] < x ? weight_at(&h, roots[i]) : floats(0.0f);
-  const Floats depth = params->number_unit * c[0] * least(before, floats(1.0f));
+  const Floats depth = map->number_unit * c[0] * least(before, floats(1.0f));
   return some ? least(depth, floats(TFM_MAX_OPTICAL_DEPTH)) : floats(0.0f);
 }
 

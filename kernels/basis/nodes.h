@@ -8,7 +8,7 @@
 #define TFM_BASIS_H
 
 #define TFM_BASIS_OWN_STATE
-#include "../projection.h"
+#include "../map/projection.h"
 
 #define NODES (TFM_N_COEFF / 2)
 
@@ -33,11 +33,11 @@ TFM_INLINE Floats absolute(Floats x)
 }
 
 /* Puts a node behind the last one, in some lanes, and takes one away. */
-TFM_INLINE void add_node(PARAMS params, BasisState *state, Ints some, float v, Floats depth)
+TFM_INLINE void add_node(MAP map, BasisState *state, Ints some, float v, Floats depth)
 {
   state->v[NODES] = floats(v);
   state->depth[NODES] = depth;
-  state->light[NODES] = transmittance_of(params->reference_extinction * depth);
+  state->light[NODES] = transmittance_of(map->reference_extinction * depth);
 
   Ints cheapest = ints(0);
   Floats least_cost = floats(INFINITY);
@@ -72,7 +72,7 @@ TFM_INLINE void add_node(PARAMS params, BasisState *state, Ints some, float v, F
   }
 }
 
-TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisState *state,
+TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *state,
                             const LightSteps *steps, int most)
 {
   (void)table;
@@ -84,15 +84,15 @@ TFM_INLINE void basis_steps(PARAMS params, __global const float *table, BasisSta
     /* After a gap, or before the first density, the line is level up to here. */
     const Ints gap = dense & (state->v[NODES - 1] < begin);
     if (any_lane(gap))
-      add_node(params, state, gap, begin, steps->before[k]);
-    add_node(params, state, dense, end, steps->before[k] + steps->depth[k]);
+      add_node(map, state, gap, begin, steps->before[k]);
+    add_node(map, state, dense, end, steps->before[k] + steps->depth[k]);
   }
 }
 
-TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints active,
+TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
-  (void)params;
+  (void)map;
   (void)table;
   (void)most;
   for (int j = 0; j < NODES; ++j) {
@@ -101,12 +101,12 @@ TFM_INLINE void basis_finish(PARAMS params, __global const float *table, Ints ac
   }
 }
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;
   /* The last node up to v, and the first one beyond it. */
-  const float unit = params->number_unit;
+  const float unit = map->number_unit;
   Floats low_v = floats(0.0f), low = floats(0.0f);
 #pragma unroll
   for (int j = 0; j < NODES; ++j) {
@@ -123,7 +123,7 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
   }
   const Floats part = (v - low_v) / (high_v - low_v);
 #ifdef NODES_LERP_T
-  const float extinction = params->reference_extinction;
+  const float extinction = map->reference_extinction;
   const Floats light = lerp(transmittance_of(extinction * low), transmittance_of(extinction * high), part);
   /* Where no light is left, the line is one of the optical depth. */
   const Floats depth = extinction * high < 80.0f ? log_of(light) * (-1.0f / extinction) : lerp(low, high, part);

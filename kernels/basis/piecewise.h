@@ -4,9 +4,9 @@
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
-#include "../projection.h"
+#include "../map/projection.h"
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
   (void)modes;
@@ -15,7 +15,7 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
 #pragma unroll
   for (int j = 0; j < TFM_N_COEFF; ++j)
     sum += c[j] * clamp_to(parts - (float)j, 1.0f);
-  return optical_depth_of_series(params, sum);
+  return optical_depth_of_series(map, sum);
 }
 
 #endif

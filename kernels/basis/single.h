@@ -3,12 +3,12 @@
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
-#include "../projection.h"
+#include "../map/projection.h"
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
-  (void)params;
+  (void)map;
   (void)modes;
   (void)v;
   return c[0];

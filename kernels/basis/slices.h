@@ -4,9 +4,9 @@
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
-#include "../projection.h"
+#include "../map/projection.h"
 
-TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes, const Floats *c,
+TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, const Floats *c,
                                       Floats v)
 {
 #ifdef SLICES_CUBIC
@@ -36,7 +36,7 @@ TFM_INLINE Floats basis_optical_depth(PARAMS params, __global const float *modes
     low = c[j];
   }
 #endif
-  return optical_depth_of_series(params, sum);
+  return optical_depth_of_series(map, sum);
 }
 
 #endif

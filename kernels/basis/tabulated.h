@@ -4,8 +4,7 @@
 #define TFM_BASIS_H
 
 #define TFM_BASIS_TABULATED
-#define TABULATED_CELLS 64
-#include "../projection.h"
+#include "../map/projection.h"
 
 /* Which values a position lies between. */
 typedef struct {

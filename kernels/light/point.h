@@ -6,53 +6,53 @@
 
 #include "sample.h"
 
-TFM_INLINE Vec3 point_position(PARAMS params)
+TFM_INLINE Vec3 point_position(LIGHT light)
 {
-  return vec3(floats(params->world_from_light[3]), floats(params->world_from_light[7]),
-              floats(params->world_from_light[11]));
+  return vec3(floats(light->world_from_light[3]), floats(light->world_from_light[7]),
+              floats(light->world_from_light[11]));
 }
 
-TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
+TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
 {
   Ray ray;
-  ray.origin = point_position(params);
-  ray.direction = unit3(transform_vector(params->world_from_light, chart_direction(params, u, v)));
+  ray.origin = point_position(light);
+  ray.direction = unit3(transform_vector(light->world_from_light, chart_direction(light, u, v)));
   return ray;
 }
 
 /* The light's ray through a point: its parameter is 0 at the light and 1 at the point. */
-TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
+TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
   Ray ray;
-  ray.origin = point_position(params);
+  ray.origin = point_position(light);
   ray.direction = vec3(point.x - ray.origin.x, point.y - ray.origin.y, point.z - ray.origin.z);
   return ray;
 }
 
-TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
+TFM_INLINE Floats light_projective_depth(LIGHT light, Vec3 point)
 {
-  (void)params;
+  (void)light;
   (void)point;
   return floats(1.0f);
 }
 
-TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
+TFM_INLINE Ints light_reaches(LIGHT light, Vec3 point)
 {
-  const Vec3 p = light_ray_to(params, point).direction;
-  return in_reach(params, dot3(p, p));
+  const Vec3 p = light_ray_to(light, point).direction;
+  return in_reach(light, dot3(p, p));
 }
 
-TFM_INLINE Ints light_clip(PARAMS params, Ray ray, Interval *interval)
+TFM_INLINE Ints light_clip(LIGHT light, Ray ray, Interval *interval)
 {
-  const Vec3 position = point_position(params);
+  const Vec3 position = point_position(light);
   const Vec3 o = vec3(ray.origin.x - position.x, ray.origin.y - position.y, ray.origin.z - position.z);
   const Floats shift = -dot3(o, ray.direction);
   const Ray from_light = {o, ray.direction};
-  reach_clip(params, ray_at(from_light, shift), shift, interval);
+  reach_clip(light, ray_at(from_light, shift), shift, interval);
   return interval->begin < interval->end;
 }
 
-TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
+TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
 {
   const Floats square = dot3(p, p);
   const Floats inverse = reciprocal_sqrt(square);
@@ -61,10 +61,10 @@ TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
   /* At the light itself any direction serves. */
   sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   sample.distance = square * inverse;
-  chart_position(params, p, &sample.u, &sample.v);
+  chart_position(light, p, &sample.u, &sample.v);
   sample.texture_u = sample.u;
   sample.texture_v = sample.v;
-  sample.strength = light_falloff(params, inverse) * light_window(params, square);
+  sample.strength = light_falloff(light, inverse) * light_window(light, square);
   return sample;
 }
 

@@ -4,17 +4,17 @@
 #ifndef TFM_LIGHT_SAMPLE_H
 #define TFM_LIGHT_SAMPLE_H
 
-#include "../ray.h"
+#include "../core/ray.h"
 
 /* A world point, and a world ray, in light space. */
-TFM_INLINE Vec3 point_in_light(PARAMS params, Vec3 point)
+TFM_INLINE Vec3 point_in_light(LIGHT light, Vec3 point)
 {
-  return transform_point(params->light_from_world, point);
+  return transform_point(light->light_from_world, point);
 }
 
-TFM_INLINE Ray ray_in_light(PARAMS params, Ray ray)
+TFM_INLINE Ray ray_in_light(LIGHT light, Ray ray)
 {
-  return transform_ray(params->light_from_world, ray);
+  return transform_ray(light->light_from_world, ray);
 }
 
 typedef struct {
@@ -33,13 +33,13 @@ TFM_INLINE Floats magnitude_of(Floats x)
   return AS_FLOATS(AS_INTS(x) & 0x7fffffff);
 }
 
-TFM_INLINE Floats light_falloff(PARAMS params, Floats inverse_distance)
+TFM_INLINE Floats light_falloff(LIGHT light, Floats inverse_distance)
 {
 #if TFM_INVERSE_SQUARE
-  const Floats nearest = least(inverse_distance, floats(params->light_nearest_inverse));
+  const Floats nearest = least(inverse_distance, floats(light->nearest_inverse));
   return nearest * nearest;
 #else
-  (void)params;
+  (void)light;
   (void)inverse_distance;
   return floats(1.0f);
 #endif
@@ -47,9 +47,9 @@ TFM_INLINE Floats light_falloff(PARAMS params, Floats inverse_distance)
 
 /* Lights with a place may have an end: light_shape[3] is 1 / reach, 0 without one. They fade to it smoothly,
    (1 - (d / reach)^4)^2 (Karis, "Real Shading in Unreal Engine 4", 2013). square: of the distance. */
-TFM_INLINE Floats light_window(PARAMS params, Floats square)
+TFM_INLINE Floats light_window(LIGHT light, Floats square)
 {
-  const float inverse = params->light_shape[3];
+  const float inverse = light->shape[3];
   if (inverse <= 0.0f)
     return floats(1.0f);
   const Floats part = square * (inverse * inverse);
@@ -57,16 +57,16 @@ TFM_INLINE Floats light_window(PARAMS params, Floats square)
   return window * window;
 }
 
-TFM_INLINE Ints in_reach(PARAMS params, Floats square)
+TFM_INLINE Ints in_reach(LIGHT light, Floats square)
 {
-  const float inverse = params->light_shape[3];
+  const float inverse = light->shape[3];
   return square * (inverse * inverse) < 1.0f;
 }
 
 /* Clip to the ball that a light with an end reaches. The ray's point `nearest` to the light, at parameter `shift`. */
-TFM_INLINE void reach_clip(PARAMS params, Vec3 nearest, Floats shift, Interval *interval)
+TFM_INLINE void reach_clip(LIGHT light, Vec3 nearest, Floats shift, Interval *interval)
 {
-  const float inverse = params->light_shape[3];
+  const float inverse = light->shape[3];
   if (inverse <= 0.0f)
     return;
   const float reach = 1.0f / inverse;

@@ -7,54 +7,54 @@
 
 #include "sample.h"
 
-TFM_INLINE Vec3 spot_position(PARAMS params)
+TFM_INLINE Vec3 spot_position(LIGHT light)
 {
-  return vec3(floats(params->world_from_light[3]), floats(params->world_from_light[7]),
-              floats(params->world_from_light[11]));
+  return vec3(floats(light->world_from_light[3]), floats(light->world_from_light[7]),
+              floats(light->world_from_light[11]));
 }
 
 /* Where the axis is z. */
-TFM_INLINE Vec3 in_cone(PARAMS params, Vec3 light_space)
+TFM_INLINE Vec3 in_cone(LIGHT light, Vec3 light_space)
 {
-  return transform_vector(params->cone_from_light, light_space);
+  return transform_vector(light->cone_from_light, light_space);
 }
 
-TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
+TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
 {
   Ray ray;
-  ray.origin = spot_position(params);
-  ray.direction = unit3(transform_vector(params->world_from_light, chart_direction(params, u, v)));
+  ray.origin = spot_position(light);
+  ray.direction = unit3(transform_vector(light->world_from_light, chart_direction(light, u, v)));
   return ray;
 }
 
 /* The light's ray through a point: its parameter is 0 at the light and 1 at the point. */
-TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
+TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
   Ray ray;
-  ray.origin = spot_position(params);
+  ray.origin = spot_position(light);
   ray.direction = vec3(point.x - ray.origin.x, point.y - ray.origin.y, point.z - ray.origin.z);
   return ray;
 }
 
-TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
+TFM_INLINE Floats light_projective_depth(LIGHT light, Vec3 point)
 {
-  return greatest(in_cone(params, transform_point(params->light_from_world, point)).z, floats(0.0f));
+  return greatest(in_cone(light, transform_point(light->light_from_world, point)).z, floats(0.0f));
 }
 
-TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
+TFM_INLINE Ints light_reaches(LIGHT light, Vec3 point)
 {
-  const Vec3 p = in_cone(params, transform_point(params->light_from_world, point));
-  return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= params->light_shape[0] * p.z) &
-         in_reach(params, dot3(p, p));
+  const Vec3 p = in_cone(light, transform_point(light->light_from_world, point));
+  return (p.z > 0.0f) & (sqrt(p.x * p.x + p.y * p.y) <= light->shape[0] * p.z) &
+         in_reach(light, dot3(p, p));
 }
 
 /* Intersection of a ray with the solid cone x^2 + y^2 <= k^2 z^2, z >= 0: one interval, as it is convex.
    A t^2 + 2 B t + C <= 0 holds on both nappes; the sign of A and of the axis component pick ours. */
-TFM_INLINE Ints light_clip(PARAMS params, Ray world_ray, Interval *interval)
+TFM_INLINE Ints light_clip(LIGHT light, Ray world_ray, Interval *interval)
 {
-  const float k2 = params->light_shape[0] * params->light_shape[0];
-  const Ray light_space = transform_ray(params->light_from_world, world_ray);
-  const Ray ray = {in_cone(params, light_space.origin), in_cone(params, light_space.direction)};
+  const float k2 = light->shape[0] * light->shape[0];
+  const Ray light_space = transform_ray(light->light_from_world, world_ray);
+  const Ray ray = {in_cone(light, light_space.origin), in_cone(light, light_space.direction)};
   /* Measured from the point of the ray nearest to the apex, where the terms do not cancel. */
   const Vec3 d = ray.direction;
   const Floats shift = -dot3(ray.origin, d);
@@ -80,22 +80,22 @@ TFM_INLINE Ints light_clip(PARAMS params, Ray world_ray, Interval *interval)
   const Ints other_nappe = shallow & ((discriminant < 0.0f) | (o.z + 0.5f * (first + last) * d.z < 0.0f));
   interval->begin = greatest(interval->begin, begin + shift);
   interval->end = other_nappe ? floats(-INFINITY) : least(interval->end, end + shift);
-  reach_clip(params, o, shift, interval);
+  reach_clip(light, o, shift, interval);
   return interval->begin < interval->end;
 }
 
 /* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. tangent: of the angle from the
    axis. */
-TFM_INLINE Floats spot_edge(PARAMS params, Floats tangent)
+TFM_INLINE Floats spot_edge(LIGHT light, Floats tangent)
 {
-  const float cone = params->light_shape[1];
-  const float blend = params->light_shape[2];
+  const float cone = light->shape[1];
+  const float blend = light->shape[2];
   const Floats angle = arctangent_of(tangent);
   const Floats t = least(greatest((cone - angle) * (1.0f / (cone * blend)), floats(0.0f)), floats(1.0f));
   return t * t * (3.0f - 2.0f * t);
 }
 
-TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
+TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
 {
   const Floats square = dot3(p, p);
   const Floats inverse = reciprocal_sqrt(square);
@@ -104,25 +104,25 @@ TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
   LightSample sample;
   sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   sample.distance = square * inverse;
-  chart_position(params, p, &sample.u, &sample.v);
-  sample.strength = light_falloff(params, inverse) * light_window(params, square);
+  chart_position(light, p, &sample.u, &sample.v);
+  sample.strength = light_falloff(light, inverse) * light_window(light, square);
   sample.texture_u = sample.texture_v = floats(0.5f);
 #if TFM_TEXTURE
   const int needs_angles = 1;
 #else
-  const int needs_angles = params->light_shape[2] > 0.0f;
+  const int needs_angles = light->shape[2] > 0.0f;
 #endif
   if (needs_angles) {
-    const Vec3 q = in_cone(params, p);
+    const Vec3 q = in_cone(light, p);
     /* Within the cone z is not much smaller than x and y. */
     const Floats away = 1.0f / (apart ? q.z : floats(1.0f));
-    const float scale = 0.5f / params->light_shape[0];
+    const float scale = 0.5f / light->shape[0];
     const Floats x = q.x * away, y = q.y * away;
     sample.texture_u = 0.5f + x * scale;
     sample.texture_v = 0.5f + y * scale;
-    if (params->light_shape[2] > 0.0f) {
+    if (light->shape[2] > 0.0f) {
       const Floats off = x * x + y * y;
-      sample.strength *= spot_edge(params, off * reciprocal_sqrt(off));
+      sample.strength *= spot_edge(light, off * reciprocal_sqrt(off));
     }
   }
   return sample;

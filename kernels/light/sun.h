@@ -6,60 +6,60 @@
 
 #include "sample.h"
 
-TFM_INLINE Vec3 sun_direction(PARAMS params)
+TFM_INLINE Vec3 sun_direction(LIGHT light)
 {
-  return vec3(floats(params->world_from_light[2]), floats(params->world_from_light[6]),
-              floats(params->world_from_light[10]));
+  return vec3(floats(light->world_from_light[2]), floats(light->world_from_light[6]),
+              floats(light->world_from_light[10]));
 }
 
-TFM_INLINE Ray light_texel_ray(PARAMS params, Floats u, Floats v)
+TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
 {
   Ray ray;
-  ray.origin = transform_point(params->world_from_light,
-                               vec3((2.0f * u - 1.0f) * params->light_shape[0],
-                                    (2.0f * v - 1.0f) * params->light_shape[1], floats(0.0f)));
-  ray.direction = sun_direction(params);
+  ray.origin = transform_point(light->world_from_light,
+                               vec3((2.0f * u - 1.0f) * light->shape[0],
+                                    (2.0f * v - 1.0f) * light->shape[1], floats(0.0f)));
+  ray.direction = sun_direction(light);
   return ray;
 }
 
 /* The light's ray through a point: its parameter is 0 where it begins and 1 at the point. */
-TFM_INLINE Ray light_ray_to(PARAMS params, Vec3 point)
+TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
-  const Floats distance = transform_point(params->light_from_world, point).z;
+  const Floats distance = transform_point(light->light_from_world, point).z;
   Ray ray;
-  ray.direction = scale3(distance, sun_direction(params));
+  ray.direction = scale3(distance, sun_direction(light));
   ray.origin = vec3(point.x - ray.direction.x, point.y - ray.direction.y, point.z - ray.direction.z);
   return ray;
 }
 
-TFM_INLINE Floats light_projective_depth(PARAMS params, Vec3 point)
+TFM_INLINE Floats light_projective_depth(LIGHT light, Vec3 point)
 {
-  (void)params;
+  (void)light;
   (void)point;
   return floats(1.0f);
 }
 
-TFM_INLINE Ints light_reaches(PARAMS params, Vec3 point)
+TFM_INLINE Ints light_reaches(LIGHT light, Vec3 point)
 {
-  (void)params;
+  (void)light;
   (void)point;
   return ints(-1);
 }
 
-TFM_INLINE Ints light_clip(PARAMS params, Ray ray, Interval *interval)
+TFM_INLINE Ints light_clip(LIGHT light, Ray ray, Interval *interval)
 {
-  (void)params;
+  (void)light;
   (void)ray;
   return interval->begin < interval->end;
 }
 
-TFM_INLINE LightSample light_at(PARAMS params, Vec3 p)
+TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
 {
   LightSample sample;
   sample.direction = vec3(floats(0.0f), floats(0.0f), floats(1.0f));
   sample.distance = p.z;
-  sample.u = 0.5f + p.x * (0.5f / params->light_shape[0]);
-  sample.v = 0.5f + p.y * (0.5f / params->light_shape[1]);
+  sample.u = 0.5f + p.x * (0.5f / light->shape[0]);
+  sample.v = 0.5f + p.y * (0.5f / light->shape[1]);
   sample.texture_u = sample.u;
   sample.texture_v = sample.v;
   sample.strength = floats(1.0f);

@@ -1,14 +1,14 @@
-/* Henyey and Greenstein (1941): (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^(3/2)). params->phase = g.
+/* Henyey and Greenstein (1941): (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^(3/2)). medium->phase = g.
    The base is written (1 - |g|)^2 + 2 |g| (1 -+ mu), which does not cancel at the peak. */
-#ifndef TFM_PHASE_H
-#define TFM_PHASE_H
+#ifndef TFM_PHASE_HENYEY_GREENSTEIN_H
+#define TFM_PHASE_HENYEY_GREENSTEIN_H
 
-#include "../fast_math.h"
+#include "../core/fast_math.h"
 
 /* mu: cosine between the light's travel and the direction to the camera; 1 is forward. */
-TFM_INLINE Floats phase_eval(PARAMS params, Floats mu)
+TFM_INLINE Floats henyey_greenstein(MEDIUM medium, Floats mu)
 {
-  const float g = params->phase[0];
+  const float g = medium->phase[0];
   const float size = g < 0.0f ? -g : g;
   const Floats off_peak = greatest(g < 0.0f ? 1.0f + mu : 1.0f - mu, floats(0.0f));
   const Floats base = (1.0f - size) * (1.0f - size) + 2.0f * size * off_peak;

@@ -1,13 +1,13 @@
 /* Isotropic phase function, 1 / 4 pi. */
-#ifndef TFM_PHASE_H
-#define TFM_PHASE_H
+#ifndef TFM_PHASE_ISOTROPIC_H
+#define TFM_PHASE_ISOTROPIC_H
 
-#include "../fast_math.h"
+#include "../core/fast_math.h"
 
 /* mu: cosine between the light's travel and the direction to the camera. */
-TFM_INLINE Floats phase_eval(PARAMS params, Floats mu)
+TFM_INLINE Floats isotropic(MEDIUM medium, Floats mu)
 {
-  (void)params;
+  (void)medium;
   (void)mu;
   return floats(0.25f * M_1_PI_F);
 }

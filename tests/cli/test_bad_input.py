@@ -223,6 +223,8 @@ def test_impossible_scenes(bad, scene, old, new, message):
 
 def test_lights_that_are_no_tables(bad, scene):
     text = SCENE[: SCENE.index("[[light]]")]
+    dark = scene(SCENE, "light = []\n" + text)  # is one without lights, but none to set the cone of
+    assert "light.cone: the scene has 0 [[light]] tables" in bad(dark, "--cone", "30")
     numbers = scene(SCENE, "light = [1]\n" + text)
     assert "light 0: light should be a table" in bad(numbers)
 

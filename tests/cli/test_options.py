@@ -86,8 +86,8 @@ KEYS = [
     ("volume.colour", "false", False),
     (
         "volume.medium",
-        "{ sigma_s = 2 }",
-        {"sigma_s": [2, 2, 2], "sigma_a": [0, 0, 0], "phase": {"type": "isotropic"}},
+        "{sigma_s = 2, phase = 'hg:0.5'}",
+        {"sigma_s": [2, 2, 2], "sigma_a": [0, 0, 0], "phase": {"type": "hg", "g": 0.5}},
     ),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("camera.res", "[5, 6]", [5, 6]),

@@ -400,7 +400,7 @@ def fitted(scene, light):
 
 def test_map_of_a_homogeneous_medium_converges_to_the_closed_form(monkeypatch):
     # Without the border, which no volume file can lack, T = e^(-τu) exactly.
-    monkeypatch.setattr(reference, "density", lambda _, points: np.full(points.shape[:-1], 3.0))
+    monkeypatch.setattr(reference.bodies, "density", lambda _, points: np.full(points.shape[:-1], 3.0))
     errors = []
     for steps in (25, 50, 100, 200):
         scene = scene_of(res=3, steps=steps, coeffs=6, density_weighting=2.0)
@@ -696,7 +696,7 @@ def test_crop_and_chunks_do_not_change_pixels(monkeypatch, chunk):
         lights=[WIDE, NARROW], camera=CAMERA.replace(res=(5, 4)), march={"steps": 9}, steps=9, res=4
     )
     whole, layers = reference.render_with_aovs(scene, "tfm")
-    monkeypatch.setattr(reference, "CHUNK", chunk)
+    monkeypatch.setattr(reference.geometry, "CHUNK", chunk)
     part, cropped = reference.render_with_aovs(scene, "tfm", crop=(1, 0, 4, 2))
     assert part.shape == (2, 3, 4)
     np.testing.assert_allclose(part, whole[0:2, 1:4], rtol=1e-12, atol=1e-15)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import blobs, make_scene, turned
+from tfm_cl.render.coloured import CHANNELS
 from tolerances import FLOAT32, PASS
 
 import tfm_cl as tfm
@@ -19,7 +20,6 @@ from tfm_cl.files.volume_io import limits
 from tfm_cl.files.volume_io.colour import _overlap
 from tfm_cl.plan import options
 from tfm_cl.render import renderer as renderers
-from tfm_cl.render.coloured import CHANNELS
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.placement import density_scale_for
 from tfm_cl.scene.scene_file import SceneFile, to_toml

@@ -16,7 +16,7 @@ from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
 from tfm_cl.scene.solids import BoxSolid, PlaneSolid, SphereSolid
 
 SCENE = make_scene()
-CAMERA, LIGHT, MEDIUM, VOLUME = SCENE.camera, SCENE.lights[0], SCENE.medium, SCENE.volume
+CAMERA, LIGHT, MEDIUM, VOLUME = SCENE.camera, SCENE.lights[0], SCENE.medium, SCENE.bodies[0]
 AWAY = (9.0, 9.0, 9.0)
 DARK = LIGHT.replace(intensity=0)
 
@@ -63,10 +63,10 @@ OF_MEDIUM = {
     ),
     "several volumes": (
         SCENE.replace(volume=([tfm.Volume(np.zeros((4, 5, 6)), name="flame"), VOLUME.with_density_scale(0)])),
-        "flame: all voxels are 0; array: density_scale is 0",
+        "volume.0 \\(flame\\): all voxels are 0; volume.1 \\(array\\): density_scale is 0",
     ),
     "colours of 0": (SCENE.replace(volume=coloured(0, 0, 0)), "array: all voxels times their colours are 0"),
-    "density 0": (SCENE.replace(volume=tfm.BoxVolume(density=0)), "volume.density is 0"),
+    "density 0": (SCENE.replace(volume=tfm.BoxVolume(density=0)), "box: density is 0"),
     "absorbs only": (
         SCENE.replace(medium=MEDIUM.replace(sigma_s=0)),
         "medium.sigma_s is 0: the medium absorbs light and scatters none",
@@ -81,7 +81,7 @@ OF_MEDIUM = {
     ),
     "thin": (
         SCENE.replace(volume=VOLUME.with_density_scale(1e-38)),
-        "the medium is too thin to be seen, its optical depth at most .*: raise density_scale",
+        "the medium is too thin to be seen, its optical depth at most .*: raise volume.density_scale",
     ),
 }
 
@@ -187,7 +187,7 @@ OF_LIGHTS = {
     ),
     "swallowed": (
         lit_by(PointLight(from_=(0, 0, -0.1)), volume=VOLUME.with_density_scale(1e6)),
-        "the medium swallows the light before it gets to what the camera sees: lower density_scale",
+        "the medium swallows the light before it gets to what the camera sees: lower volume.density_scale",
     ),
     "too faint": (
         lit_by(LIGHT.replace(from_=(2.2e4, 3e4, 1.2e4), cone=1, intensity=1e-32, falloff="inverse-square")),
@@ -217,6 +217,119 @@ OF_SOLIDS = {
     ),
 }
 
+BOX, BALL = tfm.BoxVolume(), tfm.SphereVolume(centre=(0, 0.5, 0))
+ABSORBING = tfm.Medium(sigma_s=0, sigma_a=1)
+FLAME = tfm.Volume(np.zeros((4, 5, 6)), name="flame")
+ASIDE = tfm.SphereVolume(centre=(9, 0, 0))
+BEHIND = tfm.BoxVolume(from_=(-1, -1, 8), to=(1, 1, 9))
+
+
+def of_bodies(*bodies, **changes):
+    return SCENE.replace(volume=bodies, **changes)
+
+
+OF_BODIES = {
+    "all are empty": (
+        of_bodies(FLAME, BOX.replace(density=0)),
+        r"volume.0 \(flame\): all voxels are 0; volume.1 \(box\): density is 0$",
+    ),
+    "one is empty, one absorbs": (
+        of_bodies(FLAME, BOX.with_medium(ABSORBING)),
+        r"volume.0 \(flame\): all voxels are 0; volume.1.medium.sigma_s is 0: the medium absorbs light and",
+    ),
+    "all absorb": (
+        of_bodies(VOLUME, BOX, medium=ABSORBING),
+        "medium.sigma_s is 0: the medium absorbs light and scatters none$",
+    ),
+    "the one of a colour of its own has no other": (
+        of_bodies(coloured(1, 0, 0).with_medium(tfm.Medium(sigma_s=(0, 1, 1))), BOX.replace(density=0)),
+        r"volume.0.medium.sigma_s is 0 in all channels .* colours have; volume.1 \(box\): density is 0$",
+    ),
+    "thin": (
+        of_bodies(VOLUME.with_density_scale(1e-38), BOX.replace(density=1e-38), FLAME),
+        "the medium is too thin .*: raise volume.0.density_scale or volume.1.density$",
+    ),
+    "away to both sides": (
+        of_bodies(ASIDE, BEHIND),
+        r"volume.0 \(sphere\) lies right of the picture; volume.1 \(box\), around 0,0,8.5, is behind the",
+    ),
+    "both on one side": (
+        of_bodies(ASIDE, ASIDE.replace(radius=0.5)),
+        "the medium lies right of the picture$",
+    ),
+    "the one that scatters is behind": (
+        of_bodies(BOX.with_medium(ABSORBING), BEHIND),
+        r"volume.1 \(box\), around 0,0,8.5, is behind the camera$",
+    ),
+    "the light misses the one that scatters": (
+        of_bodies(BOX.with_medium(ABSORBING), BALL, lights=[LIGHT.replace(to=AWAY)]),
+        r"no light reaches volume.1 \(sphere\): the cone of light 1 misses it$",
+    ),
+    "the light misses both": (
+        of_bodies(VOLUME, BALL, lights=[LIGHT.replace(to=AWAY)]),
+        "no light reaches the medium: the cone of light 1 misses it$",
+    ),
+    "the light ends before the nearest": (
+        of_bodies(BALL, VOLUME, lights=[PointLight(from_=(0, 5, 0), reach=1)]),
+        r"no light reaches the medium: light 1 ends at its reach of 1, and volume.1 \(array\) begins .* away",
+    ),
+    "the light passes between": (
+        of_bodies(
+            BALL.replace(centre=(-1.3, 0, 0), radius=0.4),
+            BALL.replace(centre=(1.3, 0, 0), radius=0.4),
+            lights=[LIGHT.replace(from_=(0, 5, 0), to=(0, 0, 0), cone=2)],
+        ),
+        "no light reaches the medium: the cone of light 1 misses it$",
+    ),
+    "the one that is lit is not in the picture": (
+        of_bodies(BALL, ASIDE, lights=[LIGHT.replace(from_=(9, 5, 0), to=(9, 0, 0), cone=5)]),
+        "the lights reach the medium only outside of what the picture shows$",
+    ),
+    "no colour in common": (
+        of_bodies(
+            BALL.with_medium(tfm.Medium(sigma_s=(1, 0, 0))),
+            BOX.with_medium(tfm.Medium(sigma_s=(0, 1, 0))),
+            lights=[LIGHT.replace(intensity=(0, 0, 1))],
+        ),
+        "the medium scatters red and green only, of which there is no light$",
+    ),
+    "no colour in common with the one that scatters": (
+        of_bodies(
+            BALL.with_medium(ABSORBING),
+            BOX,
+            lights=[LIGHT.replace(intensity=(0, 0, 1))],
+            medium=tfm.Medium(sigma_s=(1, 0, 0)),
+        ),
+        r"volume.1 \(box\) scatters red only, of which there is no light$",
+    ),
+    "dark fog before a cloud": (
+        of_bodies(
+            tfm.EverywhereVolume(density=20).with_medium(ABSORBING),
+            VOLUME,
+            lights=[PointLight(from_=CAMERA.from_)],
+        ),
+        r"what scatters light lies behind volume.0 \(everywhere\), which only absorbs it: lower volume.0.",
+    ),
+    "swallowed by the denser": (
+        of_bodies(
+            VOLUME,
+            BALL.replace(centre=(0, 0, 0), radius=2, density=1e4),
+            lights=[PointLight(from_=(0, 0, -0.1))],
+        ),
+        "the medium swallows the light before it gets to what the camera sees: lower volume.1.density$",
+    ),
+}
+
+WITHOUT_LIGHT = {
+    "a grid": lit_by(),
+    "a box": lit_by(volume=BOX),
+    "a coloured grid": lit_by(volume=coloured(1, 0.5, 0.2)),
+    "bodies": of_bodies(VOLUME, BOX, lights=[]),
+    "solids in view": lit_by(solids=(SphereSolid(centre=(0, 0, 0), radius=0.5),)),
+    "nothing in view": lit_by(camera=CAMERA.replace(to=(0.6, 0.8, 9))),
+    "no density": lit_by(volume=FLAME),
+}
+
 
 @pytest.mark.parametrize(
     ("scene", "reason"), [*OF_MEDIUM.values(), *OF_CAMERA.values()], ids=[*OF_MEDIUM, *OF_CAMERA]
@@ -228,6 +341,27 @@ def test_of_medium_and_camera(renderer, scene, reason):
 @pytest.mark.parametrize(("scene", "reason"), OF_LIGHTS.values(), ids=OF_LIGHTS)
 def test_of_lights(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
+
+
+@pytest.mark.parametrize(("scene", "reason"), OF_BODIES.values(), ids=OF_BODIES)
+def test_of_several_bodies(renderer, scene, reason):
+    assert_told(told(renderer, scene), reason)
+
+
+@pytest.mark.parametrize("method", ["tfm", "dual"])
+@pytest.mark.parametrize("scene", WITHOUT_LIGHT.values(), ids=WITHOUT_LIGHT)
+def test_without_any_light(renderer, scene, method):
+    assert told(renderer, scene, method) == "the scene has no light and no ambient"
+
+
+def test_ambient_light_of_a_colour_that_nothing_scatters_is_not_enough(renderer):
+    scene = lit_by(medium=MEDIUM.replace(sigma_s=(0, 1, 0)), ambient=Ambient(radiance=(1, 0, 0)))
+    assert told(renderer, scene) == "the medium scatters green only, of which there is no light"
+
+
+def test_a_scene_without_lights_asks_for_more_ambient_light(renderer):
+    scene = lit_by(ambient=Ambient(radiance=1e-37))
+    assert told(renderer, scene).endswith("of the medium: raise ambient.radiance")
 
 
 @pytest.mark.parametrize(("scene", "reason"), OF_SOLIDS.values(), ids=OF_SOLIDS)
@@ -340,10 +474,20 @@ def test_below_an_8_bit_step_a_thin_medium_is_told_too(renderer):
     scene = SCENE.replace(volume=VOLUME.with_density_scale(1e-6))
     said = too_dark(renderer.render(scene, method="dual"), 0.0)
     assert "; the medium is too thin to be seen, its optical depth at most " in said
-    assert said.endswith(": raise density_scale")
+    assert said.endswith(": raise volume.density_scale")
+
+
+def test_what_is_thin_among_several_is_told_by_its_number():
+    scene = of_bodies(VOLUME.with_density_scale(1e-9), FLAME, BOX.replace(density=1e-9))
+    assert too_thin(scene).endswith(": raise volume.0.density_scale or volume.2.density")
+    assert too_thin(scene.replace(volume=(VOLUME, BOX.replace(density=1e-9)))) == ""
+    assert too_thin(scene.replace(volume=(FLAME, tfm.EverywhereVolume(density=0)))) == ""
+    assert too_thin(of_bodies(VOLUME.with_density_scale(1e-9), tfm.EverywhereVolume(density=1e-9))) == ""
 
 
 def test_a_density_too_thin_for_the_largest_scale():
     volume = tfm.Volume(1e-40 * blobs(), density_scale=1e25)
     scene = SCENE.replace(volume=volume)
-    assert too_thin(scene.volume, scene.medium).endswith(" even with the largest density_scale, 1e+25")
+    assert too_thin(scene).endswith(" even with the largest volume.density_scale, 1e+25")
+    beside = scene.replace(volume=(*scene.bodies, BOX.replace(density=1e-30)))
+    assert too_thin(beside).endswith(": raise volume.1.density")

@@ -43,9 +43,7 @@ SETS = {
 
 
 def joined_scene(volumes, **changes):
-    """`make_scene` takes the volume as the scene does."""
-    scene = tfm.Scene(list(volumes), camera=make_scene().camera, lights=[LIGHT])
-    return make_scene(volume=scene.volume, **changes)
+    return make_scene(volume=list(volumes), **changes)
 
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])

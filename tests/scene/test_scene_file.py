@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scenes import blobs
+from tfm_cl.device.params import fill
 
 import tfm_cl as tfm
-from tfm_cl.device.params import fill
-from tfm_cl.errors import TfmError
+from tfm_cl.errors import SceneError, TfmError
 from tfm_cl.plan import options, resolution
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.placement import density_scale_for
@@ -33,6 +33,7 @@ sanitize = true
 offset = 0.0
 window = [0.0, 1.0]
 colour = false
+medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = -0.2 } }
 
 [medium]
 sigma_s = [1.0, 0.8, 0.5]
@@ -143,6 +144,9 @@ def test_every_key_arrives(folder):
     np.testing.assert_allclose(scene.bodies[0].voxel_size, (0.1, 0.2, 0.6))
     np.testing.assert_allclose(scene.bodies[0].world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
     assert scene.bodies[0].density_scale == 2.5
+    assert scene.bodies[0].medium == tfm.Medium(
+        sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2)
+    )
     assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
     assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
     sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))
@@ -283,10 +287,11 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     for part in ("medium", "camera", "lights", "map", "march"):
         assert getattr(copy, part) == getattr(resolution.resolved(scene), part), part
     assert again.image == file.image
-    np.testing.assert_array_equal(copy.bodies[0].data, scene.volume.data)
-    np.testing.assert_array_equal(copy.bodies[0].world_from_index, scene.volume.world_from_index)
-    assert copy.bodies[0].density_scale == scene.volume.density_scale
-    assert plan(copy, file=again).told == {}
+    np.testing.assert_array_equal(copy.bodies[0].data, scene.bodies[0].data)
+    np.testing.assert_array_equal(copy.bodies[0].world_from_index, scene.bodies[0].world_from_index)
+    assert copy.bodies[0].density_scale == scene.bodies[0].density_scale
+    assert copy.bodies[0].own_medium == scene.bodies[0].own_medium
+    assert again.chosen(copy) == {}
 
 
 def test_overrides_make_tables_that_are_missing(read):
@@ -320,6 +325,169 @@ def test_center_is_centre_in_files_and_overrides(read):
         assert scene.solids[0].centre == (4, 5, 6)
         assert "center" not in to_toml(options.table(file, scene))
         assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
+
+
+# --------------------------------------------------------------------------- bodies and their media
+
+BODIES = """
+[medium]
+sigma_s = [1.0, 0.8, 0.5]
+sigma_a = 0.25
+phase = "hg:0.3"
+[[volume]]
+file = "cloud.npy"
+[[volume]]
+file = "cloud.npy"
+medium = { sigma_a = [0.1, 0.2, 0.4] }
+[[volume]]
+shape = "sphere"
+medium = { sigma_s = 0.5, phase = { type = "hg", g = -0.6 } }
+[[volume]]
+shape = "box"
+"""
+OF_SCENE = tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=0.25, phase=tfm.HenyeyGreenstein(0.3))
+
+
+def test_the_medium_of_a_body_overrides_the_scene_s_key_by_key(read):
+    _, scene = read(BODIES)
+    assert scene.medium == OF_SCENE
+    assert [scene.medium_of(body) for body in scene.bodies] == [
+        OF_SCENE,
+        OF_SCENE.replace(sigma_a=(0.1, 0.2, 0.4)),
+        OF_SCENE.replace(sigma_s=0.5, phase=tfm.HenyeyGreenstein(-0.6)),
+        OF_SCENE,
+    ]
+    # Those without stay the scene's, also when it changes.
+    assert [body.own_medium is None for body in scene.bodies] == [True, False, False, True]
+    other = tfm.Medium(sigma_s=7)
+    changed = scene.replace(medium=other)
+    assert [changed.medium_of(body) == other for body in changed.bodies] == [True, False, False, True]
+
+
+def test_without_a_scene_s_medium_the_defaults_are_overridden(read):
+    _, scene = read('[volume]\nshape = "box"\nmedium = { sigma_a = 2 }\n')
+    assert scene.medium_of(scene.bodies[0]) == tfm.Medium(sigma_a=2)
+
+
+def test_an_empty_table_is_the_scene_s_medium(read):
+    _, scene = read('[volume]\nshape = "box"\nmedium = {}\n[medium]\nsigma_s = 3\n')
+    assert scene.bodies[0].own_medium == tfm.Medium(sigma_s=3)
+
+
+@pytest.mark.parametrize(
+    ("override", "number", "medium"),
+    [
+        (("volume.0.medium.sigma_s", [1, 2, 3]), 0, {"sigma_s": (1, 2, 3)}),
+        (("volume.1.medium.sigma_s", 4), 1, {"sigma_s": 4, "sigma_a": (0.1, 0.2, 0.4)}),
+        (("volume.2.medium.phase", "isotropic"), 2, {"sigma_s": 0.5, "phase": tfm.Isotropic()}),
+        (("volume.2.medium.phase.g", 0.1), 2, {"sigma_s": 0.5, "phase": tfm.HenyeyGreenstein(0.1)}),
+        (("volume.1.medium", {"sigma_s": 9}), 1, {"sigma_s": 9}),
+        (("volume.3.medium", {}), 3, {}),
+        # A key of the scene's reaches those that do not set it.
+        (("medium.sigma_a", 5), 2, {"sigma_s": 0.5, "sigma_a": 5, "phase": tfm.HenyeyGreenstein(-0.6)}),
+        (("medium.sigma_a", 5), 1, {"sigma_a": (0.1, 0.2, 0.4)}),
+    ],
+    ids=str,
+)
+def test_overrides_reach_the_medium_of_one_body(read, override, number, medium):
+    _, before = read(BODIES)
+    _, scene = read(BODIES, override)
+    assert scene.medium_of(scene.bodies[number]) == OF_SCENE.replace(**medium)
+    if override[0].startswith("volume"):
+        others = [i for i in range(4) if i != number]
+        assert [scene.medium_of(scene.bodies[i]) for i in others] == [
+            before.medium_of(before.bodies[i]) for i in others
+        ]
+
+
+@pytest.mark.parametrize("key", ["sigma_s", "phase", "phase.g"])
+def test_what_every_body_overrides_is_not_set_in_vain(folder, key):
+    path, table = folder / "scene.toml", "medium = { sigma_s = 1, phase = { type = 'hg', g = 0 } }\n"
+    path.write_text(f'[volume]\nshape = "box"\n{table}')
+    top = key.partition(".")[0]
+    with pytest.raises(
+        SceneError, match=f"medium.{key}: every volume has a {top} of its own: set volume.med"
+    ):
+        SceneFile.read(path, [(f"medium.{key}", 1)])
+    path.write_text(f'[[volume]]\nshape = "box"\n{table}' * 2)
+    with pytest.raises(SceneError, match=rf"(?m): set volume.0.medium.{top}$"):
+        SceneFile.read(path, [(f"medium.{key}", 1)])
+    path.write_text(f'[[volume]]\nshape = "box"\n{table}[[volume]]\nshape = "sphere"\n')
+    SceneFile.read(path, [("medium.sigma_s", 1)])
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("medium = 3", ["volume.medium = 3: should be a table like [medium]: "]),
+        ("medium = []", ["volume.medium = []: should be a table like [medium]: "]),
+        ("medium = { sigma_q = 1 }", ["unknown key 'sigma_q' in [volume.medium]; did you mean 'sigma_s'?"]),
+        ("medium = { medium = 1 }", ["unknown key 'medium' in [volume.medium]; "]),
+        ("medium = { sigma_s = -1 }", ["volume.medium.sigma_s = -1: should be ≥ 0"]),
+        ("medium = { phase = 'hg:2' }", ["volume.medium.phase.g = 2.0: should be less than 1"]),
+        ("medium = { phase = 'mie' }", ["volume.medium.phase = 'mie': unknown phase function 'mie'"]),
+        (
+            "medium = { sigma_q = 1, sigma_a = 'dark' }\ndensty = 2",
+            [
+                "unknown key 'densty' in [volume]; did you mean 'density'?",
+                "unknown key 'sigma_q' in [volume.medium]; ",
+                "volume.medium.sigma_a = 'dark': should be one number",
+            ],
+        ),
+    ],
+)
+@pytest.mark.parametrize("kind", ['shape = "box"', 'file = "cloud.npy"'])
+def test_faults_in_the_medium_of_a_body_name_it(folder, kind, text, faults):
+    path = folder / "scene.toml"
+    for head, prefix in (("[volume]", ""), ('[[volume]]\nshape = "box"\n[[volume]]', "volume 1: ")):
+        path.write_text(f"{head}\n{kind}\n{text}\n")
+        with pytest.raises(SceneError) as caught:
+            SceneFile.read(path)
+        told = [line.removeprefix(f"{path}: ") for line in caught.value.args]
+        assert len(told) == len(faults)
+        for line, fault in zip(sorted(told), sorted(f"{prefix}{fault}" for fault in faults), strict=True):
+            assert line.replace("density_scale", "density").startswith(fault), line
+
+
+def test_faults_of_several_media_are_told_together_and_once(folder):
+    path = folder / "scene.toml"
+    text = BODIES.replace("sigma_a = 0.25", "sigma_a = 'y'").replace("sigma_a = [0.1", "sigma_b = [0.1")
+    path.write_text(text.replace("sigma_s = 0.5", "sigma_s = -0.5"))
+    with pytest.raises(SceneError) as caught:
+        SceneFile.read(path)
+    starts = [
+        "medium.sigma_a = 'y': should be",
+        "volume 1: unknown key 'sigma_b' in [volume.medium]; did you mean 'sigma_",
+        "volume 2: volume.medium.sigma_s = -0.5: should be ≥ 0",
+    ]
+    told = sorted(line.removeprefix(f"{path}: ") for line in caught.value.args)
+    assert len(told) == len(starts)
+    assert all(line.startswith(start) for line, start in zip(told, starts, strict=True)), told
+
+
+def test_resolved_toml_keeps_each_body_s_medium(folder, tmp_path):
+    (folder / "bodies.toml").write_text(BODIES)
+    file = SceneFile.read(folder / "bodies.toml", [("light.from", [3, 4, 5])])
+    scene = file.scene()
+    text = to_toml(file.resolved(scene))
+    (tmp_path / "written.toml").write_text(text)
+    again = SceneFile.read(tmp_path / "written.toml")
+    copy = again.scene()
+    assert copy.medium == scene.medium
+    assert [body.own_medium for body in copy.bodies] == [body.own_medium for body in scene.bodies]
+    assert tomllib.loads(to_toml(again.resolved(copy))) == tomllib.loads(text)
+
+
+def test_no_lights_at_all(folder, tmp_path):
+    (folder / "dark.toml").write_text('light = []\n[volume]\nfile = "cloud.npy"\n')
+    file = SceneFile.read(folder / "dark.toml")
+    scene = file.scene()
+    assert scene.lights == ()
+    assert not any(key.startswith("light") for key in file.chosen(scene))
+    (tmp_path / "written.toml").write_text(to_toml(file.resolved(scene)))
+    assert SceneFile.read(tmp_path / "written.toml").scene().lights == ()
+    with pytest.raises(SceneError, match=r"light.cone: the scene has 0 \[\[light\]\] tables"):
+        SceneFile.read(folder / "dark.toml", [("light.cone", 30)])
 
 
 # --------------------------------------------------------------------------- arbitrary values

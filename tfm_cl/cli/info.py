@@ -91,9 +91,9 @@ def _fault(path: Path, grid: Grid, voxels: NDArray[np.float32] | Leaves) -> str:
         scene = resolution.resolved(Scene(volume.with_density_scale(density_scale_for(volume))))
     except TfmError as error:
         return str(error).removeprefix(f"{path}: ").removeprefix(f"grid {shown_name(grid.name)}: ")
-    from tfm_cl.render.diagnosis import too_thin, without_density  # noqa: PLC0415 - the help needs no picture formats
+    from tfm_cl.render.diagnosis import too_thin  # noqa: PLC0415 - the help needs no picture formats
 
-    reason = without_density(volume) or too_thin(scene.volume, scene.medium)
+    reason = volume.why_empty or too_thin(scene)
     return reason and f"the picture is black: {reason}"
 
 
@@ -119,10 +119,10 @@ def _on_device(voxels: NDArray[np.float32] | Leaves) -> tuple[int | None, str]:
 
     try:
         leaves = voxels if isinstance(voxels, Leaves) else Leaves.from_dense(voxels)
-        check_count([leaves], "the volume")
+        check_count([(leaves,)], "the volume")
     except TfmError as error:
         return None, str(error)
-    return device_bytes(leaves, LANES, "f32"), ""
+    return device_bytes((leaves,), LANES, "f32"), ""
 
 
 def _shown(value: Any) -> str:

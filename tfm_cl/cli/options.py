@@ -7,9 +7,10 @@ from typing import Any
 
 import click
 
+from tfm_cl.constants import TARGETS
 from tfm_cl.errors import Faults
 from tfm_cl.maps.bases import BASES
-from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES, TARGETS
+from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
 from tfm_cl.scene.lights import LIGHTS, SpotLight
 from tfm_cl.scene.scene_file import SECTIONS

@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.device.launch import int4
+from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
@@ -28,12 +28,6 @@ if TYPE_CHECKING:
 
 VoxelType = Literal["f32", "f16", "u8"]
 
-BRICK_EDGE = 4
-"""Cells along a brick's edge, as in ``kernels/volume.h``."""
-BLOCK_BRICKS = 2
-"""Bricks along a block's edge."""
-MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
-"""Lanes -> cells along an axis within which a tile's lanes share reads, as in ``kernels/volume.h``."""
 VOXEL_BITS: dict[VoxelType, int] = {"f32": 32, "f16": 16, "u8": 8}
 MOST_POOLS = 8
 MAX_INDEX = (1 << 31) - 1
@@ -44,7 +38,16 @@ SLAB_BYTES = 64 << 20
 """Leaves uploaded at a time."""
 TABLE_ENTRY = 4
 """Bytes of a brick in the table."""
-ANY_GRID = {"TFM_POOLS": 1, "TFM_VOLUMES": 1}
+Channels = tuple["Leaves", ...]
+"""A grid's voxels: of one density, or of three, red, green and blue, in boxes of one size."""
+ONE_FIELD: dict[str, int | str] = {
+    "TFM_MEDIA": 1,
+    "TFM_AMOUNTS": 1,
+    "TFM_BODIES": 0,
+    "TFM_MEDIUM_OF_GRID(i)": 0,
+}
+"""Macros of kernels that know of one field of density only: light passes."""
+ANY_GRID: dict[str, int | str] = {**ONE_FIELD, "TFM_POOLS": 1, "TFM_GRIDS": 1, "TFM_VOXEL_CHANNELS": 1}
 """Macros of kernels that make records and read none."""
 BATCH = 1024
 """Leaves looked at at a time on the host."""
@@ -52,39 +55,46 @@ BATCH = 1024
 
 @dataclass(frozen=True)
 class BrickGrid:
-    """The bricks of one or several volumes on a device."""
+    """The bricks of one or several grids on a device."""
 
     table: cl.Buffer
-    """int [z, y, x] of the bricks, a volume after the other: number of the record, from 1, or minus the
-    distance to the nearest."""
+    """int [z, y, x] of the bricks, a grid after the other: number of the (first channel's) record, from 1, or
+    minus the distance to the nearest."""
     pools: tuple[cl.Buffer, ...]
     """Records, ``pool_size`` each; record 0 is all zero."""
     brick_counts: tuple[tuple[int, int, int], ...]
-    """Of each volume, bricks along x, y, z."""
+    """Of each grid, bricks along x, y, z."""
     occupied: int
     """Bricks with density."""
     records: int
-    """Blocks with density, and the zero record."""
+    """Of all blocks with density in all channels, and the zero record."""
     pool_size: int
     voxels: VoxelType
-    exponents: tuple[int, ...]
-    """A stored voxel times two to this power is its volume's."""
+    exponents: tuple[tuple[int, ...], ...]
+    """Of each grid and channel: a stored voxel times two to this power is its volume's."""
 
     @property
-    def defines(self) -> dict[str, int]:
-        """Macros of every kernel that reads the grid."""
+    def channels(self) -> int:
+        """1, or 3 where a grid has a colour."""
+        return max(map(len, self.exponents))
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """Macros of every kernel that reads the grids."""
         return {
             "TFM_VOXEL_BITS": VOXEL_BITS[self.voxels],
             "TFM_POOLS": 1 if len(self.pools) == 1 else MOST_POOLS,
-            "TFM_VOLUMES": len(self.brick_counts),
+            "TFM_GRIDS": len(self.brick_counts),
+            "TFM_VOXEL_CHANNELS": self.channels,
         }
 
     @property
-    def arguments(self) -> tuple[cl.Buffer, ...]:
-        """Kernel arguments: the table, and one or `MOST_POOLS` pools."""
-        if len(self.pools) == 1:
-            return (self.table, *self.pools)
-        return (self.table, *self.pools, *(self.pools[:1] * (MOST_POOLS - len(self.pools))))
+    def arguments(self) -> dict[str, cl.Buffer]:
+        """Kernel arguments by name: the table, and one or `MOST_POOLS` pools."""
+        pools = self.pools
+        if len(pools) > 1:
+            pools += pools[:1] * (MOST_POOLS - len(pools))
+        return {"bricks": self.table} | {f"pool{i}": pool for i, pool in enumerate(pools)}
 
     @property
     def nbytes(self) -> int:
@@ -109,14 +119,15 @@ def brick_count_of(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return x, y, z
 
 
-def device_bytes(leaves: Leaves, lanes: int, voxels: VoxelType) -> int:
-    """Size that `build_bricks` will give a volume, without a device: `BrickGrid.nbytes`."""
-    records = 1 + _count_blocks(leaves, lanes)  # the first record is zero
-    return records * record_bytes(lanes, voxels) + TABLE_ENTRY * math.prod(brick_count_of(leaves.shape))
+def device_bytes(channels: Channels, lanes: int, voxels: VoxelType) -> int:
+    """Size that `build_bricks` will give a grid, without a device: `BrickGrid.nbytes`."""
+    # The first record is zero.
+    records = 1 + len(channels) * len(np.unique(np.concatenate([_blocks(one, lanes) for one in channels])))
+    return records * record_bytes(lanes, voxels) + TABLE_ENTRY * math.prod(brick_count_of(channels[0].shape))
 
 
-def _count_blocks(leaves: Leaves, lanes: int) -> int:
-    """Count the blocks whose records have a voxel > 0."""
+def _blocks(leaves: Leaves, lanes: int) -> NDArray[np.int64]:
+    """Return the numbers of the blocks whose records have a voxel > 0."""
     edge = BLOCK_BRICKS * BRICK_EDGE
     size = tuple(n // BLOCK_BRICKS for n in brick_count_of(leaves.shape)[::-1])
     found = np.zeros(0, np.int64)  # numbers of blocks: a table of all would be as large as the box
@@ -134,16 +145,16 @@ def _count_blocks(leaves: Leaves, lanes: int) -> int:
         block = base[leaf] + candidates[np.stack(place, axis=-1)]
         inside = ((block >= 0) & (block < size)).all(axis=1)
         found = np.union1d(found, np.ravel_multi_index(tuple(block[inside].T), size))
-    return len(found)
+    return found
 
 
-def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxels: VoxelType) -> BrickGrid:
-    """Put the leaves of volumes on the device as bricks.
+def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxels: VoxelType) -> BrickGrid:
+    """Put the leaves of grids on the device as bricks.
 
     Parameters
     ----------
-    volumes
-        Each volume's voxels.
+    grids
+        Each grid's voxels.
     what
         Names them in messages.
     voxels
@@ -155,40 +166,55 @@ def build_bricks(launcher: Launcher, volumes: Sequence[Leaves], what: str, voxel
     DeviceMemoryError
         When the records exceed the device's memory, or `MOST_POOLS` of its largest buffers.
     """
-    counts = tuple(brick_count_of(leaves.shape) for leaves in volumes)
-    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * check_count(volumes, what))
-    slabs = [list(_slabs(launcher, leaves, count[2])) for leaves, count in zip(volumes, counts, strict=True)]
-    flags = [
-        np.concatenate([_occupied(launcher, slab, count) for slab in of_volume])
-        for of_volume, count in zip(slabs, counts, strict=True)
+    counts = tuple(brick_count_of(channels[0].shape) for channels in grids)
+    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * check_count(grids, what))
+    slabs = [
+        [list(_slabs(launcher, leaves, count[2])) for leaves in channels]
+        for channels, count in zip(grids, counts, strict=True)
     ]
-    blocks = [_any_of_blocks(of_volume) for of_volume in flags]
-    records = 1 + sum(int(np.count_nonzero(of_volume)) for of_volume in blocks)
+    flags = [
+        np.any(
+            [np.concatenate([_occupied(launcher, slab, count) for slab in one]) for one in of_grid], axis=0
+        )
+        for of_grid, count in zip(slabs, counts, strict=True)
+    ]
+    blocks = [_any_of_blocks(of_grid) for of_grid in flags]
+    records = 1 + sum(
+        len(channels) * int(np.count_nonzero(of_grid))
+        for channels, of_grid in zip(grids, blocks, strict=True)
+    )
     pools, pool_size = _allocate(launcher, what, records, voxels)
-    exponents = tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in volumes)
-    occupied = sum(int(np.count_nonzero(of_volume)) for of_volume in flags)
-    grid = BrickGrid(table, pools, counts, occupied, records, pool_size, voxels, exponents)
-    done, tables = 1, []
-    for i, of_volume in enumerate(slabs):
-        tables.append(brick_table(flags[i], blocks[i], done).ravel())
-        for slab in of_volume:
-            first, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
-            places = np.argwhere(blocks[i][first:end])[:, ::-1] + (0, 0, first)
-            _fill(launcher, slab, grid, exponents[i], places, done)
-            done += len(places)
+    exponents = tuple(
+        tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in channels) for channels in grids
+    )
+    occupied = sum(int(np.count_nonzero(of_grid)) for of_grid in flags)
+    bricks = BrickGrid(table, pools, counts, occupied, records, pool_size, voxels, exponents)
+    first, tables = 1, []
+    for i, of_grid in enumerate(slabs):
+        channels = len(of_grid)
+        tables.append(brick_table(flags[i], blocks[i], first, channels).ravel())
+        for channel, one in enumerate(of_grid):
+            done = 0
+            for slab in one:
+                begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
+                places = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
+                numbers = first + channel + channels * np.arange(done, done + len(places), dtype=np.int64)
+                _fill(launcher, slab, bricks, exponents[i][channel], places, numbers)
+                done += len(places)
+        first += channels * int(np.count_nonzero(blocks[i]))
     launcher.write(table, np.concatenate(tables))
-    return grid
+    return bricks
 
 
-def check_count(volumes: Sequence[Leaves], what: str) -> int:
-    """Count the bricks of volumes, also empty ones.
+def check_count(grids: Sequence[Channels], what: str) -> int:
+    """Count the bricks of grids, also empty ones.
 
     Raises
     ------
     DeviceMemoryError
         More than kernels can index on any device.
     """
-    bricks = sum(math.prod(brick_count_of(leaves.shape)) for leaves in volumes)
+    bricks = sum(math.prod(brick_count_of(channels[0].shape)) for channels in grids)
     if bricks > MAX_INDEX:
         raise DeviceMemoryError(f"{what} has {bricks:,} bricks; kernels index {MAX_INDEX:,}")
     return bricks
@@ -202,12 +228,12 @@ def _any_of_blocks(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def brick_table(
-    flags: NDArray[np.bool_], blocks: NDArray[np.bool_], first_record: int = 1
+    flags: NDArray[np.bool_], blocks: NDArray[np.bool_], first_record: int = 1, records: int = 1
 ) -> NDArray[np.int32]:
-    """Give bricks with density their block's record, others minus their chessboard distance.
+    """Give bricks with density their block's first record, others minus their chessboard distance.
 
-    Records are numbered from ``first_record``, z-major. Distances stop at `FARTHEST`: a jump may be shorter
-    than it could.
+    Each block has so many ``records``, numbered from ``first_record``, z-major. Distances stop at
+    `FARTHEST`: a jump may be shorter than it could.
     """
     table = np.full(flags.shape, -FARTHEST, np.int32)
     reached = flags
@@ -218,7 +244,8 @@ def brick_table(
             break
         reached = grown
     numbers = np.zeros(blocks.shape, np.int32)
-    numbers[blocks] = np.arange(first_record, first_record + np.count_nonzero(blocks), dtype=np.int32)
+    count = int(np.count_nonzero(blocks))
+    numbers[blocks] = first_record + records * np.arange(count, dtype=np.int32)
     for axis in range(3):
         numbers = numbers.repeat(BLOCK_BRICKS, axis=axis)
     np.copyto(table, numbers, where=flags)
@@ -282,15 +309,15 @@ def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: 
     return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
 
 
-def _leaf_arguments(launcher: Launcher, slab: _Slab) -> tuple[object, ...]:
+def _leaf_arguments(launcher: Launcher, slab: _Slab) -> dict[str, object]:
     z, y, x = slab.table.shape
     values = slab.values if len(slab.values) else np.zeros(1, np.float32)
-    return (
-        launcher.upload("the leaf table", slab.table),
-        launcher.upload("the leaves", values),
-        int4(x, y, z, 0),
-        int4(*slab.first, 0),
-    )
+    return {
+        "table": launcher.upload("the leaf table", slab.table),
+        "leaves": launcher.upload("the leaves", values),
+        "leaf_count": (x, y, z, 0),
+        "first": (*slab.first, 0),
+    }
 
 
 def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> NDArray[np.bool_]:
@@ -303,10 +330,12 @@ def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> N
     launcher.run(
         kernel,
         shape[::-1],
-        *_leaf_arguments(launcher, slab),
-        int4(*shape[::-1], 0),
-        np.int32(slab.first_layer),
-        flags,
+        {
+            **_leaf_arguments(launcher, slab),
+            "brick_count": (*shape[::-1], 0),
+            "first_layer": slab.first_layer,
+            "occupied": flags,
+        },
     )
     return launcher.download(flags, shape, np.uint8).astype(np.bool_)
 
@@ -337,29 +366,27 @@ def _exponent(largest: float) -> int:
 def _fill(
     launcher: Launcher,
     slab: _Slab,
-    grid: BrickGrid,
+    bricks: BrickGrid,
     exponent: int,
     places: NDArray[np.int64],
-    record: int,
+    numbers: NDArray[np.int64],
 ) -> None:
-    """Write the records of the blocks at ``places`` [N, 3] (x, y, z), numbered from ``record``."""
-    if not len(places):
-        return
-    kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), grid.defines | ANY_GRID)
+    """Write the records ``numbers`` [N], rising, of the blocks at ``places`` [N, 3] (x, y, z)."""
+    kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), bricks.defines | ANY_GRID)
     leaf_arguments = _leaf_arguments(launcher, slab)
-    while len(places):
-        pool, within = divmod(record, grid.pool_size)
-        here = places[: grid.pool_size - within]
-        blocks = np.zeros((len(here), 4), np.int32)
-        blocks[:, :3] = here
+    in_pools, within = np.divmod(numbers, bricks.pool_size)
+    for pool in np.unique(in_pools).tolist():
+        here = in_pools == pool
+        blocks = np.zeros((int(np.count_nonzero(here)), 4), np.int32)
+        blocks[:, :3], blocks[:, 3] = places[here], within[here]
         launcher.run(
             kernel,
-            (len(here),),
-            *leaf_arguments,
-            launcher.upload("the blocks' places", blocks),
-            np.int32(len(here)),
-            np.int32(within),
-            np.int32(-exponent),
-            grid.pools[pool],
+            (len(blocks),),
+            {
+                **leaf_arguments,
+                "blocks": launcher.upload("the blocks' places", blocks),
+                "count": len(blocks),
+                "exponent": -exponent,
+                "pool": bricks.pools[pool],
+            },
         )
-        places, record = places[len(here) :], record + len(here)

@@ -1,16 +1,15 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
-from pyopencl import cltypes
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.device.device import check_process, was_forked
-from tfm_cl.device.program import KernelLibrary, build
+from tfm_cl.device.program import Kernel, KernelLibrary, build
 from tfm_cl.errors import DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -33,16 +32,6 @@ GPU_TILES = (8, 8)
 
 TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
 """Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/lanes.h``."""
-
-
-def int4(x: int, y: int, z: int, w: int) -> Any:
-    """Make a kernel argument of OpenCL's type int4."""
-    return cltypes.make_int4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
-
-
-def float4(x: float, y: float, z: float, w: float) -> Any:
-    """Make a kernel argument of OpenCL's type float4."""
-    return cltypes.make_float4(x, y, z, w)  # type: ignore[attr-defined]  # made when pyopencl is imported
 
 
 LANES_PROBE = """
@@ -143,15 +132,20 @@ class Launcher:
         check_process()
         return self._kernels
 
-    def run(self, kernel: cl.Kernel, size: tuple[int, ...], *args: Any) -> float:
+    def run(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> float:
         """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
 
         The size is rounded up to whole work-groups: kernels check their bounds.
+
+        Parameters
+        ----------
+        arguments
+            All that the kernel's signature names: buffers, numbers, and tuples for vectors.
         """
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
         try:
-            event = kernel(self.queue, whole, group, *args)
+            event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
             event.wait()
         except cl.MemoryError as error:
             raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
@@ -162,9 +156,43 @@ class Launcher:
         self.kernels.ran(kernel)
         return float(event.profile.end - event.profile.start) * 1e-9
 
-    def run_tiles(self, kernel: cl.Kernel, window: tuple[int, int, int, int], *args: Any) -> float:
-        """Run a kernel whose work-items each take a tile, over the tiles that x0, y0, x1, y1 touches."""
-        return self.run(kernel, self.tiles(window), *args)
+    def run_windows(
+        self,
+        kernel: Kernel,
+        bounds: tuple[int, int, int, int],
+        samples_per_item: int,
+        arguments: Mapping[str, Any],
+        done: Callable[[float], None] | None = None,
+        after: Callable[[tuple[int, int, int, int]], None] | None = None,
+    ) -> float:
+        """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
+
+        Parameters
+        ----------
+        bounds
+            x0, y0, x1, y1; the kernel gets the part of each launch as ``window``.
+        samples_per_item
+            Density samples that one texel or pixel may need.
+        arguments
+            As of `run`, but for ``window``.
+        done
+            Called after each launch with the part that is done, 0 to 1: what it raises ends the work.
+        after
+            Called after each launch with its window.
+
+        Returns
+        -------
+        Seconds on the device.
+        """
+        seconds = 0.0
+        windows = Windows(*bounds, samples_per_item)
+        for window in windows:
+            seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
+            if after is not None:
+                after(window)
+            if done is not None:
+                done(windows.done)
+        return seconds
 
     def tiles(self, window: tuple[int, int, int, int]) -> tuple[int, int]:
         """Tiles along x and y that x0, y0, x1, y1 touches."""
@@ -227,10 +255,16 @@ class Launcher:
         """Copy an array into a buffer of its size."""
         cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
 
-    def download(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
-        """Copy a buffer to the host."""
+    def copy(self, source: cl.Buffer, target: cl.Buffer, nbytes: int, *, first: int, to: int) -> None:
+        """Copy a part of a buffer, from byte ``first`` on, to byte ``to`` of another."""
+        cl.enqueue_copy(self.queue, target, source, byte_count=nbytes, src_offset=first, dst_offset=to)
+
+    def download(
+        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: type[np.generic], first: int = 0
+    ) -> NDArray[Any]:
+        """Copy a buffer, from byte ``first`` on, to the host."""
         array = np.empty(shape, dtype)
-        cl.enqueue_copy(self.queue, array, buffer)
+        cl.enqueue_copy(self.queue, array, buffer, src_offset=first)
         return array
 
 

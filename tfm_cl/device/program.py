@@ -12,14 +12,17 @@ import os
 import shutil
 import time
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyopencl as cl
+from pyopencl import cltypes
 
 from tfm_cl.device.device import DEFAULT_PLATFORM
 from tfm_cl.device.kernel_cache import KeptProgram, kernel_cache
-from tfm_cl.device.params import c_declaration
+from tfm_cl.device.structs import c_text
 from tfm_cl.errors import KernelBuildError
 from tfm_cl.interrupts import interrupts_ours
 
@@ -33,7 +36,7 @@ def kernels_dir() -> Path:
     raise KernelBuildError(f"the OpenCL sources are missing from {package}; reinstall tfm_cl")
 
 
-def source(entry: str, headers: tuple[str, ...], defines: dict[str, int]) -> str:
+def source(entry: str, headers: tuple[str, ...], defines: Mapping[str, int | str]) -> str:
     """Return the text handed to the compiler.
 
     The sources are included, not pasted, so that the compiler's messages name file and line. Ours by their
@@ -42,7 +45,7 @@ def source(entry: str, headers: tuple[str, ...], defines: dict[str, int]) -> str
     folder = kernels_dir()
     lines = [f"#define {name} {value}" for name, value in sorted(defines.items())]
     files = [folder / name if (folder / name).is_file() else name for name in (*headers, entry)]
-    return "\n".join([*lines, c_declaration(), *(f'#include "{name}"' for name in files), ""])
+    return "\n".join([*lines, c_text(), *(f'#include "{name}"' for name in files), ""])
 
 
 def fingerprint(folder: Path) -> str:
@@ -124,23 +127,58 @@ class _LaunchClock:
         self._events = running
 
 
-class _Kernel(cl.Kernel):
-    """A kernel whose launches are timed."""
+class Kernel(cl.Kernel):
+    """A kernel of ours: its launches are timed, and its arguments have names."""
 
     def __init__(self, program: cl.Program, name: str, clock: _LaunchClock, kept: KeptProgram | None) -> None:
         super().__init__(program, name)
         self._clock, self._kept = clock, kept
+        info = cl.kernel_arg_info
+        self.parameters: dict[str, str] = {
+            str(self.get_arg_info(i, info.NAME)): str(self.get_arg_info(i, info.TYPE_NAME))
+            for i in range(self.num_args)
+        }
+        """Name -> OpenCL type of each argument, in order: of its own signature."""
 
     def keep(self) -> None:
         """Keep what was compiled for its launches so far, which have ended."""
         if self._kept is not None:
             self._kept.keep()
 
+    def ordered(self, arguments: Mapping[str, Any]) -> list[Any]:
+        """Put arguments in the order of its signature, as the types that it has.
+
+        Raises
+        ------
+        TypeError
+            Arguments that it does not have, or that are missing: a mistake of the program.
+        """
+        if arguments.keys() != self.parameters.keys():
+            missing = ", ".join(name for name in self.parameters if name not in arguments)
+            strange = ", ".join(name for name in arguments if name not in self.parameters)
+            raise TypeError(
+                f"{self.function_name}: missing: {missing or 'none'}; unknown: {strange or 'none'}"
+            )
+        return [_argument(arguments[name], kind) for name, kind in self.parameters.items()]
+
     def __call__(self, *args: Any, **options: Any) -> cl.Event:
         """Launch it, as `pyopencl.Kernel` does."""
         event = super().__call__(*args, **options)
         self._clock.add(event)
         return event
+
+
+SCALARS = {"int": np.int32, "float": np.float32}
+"""OpenCL types that Python's numbers are passed as."""
+
+
+def _argument(value: Any, kind: str) -> Any:
+    """Make a number, or numbers in a tuple, what a kernel's argument of that OpenCL type takes."""
+    if kind in SCALARS:
+        return SCALARS[kind](value)
+    if isinstance(value, tuple):
+        return getattr(cltypes, f"make_{kind}")(*value)
+    return value
 
 
 class KernelLibrary:
@@ -156,8 +194,8 @@ class KernelLibrary:
 
     def __init__(self, context: cl.Context, options: tuple[str, ...] = ()) -> None:
         self._context = context
-        self._options = ("-cl-std=CL1.2", *options)
-        self._kernels: dict[tuple[object, ...], cl.Kernel] = {}
+        self._options = ("-cl-std=CL1.2", "-cl-kernel-arg-info", *options)
+        self._kernels: dict[tuple[object, ...], Kernel] = {}
         self._build_seconds = 0.0
         self._clock = _LaunchClock()
 
@@ -167,8 +205,12 @@ class KernelLibrary:
         return self._build_seconds + self._clock.seconds
 
     def kernel(
-        self, name: str, entry: str, headers: tuple[str, ...] = (), defines: dict[str, int] | None = None
-    ) -> cl.Kernel:
+        self,
+        name: str,
+        entry: str,
+        headers: tuple[str, ...] = (),
+        defines: Mapping[str, int | str] | None = None,
+    ) -> Kernel:
         """Return kernel ``name`` of the file ``entry``.
 
         Parameters
@@ -190,13 +232,13 @@ class KernelLibrary:
             started = time.perf_counter()
             program, kept = self._build(source(entry, headers, defines or {}), entry)
             for found in program.kernel_names.split(";"):
-                self._kernels[found, variant] = _Kernel(program, found, self._clock, kept)
+                self._kernels[found, variant] = Kernel(program, found, self._clock, kept)
             self._build_seconds += time.perf_counter() - started
         return self._kernels[name, variant]
 
     def ran(self, kernel: cl.Kernel) -> None:
         """Take note that launches of a kernel have ended well: what was compiled for them can be kept."""
-        if isinstance(kernel, _Kernel):
+        if isinstance(kernel, Kernel):
             kernel.keep()
 
     def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:

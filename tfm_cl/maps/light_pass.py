@@ -1,19 +1,27 @@
-"""The light pass: from the density grid to one transmittance function map a light (TFM algorithm 2)."""
+"""The light pass: from one field of density to one transmittance function map (TFM algorithm 2)."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.device.bricks import BrickGrid
-from tfm_cl.device.launch import Launcher, Progress, Windows, int4
+from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, TARGETS
+from tfm_cl.device.launch import Launcher, Progress
+from tfm_cl.device.program import Kernel
+from tfm_cl.device.structs.map import map_struct
 from tfm_cl.maps.bases import BASES
-from tfm_cl.maps.bases.base import FITS, LOOKUPS, TARGETS, Functions
+from tfm_cl.maps.bases.base import FITS, LOOKUPS, Functions
 from tfm_cl.maps.prefilter import Prefilter
+from tfm_cl.maps.probe import light_defines
 from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
+
+if TYPE_CHECKING:
+    from tfm_cl.device.media import FieldOnDevice
 
 LARGEST_HALF = 4096.0
 """Numbers in half precision are stored in a unit that keeps the largest optical depth near this, far from
@@ -23,8 +31,6 @@ LARGEST_HALF = 4096.0
 RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own
 errors."""
-MARCH_LEVELS = 8
-"""Numbers of steps that a range may take, as in ``kernels/light_pass.cl``."""
 
 
 def steps_of_levels(settings: ResolvedMap) -> list[int]:
@@ -34,25 +40,16 @@ def steps_of_levels(settings: ResolvedMap) -> list[int]:
     return [-(-settings.steps * level // MARCH_LEVELS) for level in range(1, MARCH_LEVELS + 1)]
 
 
-def map_variant(
-    settings: ResolvedMap, light: Light, bricks: BrickGrid, *, clipped: bool = False
-) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Headers and macros of every kernel that reads or writes a map of such resolved settings.
-
-    ``clipped``: solids end its rays.
-    """
-    headers = (BASES[settings.basis].header, *light.headers)
-    defines = {
+def map_variant(settings: ResolvedMap) -> tuple[str, dict[str, int | str]]:
+    """Header and macros of every kernel that reads or writes a map of such resolved settings."""
+    return BASES[settings.basis].header, {
         "TFM_N_COEFF": settings.coeffs,
         "TFM_STORAGE_BITS": STORAGE_BITS[settings.storage],
         "TFM_TARGET": TARGETS[settings.target],
         "TFM_FIT": FITS[settings.fit],
         "TFM_RANGE": int(settings.range != "box"),
         "TFM_LOOKUP": LOOKUPS[settings.lookup],
-        "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
-        "TFM_SHADOW": int(clipped),
     }
-    return headers, defines | bricks.defines
 
 
 @dataclass(frozen=True)
@@ -66,22 +63,58 @@ class MapPlan:
     functions: Functions | None
     """Of the basis; None where its kernel header accumulates in its own way."""
     number_unit: float
+    density_weighting: float
+    """The α in use."""
+    extinction: float
+    """At density 1, that visibility is meant for."""
     clip: NDArray[np.float32] | None
     """[res, res] distances beyond which, for solids, a texel's ray lights nothing; None without solids."""
+
+    @property
+    def modes(self) -> NDArray[np.float32]:
+        """What the basis needs to evaluate its functions."""
+        return np.zeros(0, np.float32) if self.functions is None else self.functions.modes
+
+    def struct(self, settings: ResolvedMap | None = None) -> NDArray[Any]:
+        """Return what kernels are told of the map; ``settings`` of one that is looked up in its place."""
+        settings = settings or self.settings
+        return map_struct(
+            res=settings.res,
+            steps=settings.steps,
+            density_weighting=self.density_weighting,
+            extinction=self.extinction,
+            number_unit=self.number_unit,
+            ranges=self.field,
+        )
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Where a map's coefficients are on the device."""
+
+    buffer: cl.Buffer
+    """Of one or several maps: [res, res, n] each, in the map's storage type."""
+    first: int
+    """Where they begin, in units of `NUMBERS_UNIT`."""
+
+
+def numbers_size(settings: ResolvedMap) -> int:
+    """Room for a map and one texel more, as two neighbours may be read at once; in `NUMBERS_UNIT`."""
+    return -(-settings.coeffs * (settings.res**2 + 1) // NUMBERS_UNIT)
+
+
+def map_bytes(settings: ResolvedMap) -> int:
+    """Bytes on the device of a map's coefficients."""
+    return numbers_size(settings) * NUMBERS_UNIT * STORAGE_BITS[settings.storage] // 8
 
 
 @dataclass(frozen=True)
 class MapBuffers:
     """A map on the device."""
 
-    coefficients: cl.Buffer
-    """[res, res, n] in the map's storage type."""
-    ranges: cl.Buffer
-    """[n] lowest value and extent, for 8 bits."""
-    field: cl.Buffer
-    """float4 [size, size], ranges of the rays."""
-    modes: cl.Buffer
-    """What the basis needs to evaluate its functions."""
+    numbers: Numbers
+    limits: NDArray[np.float32]
+    """[n, 2] lowest value and extent, for 8 bits."""
     seconds: float
     """Device time."""
     samples: int
@@ -90,13 +123,6 @@ class MapBuffers:
     """Texels whose ray has a range."""
     occupied: cl.Buffer
     """float2 [res, res]: where density begins and ends, distances from the light; 0 without."""
-    clip: cl.Buffer
-    """float [res, res]: the plan's, if any."""
-
-    @property
-    def arguments(self) -> tuple[cl.Buffer, cl.Buffer, cl.Buffer, cl.Buffer]:
-        """What kernels that read the map take, in their order."""
-        return self.coefficients, self.ranges, self.field, self.modes
 
 
 class LightPass:
@@ -106,111 +132,137 @@ class LightPass:
         self._launcher = launcher
         self._prefilter = Prefilter(launcher)
 
+    def room(self, settings: ResolvedMap, maps: int) -> list[Numbers]:
+        """Allocate room for some maps, in as few buffers as the device allows."""
+        launcher, size, nbytes = self._launcher, numbers_size(settings), map_bytes(settings)
+        together = max(1, launcher.largest_buffer // nbytes)
+        found: list[Numbers] = []
+        for start in range(0, maps, together):
+            count = min(together, maps - start)
+            if settings.res == 1:  # then the texel beyond is read, and weighs 0
+                buffer = launcher.zeros("the map", count * nbytes)
+            else:
+                buffer = launcher.empty("the map" if count == 1 else "the maps", count * nbytes, reuse=True)
+            found += [Numbers(buffer, i * size) for i in range(count)]
+        return found
+
     def build(
-        self, plan: MapPlan, light: Light, params: cl.Buffer, bricks: BrickGrid, progress: Progress
+        self,
+        plan: MapPlan,
+        light: Light,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
+        room: Numbers,
+        progress: Progress,
     ) -> MapBuffers:
         """Project the transmittance along every light ray of the map.
 
         Parameters
         ----------
-        params
-            The struct of `tfm_cl.device.params` for this light and plan.
-        bricks
+        of_light
+            The light's struct.
+        medium
             The density.
+        room
+            Where the coefficients go.
         """
         launcher, settings = self._launcher, plan.settings
         res = settings.res
-        clipped = plan.clip is not None
-        kernel = self._kernel("light_pass", settings, light, bricks, clipped=clipped)
+        kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
-        clip = launcher.upload("the solids' distances", none if plan.clip is None else plan.clip)
         tables = [np.zeros(0, np.float32)] * MARCH_LEVELS
-        modes = tables[0]
         if plan.functions is not None:
-            basis, modes = BASES[settings.basis], plan.functions.modes
+            basis = BASES[settings.basis]
             tables = [
                 basis.table(plan.functions, settings, steps) if steps else tables[0]
                 for steps in steps_of_levels(settings)
             ]
         starts = np.cumsum([0, *map(len, tables[:-1])], dtype=np.int32)
-        table = launcher.upload("the basis's tables", np.concatenate(tables))
-        table_starts = launcher.upload("their starts", starts)
-        field = launcher.upload("the field of ranges", plan.field)
-        coefficients = self._allocate(settings, 32)
         occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
-        seconds, hits, samples = 0.0, 0, 0
-        windows = Windows(0, 0, res, res, settings.steps)
-        for window in windows:
-            tiles = launcher.tiles(window)
-            counts = launcher.empty("the counters", 8 * tiles[0] * tiles[1])
-            seconds += windows.took(
-                launcher.run_tiles(
-                    kernel,
-                    window,
-                    params,
-                    *bricks.arguments,
-                    field,
-                    table,
-                    table_starts,
-                    clip,
-                    coefficients,
-                    occupied,
-                    counts,
-                    int4(*window),
-                )
+        # Straight to where they stay, unless something is still done to them.
+        is_last = settings.storage == "f32" and settings.blur == 0
+        struct = plan.struct()
+        struct["first_number"] = room.first if is_last else 0
+        target = room.buffer if is_last else self._floats(settings)
+        seen = _Counts(launcher)
+        seconds = launcher.run_windows(
+            kernel,
+            (0, 0, res, res),
+            settings.steps,
+            {
+                **medium.arguments,
+                "light": of_light,
+                "map": launcher.upload("the map's parameters", struct),
+                "ranges": launcher.upload("the ranges of the rays", plan.field),
+                "tables": launcher.upload("the basis's tables", np.concatenate(tables)),
+                "table_starts": launcher.upload("their starts", starts),
+                "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
+                "coefficients": target,
+                "occupied": occupied,
+                "counts": seen.buffer(res),
+            },
+            done=lambda part: progress("light pass", part),
+            after=seen.add,
+        )
+        limits = np.zeros((settings.coeffs, 2), np.float32)
+        if not is_last:
+            blurred, blurring = self._prefilter.blur(
+                target, res, settings.coeffs, settings.blur, settings.blur_kernel
             )
-            met, read = launcher.download(counts, (*tiles, 2), np.uint32).sum(axis=(0, 1), dtype=np.int64)
-            hits, samples = hits + int(met), samples + int(read)
-            progress("light pass", windows.done)
-        blurred, blurring = self._prefilter.blur(
-            coefficients, res, settings.coeffs, settings.blur, settings.blur_kernel
-        )
-        packed, ranges, packing = self._pack(plan, light, bricks, blurred)
-        return MapBuffers(
-            coefficients=packed,
-            ranges=ranges,
-            field=field,
-            modes=launcher.upload("the basis's functions", modes),
-            seconds=seconds + blurring + packing,
-            samples=samples,
-            hits=hits,
-            occupied=occupied,
-            clip=clip,
-        )
+            limits, packing = self._pack(plan, light, medium, blurred, room)
+            seconds += blurring + packing
+        return MapBuffers(room, limits, seconds, seen.samples, seen.hits, occupied)
 
-    def _allocate(self, settings: ResolvedMap, bits: int) -> cl.Buffer:
-        """Make room for the map, and one texel more: two neighbours may be read at once."""
-        nbytes = bits // 8 * settings.coeffs * (settings.res**2 + 1)
-        if settings.res == 1:  # then the one beyond is read, and weighs 0
-            return self._launcher.zeros("the map", nbytes)
-        return self._launcher.empty("the map", nbytes, reuse=True)
+    def _floats(self, settings: ResolvedMap) -> cl.Buffer:
+        nbytes = 4 * NUMBERS_UNIT * numbers_size(settings)
+        return self._launcher.empty("the map's coefficients", nbytes, reuse=True)
 
     def _pack(
-        self, plan: MapPlan, light: Light, bricks: BrickGrid, coefficients: cl.Buffer
-    ) -> tuple[cl.Buffer, cl.Buffer, float]:
+        self, plan: MapPlan, light: Light, medium: FieldOnDevice, coefficients: cl.Buffer, room: Numbers
+    ) -> tuple[NDArray[np.float32], float]:
         """Store the coefficients in the type asked for; 8 bits span each coefficient's own range."""
         settings = plan.settings
-        launcher, res, n = self._launcher, settings.res, settings.coeffs
+        launcher, texels, n = self._launcher, settings.res**2, settings.coeffs
         limits = np.zeros((n, 2), np.float32)
-        if settings.storage == "f32":
-            return coefficients, launcher.upload("the ranges", limits), 0.0
         if settings.storage == "u8":
-            values = launcher.download(coefficients, (res * res, n), np.float32)
+            values = launcher.download(coefficients, (texels, n), np.float32)
             limits[:, 0] = values.min(axis=0)
             limits[:, 1] = values.max(axis=0) - limits[:, 0]
-        ranges = launcher.upload("the ranges", limits)
-        packed = self._allocate(settings, STORAGE_BITS[settings.storage])
-        kernel = self._kernel("pack_map", settings, light, bricks)
-        scale = np.float32(1 / plan.number_unit)
-        seconds = launcher.run(kernel, (res * res,), coefficients, packed, ranges, scale, np.int32(res * res))
-        return packed, ranges, seconds
+        struct = plan.struct()
+        struct["first_number"] = room.first
+        seconds = launcher.run(
+            self._kernel("pack_map", settings, light, medium),
+            (texels,),
+            {
+                "map": launcher.upload("the map's parameters", struct),
+                "coefficients": coefficients,
+                "numbers": room.buffer,
+                "limits": launcher.upload("the coefficients' limits", limits),
+                "scale": 1 / plan.number_unit,
+                "count": texels,
+            },
+        )
+        return limits, seconds
+
+    def arguments(self, plan: MapPlan, buffers: MapBuffers) -> dict[str, Any]:
+        """Return what kernels that read this map alone take."""
+        upload = self._launcher.upload
+        struct = plan.struct()
+        struct["first_number"] = buffers.numbers.first
+        return {
+            "maps": upload("the map's parameters", struct),
+            "numbers": buffers.numbers.buffer,
+            "limits": upload("the coefficients' limits", buffers.limits),
+            "ranges": upload("the ranges of the rays", plan.field),
+            "modes": upload("the basis's functions", plan.modes),
+        }
 
     def evaluate(
         self,
-        settings: ResolvedMap,
+        plan: MapPlan,
         light: Light,
-        params: cl.Buffer,
-        bricks: BrickGrid,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
         buffers: MapBuffers,
         points: NDArray[np.float32],
     ) -> NDArray[np.float32]:
@@ -218,67 +270,100 @@ class LightPass:
         launcher, count = self._launcher, len(points)
         if count == 0:
             return np.zeros(0, np.float32)
-        kernel = self._kernel("evaluate_map", settings, light, bricks)
         depths = launcher.empty("the optical depths", 4 * count)
         launcher.run(
-            kernel,
+            self._kernel("evaluate_map", plan.settings, light, medium),
             (count,),
-            params,
-            *buffers.arguments,
-            launcher.upload("the points", points),
-            depths,
-            np.int32(count),
+            {
+                "grids": medium.arguments["grids"],
+                "light": of_light,
+                **self.arguments(plan, buffers),
+                "points": launcher.upload("the points", points),
+                "optical_depths": depths,
+                "count": count,
+            },
         )
         return launcher.download(depths, (count,), np.float32)
 
     def residual(
         self,
-        settings: ResolvedMap,
+        plan: MapPlan,
         light: Light,
-        params: cl.Buffer,
-        bricks: BrickGrid,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
         buffers: MapBuffers,
-        *,
-        clipped: bool,
     ) -> NDArray[np.float32]:
         """Integrals of D (T_map - T)² and of D T² along every texel's ray, [res, res, 2]."""
-        launcher, res, steps = self._launcher, settings.res, RESIDUAL_STEPS * settings.steps
-        kernel = self._kernel("map_residual", settings, light, bricks, clipped=clipped)
+        launcher, res, steps = self._launcher, plan.settings.res, RESIDUAL_STEPS * plan.settings.steps
+        kernel = self._kernel("map_residual", plan.settings, light, medium, clipped=plan.clip is not None)
         residuals = launcher.empty("the map's residuals", 8 * res * res, reuse=True)
-        windows = Windows(0, 0, res, res, steps)
-        for window in windows:
-            windows.took(
-                launcher.run_tiles(
-                    kernel,
-                    window,
-                    params,
-                    *bricks.arguments,
-                    *buffers.arguments,
-                    buffers.clip,
-                    residuals,
-                    np.int32(steps),
-                    int4(*window),
-                )
-            )
+        clip = np.zeros(1, np.float32) if plan.clip is None else plan.clip
+        launcher.run_windows(
+            kernel,
+            (0, 0, res, res),
+            steps,
+            {
+                **medium.arguments,
+                "light": of_light,
+                **self.arguments(plan, buffers),
+                "clip": launcher.upload("the solids' distances", clip),
+                "residuals": residuals,
+                "steps": steps,
+            },
+        )
         return launcher.download(residuals, (res, res, 2), np.float32)
 
-    def read(self, settings: ResolvedMap, buffers: MapBuffers, number_unit: float) -> NDArray[np.float32]:
+    def read(self, plan: MapPlan, buffers: MapBuffers) -> NDArray[np.float32]:
         """Coefficients [y, x, n] as float32, whatever their storage."""
+        settings, room = plan.settings, buffers.numbers
         shape = (settings.res, settings.res, settings.coeffs)
-        launcher = self._launcher
+        types: dict[str, Any] = {"f32": np.float32, "f16": np.float16, "u8": np.uint8}
+        stored = types[settings.storage]
+        first = room.first * NUMBERS_UNIT * np.dtype(stored).itemsize
+        values = self._launcher.download(room.buffer, shape, stored, first)
         if settings.storage == "u8":
-            ranges = launcher.download(buffers.ranges, (settings.coeffs, 2), np.float32)
-            values = launcher.download(buffers.coefficients, shape, np.uint8)
-            return (ranges[:, 0] + ranges[:, 1] * (values / 255.0)).astype(np.float32)
-        stored: Any = np.float32 if settings.storage == "f32" else np.float16
-        return number_unit * launcher.download(buffers.coefficients, shape, stored).astype(np.float32)
+            return (buffers.limits[:, 0] + buffers.limits[:, 1] * (values / 255.0)).astype(np.float32)
+        read: NDArray[np.float32] = plan.number_unit * values.astype(np.float32)
+        return read
 
     def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
         return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
 
     def _kernel(
-        self, name: str, settings: ResolvedMap, light: Light, bricks: BrickGrid, *, clipped: bool = False
-    ) -> cl.Kernel:
-        headers, defines = map_variant(settings, light, bricks, clipped=clipped)
-        return self._launcher.kernels.kernel(name, "light_pass.cl", headers, defines)
+        self,
+        name: str,
+        settings: ResolvedMap,
+        light: Light,
+        medium: FieldOnDevice,
+        *,
+        clipped: bool = False,
+    ) -> Kernel:
+        header, defines = map_variant(settings)
+        return self._launcher.kernels.kernel(
+            name,
+            "light_pass.cl",
+            (header, *light.headers),
+            defines | light_defines(light) | medium.defines | {"TFM_SHADOW": int(clipped)},
+        )
+
+
+class _Counts:
+    """What the tiles of each launch counted: texels whose ray has a range, and densities read."""
+
+    def __init__(self, launcher: Launcher) -> None:
+        self._launcher = launcher
+        self.hits = self.samples = 0
+
+    def buffer(self, res: int) -> cl.Buffer:
+        """Room for the tiles of any launch."""
+        tiles = self._launcher.tiles((0, 0, res, res))
+        self._buffer = self._launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
+        return self._buffer
+
+    def add(self, window: tuple[int, int, int, int]) -> None:
+        """Add what a launch over a window counted."""
+        tiles = self._launcher.tiles(window)
+        counts = self._launcher.download(self._buffer, (*tiles, 2), np.uint32)
+        met, read = counts.sum(axis=(0, 1), dtype=np.int64)
+        self.hits, self.samples = self.hits + int(met), self.samples + int(read)

@@ -9,11 +9,9 @@ the mean: `tfm_cl.scene.lights.area`.
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 import pyopencl as cl
-from pyopencl import cltypes
 
 from tfm_cl.device.launch import Launcher
 
@@ -158,17 +156,22 @@ class Prefilter:
             seconds += launcher.run(
                 kernel,
                 (end - first,),
-                source,
-                target,
-                *map(np.int32, (first, end, together // group)),
-                int2(counts[0] * n, counts[1] * n),
-                int2(*counts),
-                *map(np.int32, (together, shift, min(window.reach, sum(counts)))),
-                # A window that lies beyond the line altogether takes no more than its own width from there.
-                np.float32(min(max(window.reach - shift, 0), 2 * window.reach + 1)),
-                np.float32(max(shift + window.reach - (counts[0] - 1), 0)),
-                np.float32(window.part),
-                np.float32(1 / window.total),
+                {
+                    "from": source,
+                    "to": target,
+                    "first": first,
+                    "end": end,
+                    "per_row": together // group,
+                    "pitch": (counts[0] * n, counts[1] * n),
+                    "count": counts,
+                    "stride": together,
+                    "shift": shift,
+                    "reach": min(window.reach, sum(counts)),
+                    "left": min(max(window.reach - shift, 0), 2 * window.reach + 1),
+                    "right": max(shift + window.reach - (counts[0] - 1), 0),
+                    "part": window.part,
+                    "scale": 1 / window.total,
+                },
             )
         return seconds
 
@@ -186,8 +189,3 @@ def margins(boxes: list[Window], res: int) -> list[int]:
 def largest_divisor(number: int, limit: int) -> int:
     """Return the largest divisor of a number that is not above a limit."""
     return next(divisor for divisor in range(min(number, limit), 0, -1) if number % divisor == 0)
-
-
-def int2(x: int, y: int) -> Any:
-    """Make a kernel argument of OpenCL's type int2."""
-    return cltypes.make_int2(x, y)  # type: ignore[attr-defined]  # made when pyopencl is imported

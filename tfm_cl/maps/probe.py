@@ -9,11 +9,12 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.device.launch import Launcher, Windows, int4
+from tfm_cl.device.launch import Launcher
+from tfm_cl.device.program import Kernel
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 if TYPE_CHECKING:
-    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.device.media import FieldOnDevice
     from tfm_cl.scene.lights import Light
 
 VISIBLE_DEPTH = 8.0
@@ -80,7 +81,7 @@ GLOBAL_MARGIN = 0.02
 
 
 class LightProbe:
-    """Runs ``light_probe.cl``."""
+    """Runs ``probe.cl``."""
 
     def __init__(self, launcher: Launcher) -> None:
         self._launcher = launcher
@@ -88,8 +89,8 @@ class LightProbe:
     def ranges(
         self,
         light: Light,
-        params: cl.Buffer,
-        bricks: BrickGrid,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
         size: int,
         cut: float,
         steps: int,
@@ -99,6 +100,10 @@ class LightProbe:
 
         Parameters
         ----------
+        of_light
+            The light's struct.
+        medium
+            The density.
         cut
             Optical depth of the density at which a range ends; infinite for none.
         steps
@@ -107,28 +112,26 @@ class LightProbe:
             Distances [size, size] beyond which nothing is lit; None for none.
         """
         launcher = self._launcher
-        kernel = self._kernel("light_ranges", light, bricks, clipped=clip is not None)
+        kernel = self._kernel("light_ranges", light, medium, clipped=clip is not None)
         ranges = launcher.empty("the light's ranges", 16 * size * size, reuse=True)
         lasts = launcher.empty("the light's ranges", 4 * size * size, reuse=True)
-        clips = launcher.upload("the solids' distances", np.zeros(1, np.float32) if clip is None else clip)
-        seconds = 0.0
-        windows = Windows(0, 0, size, size, steps)
-        for window in windows:
-            seconds += windows.took(
-                launcher.run_tiles(
-                    kernel,
-                    window,
-                    params,
-                    *bricks.arguments,
-                    clips,
-                    ranges,
-                    lasts,
-                    np.int32(size),
-                    np.int32(steps),
-                    np.float32(min(cut, 1e30)),
-                    int4(*window),
-                )
-            )
+        seconds = launcher.run_windows(
+            kernel,
+            (0, 0, size, size),
+            steps,
+            {
+                **medium.arguments,
+                "light": of_light,
+                "clip": launcher.upload(
+                    "the solids' distances", np.zeros(1, np.float32) if clip is None else clip
+                ),
+                "ranges": ranges,
+                "lasts": lasts,
+                "size": size,
+                "steps": steps,
+                "cut": min(cut, 1e30),
+            },
+        )
         found = launcher.download(ranges, (size, size, 4), np.float32)
         last = launcher.download(lasts, (size, size), np.float32)
         return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], last, seconds)
@@ -136,8 +139,8 @@ class LightProbe:
     def curves(
         self,
         light: Light,
-        params: cl.Buffer,
-        bricks: BrickGrid,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
         probe: Probe,
         field: NDArray[np.float32] | None,
         extinction: float,
@@ -163,23 +166,27 @@ class LightProbe:
             return Curves(np.zeros((0, CELLS + 1)), extinction), 0.0
         out = launcher.empty("the light's curves", 4 * len(rays) * (CELLS + 1), reuse=True)
         seconds = launcher.run(
-            self._kernel("light_curves", light, bricks),
+            self._kernel("light_curves", light, medium),
             (-(-len(rays) // launcher.lanes),),
-            params,
-            *bricks.arguments,
-            launcher.upload("the light's rays", rays),
-            out,
-            np.int32(len(rays)),
+            {
+                **medium.arguments,
+                "light": of_light,
+                "rays": launcher.upload("the light's rays", rays),
+                "curves": out,
+                "count": len(rays),
+            },
         )
         depth = launcher.download(out, (len(rays), CELLS + 1), np.float32).astype(np.float64)
         return Curves(depth, extinction), seconds
 
-    def _kernel(self, name: str, light: Light, bricks: BrickGrid, *, clipped: bool = False) -> cl.Kernel:
-        defines = {
-            "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square"),
-            "TFM_SHADOW": int(clipped),
-        } | bricks.defines
-        return self._launcher.kernels.kernel(name, "light_probe.cl", light.headers, defines)
+    def _kernel(self, name: str, light: Light, medium: FieldOnDevice, *, clipped: bool = False) -> Kernel:
+        defines = light_defines(light) | {"TFM_SHADOW": int(clipped)} | medium.defines
+        return self._launcher.kernels.kernel(name, "probe.cl", light.headers, defines)
+
+
+def light_defines(light: Light) -> dict[str, int | str]:
+    """Return macros of every kernel that knows of a light."""
+    return {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")}
 
 
 def _over_neighbours(values: NDArray[np.floating], choose: np.ufunc) -> NDArray[np.floating]:

@@ -1,4 +1,4 @@
-"""A transmittance function map: what the light pass makes and the view pass looks up."""
+"""A transmittance function map: what the light pass makes and the scatter pass looks up."""
 
 from __future__ import annotations
 
@@ -17,56 +17,90 @@ from tfm_cl.scene.settings import MapSettings
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.device.media import FieldOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.light_pass import LightPass, MapBuffers
-    from tfm_cl.scene.bodies.volume import Volume
-    from tfm_cl.scene.bodies.volumes import Volumes
+    from tfm_cl.plan.maps import Planned
+    from tfm_cl.scene.bodies import Volume
+    from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.solids import Solid
 
 
 @dataclass(frozen=True, eq=False)
 class TransmittanceMap:
-    """The transmittance of the density along every ray of one light, in a few numbers a texel.
+    """The transmittance of a field of density along every ray of one light, in a few coefficients per texel.
 
-    Only the density is projected; colours enter as an exponent at look-up (TFM eq. 11–14), so that one
-    map serves every ``sigma_s``, ``sigma_a`` and phase function. It lives on the device of the renderer
-    that built it.
+    Only the density is projected; colours enter as an exponent at look-up (TFM eq. 11-14), so that one
+    map serves every ``sigma_s``, ``sigma_a`` and phase function of a scene of one medium. It lives on the
+    device of the renderer that built it.
     """
 
     light: Light
-    settings: ResolvedMap
-    """Resolved: no ``"auto"``."""
+    plan: Planned
+    """What was decided before it was built."""
     requested: MapSettings
     """The scene's own."""
-    volume: Volume | Volumes
+    grids: tuple[Volume, ...]
+    """Whose density it holds; bodies of constant density need no map."""
+    fields: Fields
+    """How their densities make fields."""
+    field_index: int
+    """Which of these this map is of."""
     solids: tuple[Solid, ...]
     """That stood in the light's way."""
     shadow_res: int
     """Of the shadow map that says how far their shadow leaves the rays open."""
-    density_weighting: float
-    """The α in use."""
-    largest_optical_depth: float
-    """Of the density, along the rays of all the scene's lights, on a coarse map."""
-    extinction: float
-    """At density 1, for which visibility is meant: of the fit, of the range ``visible`` and of `residual`."""
-    number_unit: float
-    """Stored numbers are in this unit (half precision only)."""
-    functions: Functions | None
-    """Of the basis."""
-    field: NDArray[np.float32]
-    """Ranges of the light rays, [size, size, 4]: begin and end (distances from the light), slope beyond,
-    last density. Without meaning for the range ``box``."""
+    origin: NDArray[np.float64]
+    """[3]: the device's, world."""
     buffers: MapBuffers
-    params: cl.Buffer
-    bricks: BrickGrid
+    of_light: cl.Buffer
+    medium: FieldOnDevice
     light_pass: LightPass
+
+    @property
+    def settings(self) -> ResolvedMap:
+        """Resolved: no ``"auto"``."""
+        return self.plan.settings
+
+    @property
+    def density_weighting(self) -> float:
+        """The α in use."""
+        return self.plan.density_weighting
+
+    @property
+    def largest_optical_depth(self) -> float:
+        """Of the field, along the rays of all the scene's lights, on a coarse map."""
+        return self.plan.deepest
+
+    @property
+    def extinction(self) -> float:
+        """Extinction at density 1 that visibility is meant for: fit, range ``visible``, `residual`."""
+        return self.plan.extinction
+
+    @property
+    def number_unit(self) -> float:
+        """Unit in which numbers are stored (half precision only)."""
+        return self.plan.number_unit
+
+    @property
+    def functions(self) -> Functions | None:
+        """Of the basis."""
+        return self.plan.functions
+
+    @property
+    def field(self) -> NDArray[np.float32]:
+        """Ranges of the light rays, [size, size, 4].
+
+        Begin and end (distances from the light), slope beyond, last density. Without meaning for the range
+        ``box``.
+        """
+        return self.plan.field
 
     @cached_property
     def coefficients(self) -> NDArray[np.float32]:
-        """The numbers of every texel, float32 [y, x, n] (a copy on the host)."""
-        return self.light_pass.read(self.settings, self.buffers, self.number_unit)
+        """The coefficients of every texel, float32 [y, x, n] (a copy on the host)."""
+        return self.light_pass.read(self.plan, self.buffers)
 
     @cached_property
     def occupied(self) -> NDArray[np.float32]:
@@ -89,9 +123,7 @@ class TransmittanceMap:
 
     @cached_property
     def _residuals(self) -> NDArray[np.float32]:
-        return self.light_pass.residual(
-            self.settings, self.light, self.params, self.bricks, self.buffers, clipped=bool(self.solids)
-        )
+        return self.light_pass.residual(self.plan, self.light, self.of_light, self.medium, self.buffers)
 
     @cached_property
     def residual(self) -> NDArray[np.float32]:
@@ -132,15 +164,19 @@ class TransmittanceMap:
         SceneError
             When the ray misses the medium.
         """
-        from tfm_cl import reference  # noqa: PLC0415 - few need it
-
-        rays = reference.map_rays(self.light, np.array([[u, v]]))
-        begin, end = (float(bound[0]) for bound in reference.march_bounds(self.volume, *rays))
-        if not begin < end:
+        origins, directions = self.light.rays(np.array([[u, v]]))
+        parts = [grid.interval(origins[0], directions[0]) for grid in self.grids]
+        met = [(low, high) for low, high in parts if low < high]
+        if not met:
             raise SceneError(f"the light ray of map position {u:g}, {v:g} misses the medium")
+        begin, end = min(low for low, _ in met), max(high for _, high in met)
         distance = begin + (np.arange(count) + 0.5) * (end - begin) / count
-        points = rays.origins + distance[:, None] * rays.directions
-        depth = self.extinction * reference.density(self.volume, points) * (end - begin) / count
+        points = origins[0] + distance[:, None] * directions[0]
+        density = sum(
+            grid.densities_at(points) @ weights
+            for grid, weights in zip(self.grids, self.fields.weights[:, :, self.field_index], strict=True)
+        )
+        depth = self.extinction * np.asarray(density) * (end - begin) / count
         exact = np.exp(-(np.cumsum(depth) - 0.5 * depth))
         return distance, exact, self.evaluate(points, self.extinction).astype(np.float64)
 
@@ -168,9 +204,9 @@ class TransmittanceMap:
         world = np.asarray(points, dtype=np.float64)
         if world.shape[-1:] != (3,) or not np.isfinite(world).all():
             raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
-        device = (world - self.volume.bounds.mean(axis=0)).astype(np.float32).reshape(-1, 3)
+        device = (world - self.origin).astype(np.float32).reshape(-1, 3)
         depths = self.light_pass.evaluate(
-            self.settings, self.light, self.params, self.bricks, self.buffers, device
+            self.plan, self.light, self.of_light, self.medium, self.buffers, device
         )
         depths = depths.reshape(world.shape[:-1])
         sigma = np.asarray(sigma_t, dtype=np.float32)
@@ -180,16 +216,19 @@ class TransmittanceMap:
         transmittance: NDArray[np.float32] = np.where(reached, np.exp(-sigma * np.maximum(depths, 0)), 0)
         return transmittance.astype(np.float32)
 
-    def check_serves(self, scene: Scene, index: int) -> None:
-        """Raise `SceneError` unless this map is right for light ``index`` of a scene."""
-        light = scene.lights[index].fitted(scene.volume.occupied_bounds)
+    def check_serves(self, scene: Scene, light: Light, fields: Fields) -> None:
+        """Raise `SceneError` unless this map is right for a fitted light of a scene and its fields."""
+        same_grids = len(self.grids) == len(scene.grids) and all(
+            one.same_density(other) for one, other in zip(self.grids, scene.grids, strict=False)
+        )
         for what, same in (
-            ("volume", self.volume.same_density(scene.volume)),
+            ("volume", same_grids),
+            ("mixture of media, whose colours decide what maps hold", self.fields.same_weights(fields)),
             ("set of solids", self.solids == scene.solids),
             ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
             ("light", self.light.map_key() == light.map_key()),
             ("map settings", self.requested == scene.map),
-            ("voxel type", self.bricks.voxels == scene.march.voxels),
+            ("voxel type", self.medium.voxels == scene.march.voxels),
         ):
             if not same:
-                raise SceneError(f"map {index + 1} was built for another {what}; build the maps again")
+                raise SceneError(f"was built for another {what}; build the maps again")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.device import params as parameters
 from tfm_cl.device.launch import Launcher
+from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.light_pass import LARGEST_HALF, MapPlan
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
@@ -18,7 +18,7 @@ from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.device.media import FieldOnDevice, MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.scene.lights import Light
@@ -41,11 +41,8 @@ Clip = Callable[["Light", int], np.ndarray | None]
 class Planned(MapPlan):
     """A map's plan, and what it was made from."""
 
-    density_weighting: float
     deepest: float
-    """Largest optical depth of the density along the rays of all lights, on a coarse map."""
-    extinction: float
-    """That visibility is meant for."""
+    """Largest optical depth of the field along the rays of all lights, on a coarse map."""
     seconds: float
     """Device time of the probes."""
 
@@ -57,73 +54,67 @@ class Planner:
         self._launcher = launcher
         self._probe = LightProbe(launcher)
 
-    def plans(self, scene: Scene, bricks: BrickGrid, clip: Clip) -> list[Planned]:
-        """Plan one map for each light of a resolved scene; they differ only in what depends on the light.
+    def plans(self, scene: Scene, media: MediaOnDevice, clip: Clip) -> list[Planned]:
+        """Plan one map for each light of a resolved scene and each field, light by light.
+
+        Those of a field differ only in what depends on the light.
 
         Parameters
         ----------
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        if not scene.lights:
-            return []
-        settings = resolve(scene.map)
-        extinction = parameters.reference_extinction(scene.medium)
-        params = [self._params(scene, light, bricks) for light in scene.lights]
+        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        of_fields = [self._of_field(scene, lights, medium, clip) for medium in media.of_fields]
+        return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
+
+    def _of_field(
+        self, scene: Scene, of_lights: list[cl.Buffer], medium: FieldOnDevice, clip: Clip
+    ) -> list[Planned]:
+        """Plan the maps of one field."""
+        settings, extinction = resolve(scene.map), medium.extinction
+        lights = list(zip(scene.lights, of_lights, strict=True))
         coarse = [
             self._probe.ranges(
-                light, of_light, bricks, PROBE_RES, np.inf, settings.steps, clip(light, PROBE_RES)
+                light, of_light, medium, PROBE_RES, np.inf, settings.steps, clip(light, PROBE_RES)
             )
-            for light, of_light in zip(scene.lights, params, strict=True)
+            for light, of_light in lights
         ]
-        deepest = max(float(probe.optical_depth.max()) for probe in coarse)
-        alpha = density_weighting(settings.density_weighting, float(scene.medium.sigma_t.max()), deepest)
+        deepest = max((float(probe.optical_depth.max()) for probe in coarse), default=0.0)
+        alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
         settings = settings.replace(density_weighting=alpha)
         probe_steps = max(settings.steps, RANGE_STEPS)
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
-        probes = [
-            probe
-            if settings.range == "box"
-            else self._probe.ranges(
-                light, of_light, bricks, size := field_res(settings.res), cut, probe_steps, clip(light, size)
-            )
-            for light, of_light, probe in zip(scene.lights, params, coarse, strict=True)
-        ]
-        fields = [_field(settings, probe) for probe in probes]
-        curves: list[Curves | None] = [None] * len(fields)
-        seconds = [probe.seconds for probe in probes]
-        if BASES[settings.basis].needs_curves:
-            for i, light in enumerate(scene.lights):
-                curves[i], took = self._probe.curves(
-                    light,
-                    params[i],
-                    bricks,
-                    probes[i],
-                    None if settings.range == "box" else fields[i],
-                    extinction,
-                )
-                seconds[i] += took
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
-        return [
-            Planned(
-                settings=settings,
-                field=field,
-                functions=functions_of(settings, of_light),
-                number_unit=unit,
-                density_weighting=alpha,
-                deepest=deepest,
-                extinction=extinction,
-                seconds=took,
-                clip=clip(light, settings.res),
+        plans = []
+        for (light, of_light), probe in zip(lights, coarse, strict=True):
+            if settings.range != "box":
+                size = field_res(settings.res)
+                probe = self._probe.ranges(  # noqa: PLW2901 - the coarse one has served
+                    light, of_light, medium, size, cut, probe_steps, clip(light, size)
+                )
+            field, seconds = _field(settings, probe), probe.seconds
+            curves: Curves | None = None
+            if BASES[settings.basis].needs_curves:
+                ranges = None if settings.range == "box" else field
+                curves, took = self._probe.curves(light, of_light, medium, probe, ranges, extinction)
+                seconds += took
+            plans.append(
+                Planned(
+                    settings=settings,
+                    field=field,
+                    functions=functions_of(settings, curves),
+                    number_unit=unit,
+                    density_weighting=alpha,
+                    extinction=extinction,
+                    clip=clip(light, settings.res),
+                    deepest=deepest,
+                    seconds=seconds,
+                )
             )
-            for light, field, of_light, took in zip(scene.lights, fields, curves, seconds, strict=True)
-        ]
-
-    def _params(self, scene: Scene, light: Light, bricks: BrickGrid) -> cl.Buffer:
-        struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=bricks)
-        return self._launcher.upload("the parameters", struct)
+        return plans
 
 
 def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | None:
@@ -155,4 +146,5 @@ def density_weighting(asked: float | None, sigma_t: float, deepest: float) -> fl
         return asked
     if sigma_t <= 0:
         return 1.0
-    return max(1.0, float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING)) / sigma_t)
+    weighting = float(np.clip(sigma_t * deepest / 2, *AUTO_WEIGHTING))
+    return max(1.0, weighting / sigma_t)

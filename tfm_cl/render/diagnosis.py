@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -18,15 +19,15 @@ from numpy.typing import NDArray
 from tfm_cl.files.image_io.png import linear_from_srgb
 from tfm_cl.model import LARGEST_COLOUR
 from tfm_cl.render.culling import bounds_of_lights, box_on_screen
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
-from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import Light, texel_positions
 
 if TYPE_CHECKING:
     from tfm_cl.render.result import RenderResult
     from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.medium import Medium
-    from tfm_cl.scene.scene import Media, Scene
+    from tfm_cl.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +43,8 @@ MID_GREY = 0.2
 """What the exposure that is proposed makes of the brightest value, about."""
 SWALLOWED = 1e-20
 """Transmittance of which nothing is left to be seen."""
+ROUNDED_CUTOFF = 1.01
+"""Of the march's cutoff: with less transmittance a camera ray ends."""
 CHANNELS = ("red", "green", "blue")
 NARROWEST = 2.0
 """Pixels: what is wider cannot fall between them."""
@@ -74,6 +77,8 @@ def why_black(result: RenderResult, visibility: Visibility) -> str:
     str
         One line.
     """
+    if not result.scene.lights and not any(result.scene.ambient.radiance):
+        return f"{_black(result)}: the scene has no light and no ambient"
     gbuffer = visibility.gbuffer(result.scene, result.crop)
     reasons = [_Finder(result, visibility, gbuffer).reason()]
     if gbuffer is not None and gbuffer.shown.any():
@@ -97,45 +102,85 @@ def too_dark(result: RenderResult, exposure: float) -> str:
         return ""
     stops = min(math.ceil(math.log2(MID_GREY / brightest)), MOST_STOPS)
     reason = f"its brightest value, {brightest:.3g}, is less than an 8-bit step: --exposure {stops} shows it"
-    thin = too_thin(result.scene.volume, result.scene.medium)
+    thin = too_thin(result.scene)
     return f"{_black(result)}: {reason}" + (f"; {thin}" if thin else "")
 
 
-def without_density(volume: Volume | Homogeneous) -> str:
-    """Tell why a volume has no density at all; empty where it has."""
-    if isinstance(volume, Homogeneous):
-        return "" if volume.density > 0 else "volume.density is 0"
-    if volume.density_scale == 0:
-        return "density_scale is 0"
-    if volume.largest > 0:
-        return ""
-    return "all voxels are 0" if volume.colour is None else "all voxels times their colours are 0"
-
-
-def too_thin(volume: Media, medium: Medium) -> str:
-    """Tell why a medium is too thin to be seen, however it is lit; empty where it is not."""
-    if isinstance(volume, Homogeneous):
-        depths = [volume.density * _diagonal(volume.bounds)]
-    else:
-        depths = [
-            part.density_scale * part.largest * _diagonal(part.occupied_bounds) for part in volume.parts
-        ]
-    depth = sum(depths) * float(medium.sigma_t.max())
-    if not depth < THINNEST:
+def too_thin(scene: Scene) -> str:
+    """Tell why all bodies together are too thin to be seen, however lit; empty where they are not."""
+    parts = [part for part in _parts_of(scene) if part.optical_depth > 0]
+    depth = sum(part.optical_depth for part in parts)
+    if not parts or not depth < THINNEST:
         return ""
     reason = f"the medium is too thin to be seen, its optical depth at most {depth:.2g}"
-    if min((part.density_scale for part in volume.parts), default=0.0) == LARGEST_COLOUR:
-        return f"{reason} even with the largest density_scale, {LARGEST_COLOUR:g}"
-    return f"{reason}: raise {_density_key(volume)}"
-
-
-def _density_key(volume: Media) -> str:
-    return "volume.density" if isinstance(volume, Homogeneous) else "density_scale"
+    raised = [part.density_key for part in parts if part.density_factor < LARGEST_COLOUR]
+    if not raised:
+        keys = " and ".join(part.density_key for part in parts)
+        return f"{reason} even with the largest {keys}, {LARGEST_COLOUR:g}"
+    return f"{reason}: raise {' or '.join(raised)}"
 
 
 def _black(result: RenderResult) -> str:
     whole = result.crop == (0, 0, *result.scene.camera.res)
     return "the picture is black" + ("" if whole else f" within the crop {','.join(map(str, result.crop))}")
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A body of a scene, and what messages call it and its keys."""
+
+    number: int | None
+    """From 0, as in keys; None where it is the only one."""
+    body: Body
+    medium: Medium
+
+    @property
+    def section(self) -> str:
+        return "volume" if self.number is None else f"volume.{self.number}"
+
+    @property
+    def name(self) -> str:
+        return self.body.label if self.number is None else f"{self.section} ({self.body.label})"
+
+    @property
+    def density_key(self) -> str:
+        return f"{self.section}.{self.body.DENSITY_KEY}"
+
+    @property
+    def density_factor(self) -> float:
+        return float(getattr(self.body, self.body.DENSITY_KEY))
+
+    @property
+    def optical_depth(self) -> float:
+        """What that of no ray is greater than; 0 only where nothing is extinguished at all."""
+        extinction = float((self.body.largest_density * self.medium.sigma_t).max())
+        return extinction * _diagonal(self.body.occupied_bounds) if extinction > 0 else 0.0
+
+    @cached_property
+    def scatters(self) -> Floats:
+        """σ_s, [3]: 0 for colours of which it has no density."""
+        return np.where(self.body.largest_density > 0, self.medium.sigma_s, 0.0)
+
+    def why_dark(self) -> str:
+        """Tell why it scatters no light whatever; empty where it would."""
+        if empty := self.body.why_empty:
+            return f"{self.name}: {empty}"
+        if self.scatters.any():
+            return ""
+        key = "medium" if self.body.own_medium is None else f"{self.section}.medium"
+        if any(self.medium.sigma_s):
+            return f"{key}.sigma_s is 0 in all channels that the volume's colours have"
+        if any(self.medium.sigma_a):
+            return f"{key}.sigma_s is 0: the medium absorbs light and scatters none"
+        return f"{key}.sigma_s and sigma_a are 0: there is nothing to be seen"
+
+
+def _parts_of(scene: Scene) -> list[_Part]:
+    several = len(scene.bodies) > 1
+    return [
+        _Part(number if several else None, body, scene.medium_of(body))
+        for number, body in enumerate(scene.bodies)
+    ]
 
 
 @dataclass(frozen=True)
@@ -162,85 +207,100 @@ class _Finder:
     def __init__(self, result: RenderResult, visibility: Visibility, gbuffer: GBuffer | None) -> None:
         self._result, self._visibility, self._gbuffer = result, visibility, gbuffer
         self._scene: Scene = result.scene
-        self._bounds: Floats = self._scene.volume.occupied_bounds
-        self._scatters = np.asarray(self._scene.medium.sigma_s)
-        volume = self._scene.volume
-        if isinstance(volume, Volume) and volume.colour is not None:
-            self._scatters = self._scatters * [channel.largest > 0 for channel in volume.channels]
+        self._parts = _parts_of(self._scene)
+        self._scattering = [part for part in self._parts if part.scatters.any()]
+        self._scatters = np.max([part.scatters for part in self._parts], axis=0)
 
     def reason(self) -> str:
         """Return the first that holds."""
-        aovs = self._result.aovs
-        reason = self._no_density() or self._no_scattering()
-        if not reason and aovs["transmittance"].min() >= 1:
-            reason = self._not_seen()
+        reason = self._nothing_scatters() or self._not_seen()
         if not reason and not (self._scatters * self._scene.ambient.radiance).any():
-            reason = self._no_light() or self._not_reached() or self._not_lit() or self._swallowed()
+            reason = (
+                self._no_light()
+                or self._not_reached()
+                or self._not_lit()
+                or self._swallowed()
+                or self._behind_absorbers()
+            )
         return reason or self._too_faint()
 
-    # ------------------------------------------------------------------------------------------- the medium
+    def _called(self, parts: list[_Part]) -> str:
+        """Name the one body that is meant, where there are others."""
+        return parts[0].name if len(parts) == 1 < len(self._parts) else "the medium"
 
-    def _no_density(self) -> str:
-        volume = self._scene.volume
-        if isinstance(volume, Homogeneous):
-            return without_density(volume)
-        reasons = [(part.label, without_density(part)) for part in volume.parts]
-        if not all(reason for _, reason in reasons):
-            return ""
-        return "; ".join(dict.fromkeys(f"{label}: {reason}" for label, reason in reasons))
-
-    def _no_scattering(self) -> str:
-        if self._scatters.any():
-            return ""
-        if any(self._scene.medium.sigma_s):
-            return "medium.sigma_s is 0 in all channels that the volume's colours have"
-        if any(self._scene.medium.sigma_a):
-            return "medium.sigma_s is 0: the medium absorbs light and scatters none"
-        return "medium.sigma_s and sigma_a are 0: there is nothing to be seen"
+    def _nothing_scatters(self) -> str:
+        reasons = [part.why_dark() for part in self._parts]
+        return "; ".join(dict.fromkeys(reasons)) if all(reasons) else ""
 
     # ----------------------------------------------------------------------------------------- the camera
 
     def _not_seen(self) -> str:
-        """Tell why the camera sees nothing of the medium."""
-        thin = too_thin(self._scene.volume, self._scene.medium)
-        if thin or not np.isfinite(self._bounds).all():
-            return thin
-        box = box_on_screen(self._bounds, self._scene.camera)
-        return self._outside(box) or self._between_pixels(box)
+        """Tell why the camera sees nothing of what scatters."""
+        if self._transmittance >= 1:
+            return too_thin(self._scene) or self._out_of_sight(
+                [part for part in self._parts if part.optical_depth > 0], meets_none=True
+            )
+        only_absorb = len(self._scattering) < len(self._parts)
+        return self._out_of_sight(self._scattering, meets_none=False) if only_absorb else ""
 
-    def _outside(self, box: Floats) -> str:
-        """Tell why the picture shows no part of ``box``, which the medium's bounds are on the screen."""
+    @property
+    def _transmittance(self) -> float:
+        """The least of all pixels and colours."""
+        return float(self._result.aovs["transmittance"].min())
+
+    def _ends_within(self) -> bool:
+        """Tell whether camera rays end because nothing is to be seen through what lies before."""
+        return self._transmittance <= ROUNDED_CUTOFF * max(self._scene.march.cutoff, SWALLOWED)
+
+    def _out_of_sight(self, parts: list[_Part], *, meets_none: bool) -> str:
+        """Tell why the camera sees nothing of some bodies; ``meets_none``: it is known that it does not."""
+        boxes = [part.body.occupied_bounds for part in parts]
+        if not np.isfinite(boxes).all():
+            return ""
+        reason = self._outside(self._called(parts), around(boxes))
+        if reason:
+            return reason
+        reasons = [
+            self._outside(called, box) or (self._between_pixels(called, box) if meets_none else "")
+            for called, box in zip([self._called([part]) for part in parts], boxes, strict=True)
+        ]
+        return "; ".join(dict.fromkeys(reasons)) if all(reasons) else ""
+
+    def _outside(self, called: str, bounds: Floats) -> str:
+        """Tell why the picture shows nothing within a world box."""
+        box = box_on_screen(bounds, self._scene.camera)
         if not box[0] < box[2]:
-            return f"the medium, around {_point(self._bounds.mean(axis=0))}, is behind the camera"
+            return f"{called}, around {_point(bounds.mean(axis=0))}, is behind the camera"
         for what, frame in (("picture", (0, 0, *self._scene.camera.res)), ("crop", self._result.crop)):
             side = _side(box, frame)
             if side:
-                return f"the medium lies {side} the {what}"
-        if self._gbuffer is not None and self._is_hidden(self._gbuffer, box):
-            return "solids hide the medium from the camera"
+                return f"{called} lies {side} the {what}"
+        if self._gbuffer is not None and self._is_hidden(self._gbuffer, bounds, box):
+            return f"solids hide {called} from the camera"
         return ""
 
-    def _between_pixels(self, box: Floats) -> str:
+    def _between_pixels(self, called: str, bounds: Floats) -> str:
         if self._result.crop != (0, 0, *self._scene.camera.res):
             return "the camera's rays meet no density there"
+        box = box_on_screen(bounds, self._scene.camera)
         size = min(box[2] - box[0], box[3] - box[1])
         if size < NARROWEST:
             return (
-                f"the camera sees the medium only {size:.2g} pixels wide, between the rays through their "
+                f"the camera sees {called} only {size:.2g} pixels wide, between the rays through their "
                 "centres: bring the camera nearer, or render more pixels"
             )
         return (
-            "the camera's rays meet no density within the medium's bounds: what there is lies between the "
-            f"pixels or between the {self._scene.march.steps} steps of a ray"
+            f"the camera's rays meet no density within the bounds of {called}: what there is lies between "
+            f"the pixels or between the {self._scene.march.steps} steps of a ray"
         )
 
-    def _is_hidden(self, gbuffer: GBuffer, box: Floats) -> bool:
-        """Tell whether solids lie before the medium's bounds in all pixels that show these."""
+    def _is_hidden(self, gbuffer: GBuffer, bounds: Floats, box: Floats) -> bool:
+        """Tell whether solids lie before a world box in all pixels of ``box``, which show it."""
         x0, y0, x1, y1 = self._result.crop
         left, top = math.floor(max(box[0], x0)), math.floor(max(box[1], y0))
         right, bottom = math.ceil(min(box[2], x1)), math.ceil(min(box[3], y1))
         for y in range(top, bottom):
-            begin, end = _within(self._bounds, *self._scene.camera.rays((left, y, right, y + 1)))
+            begin, end = _within(bounds, *self._scene.camera.rays((left, y, right, y + 1)))
             if (begin < np.minimum(end, gbuffer.solid[y - y0, left - x0 : right - x0, 3])).any():
                 return False
         return True
@@ -248,13 +308,13 @@ class _Finder:
     # ------------------------------------------------------------------------------------------ the lights
 
     def _lamps(self) -> Iterator[_Lamp]:
-        """Yield all single lights that the medium could scatter something of."""
+        """Yield all single lights that a body could scatter something of."""
         for number, light in enumerate(self._scene.lights, 1):
             for part in light.parts():
                 image = part.texture_image()
                 brightest = 1.0 if image is None else image.max(axis=(0, 1))
                 if (self._scatters * part.intensity * brightest).any():
-                    yield _Lamp(number, part.fitted(self._scene.volume.bounds))
+                    yield _Lamp(number, part.fitted(self._scene.bounds))
 
     def _no_light(self) -> str:
         """Tell why all lights are dark, or of a colour that the medium does not scatter."""
@@ -270,30 +330,37 @@ class _Finder:
         if black and black == lit:
             return f"the texture of light {black[0] + 1} is black: {getattr(lights[black[0]], 'texture', '')}"
         scattered = " and ".join(name for name, sigma in zip(CHANNELS, self._scatters, strict=True) if sigma)
-        return f"the medium scatters {scattered} only, of which there is no light"
+        return f"{self._called(self._scattering)} scatters {scattered} only, of which there is no light"
 
     def _not_reached(self) -> str:
         """Tell why no light's cone or reach holds anything that the camera sees of the medium."""
         lamps = list(self._lamps())
-        if self._result.lit and len(lamps) == sum(len(light.parts()) for light in self._scene.lights):
-            return ""  # with dark lights among them it may be these that lit speaks of
-        places = [(lamp, self._lit_points(lamp.light)) for lamp in lamps]
-        reached = [(lamp, points) for lamp, points in places if len(points)]
+        all_scatter = len(self._scattering) == len(self._parts)
+        if (
+            self._result.lit
+            and all_scatter
+            and len(lamps) == sum(len(light.parts()) for light in self._scene.lights)
+        ):
+            return ""  # with dark lights, or bodies, among them it may be these that lit speaks of
+        reached = [
+            (lamp, part, points)
+            for part in self._scattering
+            for lamp in lamps
+            if len(points := self._points_of(part, lamp.light))
+        ]
+        called = self._called(self._scattering)
         if not reached:
-            return f"no light reaches the medium: {self._how_missed(lamps)}"
-        x0, y0, x1, y1 = self._result.crop
-        rectangles = bounds_of_lights([lamp.light for lamp, _ in reached], self._scene.camera, self._bounds)
-        inside = np.clip(rectangles.reshape(-1, 2, 2), (x0, y0), (x1, y1))
-        shown = [reached[i] for i in np.flatnonzero((inside[:, 0] < inside[:, 1]).all(axis=1))]
+            return f"no light reaches {called}: {self._how_missed(lamps)}"
+        shown = [(lamp, points) for lamp, part, points in reached if self._shows(lamp.light, part)]
         if not shown:
-            return "the lights reach the medium only outside of what the picture shows"
+            return f"the lights reach {called} only outside of what the picture shows"
         widths = [self._width_in_pixels(lamp.light, points) for lamp, points in shown]
         widest = int(np.argmax(widths))
         if widths[widest] < NARROWEST:
             lamp = shown[widest][0]
             return (
                 f"the {'cone' if lamp.light.type == 'spot' else 'reach'} of {lamp.name} is only "
-                f"{widths[widest]:.2g} pixels wide where it meets the medium, and falls between them: widen "
+                f"{widths[widest]:.2g} pixels wide where it meets {called}, and falls between them: widen "
                 "it, or render more pixels"
             )
         return ""
@@ -302,31 +369,43 @@ class _Finder:
         """Tell why nothing is seen of what the lights reach."""
         if self._result.lit:
             return ""
-        causes = [] if isinstance(self._scene.volume, Homogeneous) else ["has no density"]
-        if self._result.aovs["transmittance"].min() <= self._scene.march.cutoff:
-            causes.append(f"lies behind more of it (lower {_density_key(self._scene.volume)})")
+        causes = ["has no density"] if self._scene.grids else []
+        if self._ends_within():
+            causes.append(f"lies behind more of it (lower {_thickest(self._parts).density_key})")
         if self._scene.solids:
             causes.append("lies behind solids")
         return f"what the lights reach of the medium {' or '.join(causes or ['is too little'])}"
 
+    def _shows(self, light: Light, part: _Part) -> bool:
+        """Tell whether the picture shows what a light may reach of a body."""
+        rectangles = bounds_of_lights([light], self._scene.camera, part.body.occupied_bounds)
+        x0, y0, x1, y1 = self._result.crop
+        low, high = np.clip(rectangles.reshape(2, 2), (x0, y0), (x1, y1))
+        return bool((low < high).all())
+
     def _lit_points(self, light: Light) -> Floats:
-        """Points [n, 3] of the medium's occupied bounds that a light reaches."""
+        """Points [n, 3], of the occupied bounds of all that scatters, that a light reaches."""
+        return np.concatenate([self._points_of(part, light) for part in self._scattering])
+
+    def _points_of(self, part: _Part, light: Light) -> Floats:
+        """Points [n, 3] of a body's occupied bounds that a light reaches."""
+        bounds = part.body.occupied_bounds
         origins, directions = light.rays(np.concatenate([texel_positions(RAYS), [[0.5, 0.5]]]))
-        if np.isfinite(self._bounds).all():
-            low, high = self._bounds
-            begin, end = _within(self._bounds, origins, directions)
+        if np.isfinite(bounds).all():
+            low, high = bounds
+            begin, end = _within(bounds, origins, directions)
             hit = begin < end
             origins, directions, begin, end = origins[hit], directions[hit], begin[hit], end[hit]
             points = [low + LATTICE * (high - low)]
-            parts = (1e-6, 0.25, 0.5, 0.75, 1 - 1e-6)
+            shares = (1e-6, 0.25, 0.5, 0.75, 1 - 1e-6)
         else:
-            points, parts = [], (1e-6, 1e-3, 0.1, 0.5, 0.9)
+            points, shares = [], (1e-6, 1e-3, 0.1, 0.5, 0.9)
             begin = np.zeros(len(origins))
             end = begin + (
                 getattr(light, "reach", None)
                 or 10 * max(_distance(origins[0], self._scene.camera.from_), 1.0)
             )
-        points += [origins + (begin + part * (end - begin))[:, None] * directions for part in parts]
+        points += [origins + (begin + share * (end - begin))[:, None] * directions for share in shares]
         candidates = np.concatenate(points)
         reached: Floats = candidates[light.reaches(candidates) & (light.arrival(candidates).strength > 0)]
         return reached
@@ -344,8 +423,12 @@ class _Finder:
         if endless is None or not len(self._lit_points(endless)):
             return f"the cone of {lamp.name} misses it"
         place = endless.begins(np.zeros((1, 3)))[0]
-        nearest = _distance(place, np.clip(place, *self._bounds))
-        return f"{lamp.name} ends at its reach of {lamp.reach:g}, and the medium begins {nearest:.3g} away"
+        away, nearest = min(
+            (_distance(place, np.clip(place, *part.body.occupied_bounds)), i)
+            for i, part in enumerate(self._scattering)
+        )
+        called = self._called([self._scattering[nearest]])
+        return f"{lamp.name} ends at its reach of {lamp.reach:g}, and {called} begins {away:.3g} away"
 
     def _width_in_pixels(self, light: Light, points: Floats) -> float:
         """Width of what a light reaches, where it is widest in the picture."""
@@ -369,7 +452,7 @@ class _Finder:
         if tracer is None:
             return (
                 "the medium swallows the light before it gets to what the camera sees: lower "
-                f"{_density_key(self._scene.volume)}"
+                f"{_thickest(self._parts).density_key}"
             )
         for lamp in self._lamps():
             points = self._lit_points(lamp.light)
@@ -377,6 +460,17 @@ class _Finder:
             if not tracer.occluded(points, directions, lamp.light.source_distance(points)).all():
                 return "solids or the medium itself keep the light from what the camera sees of the medium"
         return "solids keep the light from the medium"
+
+    def _behind_absorbers(self) -> str:
+        """Tell which body hides those that scatter, and scatters nothing itself."""
+        absorbing = [part for part in self._parts if part.optical_depth > 0 and not part.scatters.any()]
+        if not absorbing or not self._ends_within():
+            return ""
+        thickest = _thickest(absorbing)
+        return (
+            f"what scatters light lies behind {thickest.name}, which only absorbs it: lower "
+            f"{thickest.density_key}"
+        )
 
     def _too_faint(self) -> str:
         textured = [
@@ -386,8 +480,12 @@ class _Finder:
             return f"the texture of light {textured[0]} is black where the camera sees it fall on the medium"
         return (
             "too little light for float32 numbers arrives at what the camera sees of the medium: raise "
-            "light.intensity"
+            f"{'light.intensity' if self._scene.lights else 'ambient.radiance'}"
         )
+
+
+def _thickest(parts: list[_Part]) -> _Part:
+    return max(parts, key=lambda part: part.optical_depth)
 
 
 def _texture_is_black(light: Light) -> bool:

@@ -3,61 +3,40 @@
 from __future__ import annotations
 
 import time
-import weakref
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tfm_cl.device import params as parameters
-from tfm_cl.device.bricks import build_bricks
+from tfm_cl.device.brick_cache import BrickCache
 from tfm_cl.device.device import choose_device
+from tfm_cl.device.frame import check_distances
 from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
+from tfm_cl.device.media import media_on_device
 from tfm_cl.errors import SceneError
-from tfm_cl.maps.light_pass import LightPass
-from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan import resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
-from tfm_cl.plan.maps import Planned, Planner
-from tfm_cl.render import coloured, diagnosis, fog
+from tfm_cl.render import diagnosis
+from tfm_cl.render.frame import Frame
+from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.result import RenderResult, RenderStats
-from tfm_cl.render.view_pass import Frame, FrameBuffers, LightInputs, ViewPass
-from tfm_cl.render.visibility import OF_SOLIDS, GBuffer, Visibility, clip_of, nothing_seen
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
-from tfm_cl.scene.settings import SHADOW_FILTERS, MapSettings
+from tfm_cl.render.visibility import Visibility
+from tfm_cl.scene.bodies.base import around
+from tfm_cl.scene.layers import LAYERS
 
 if TYPE_CHECKING:
-    import pyopencl as cl
+    from numpy.typing import NDArray
 
-    from tfm_cl.device.bricks import BrickGrid, VoxelType
-    from tfm_cl.scene.bodies.volume import Volume
-    from tfm_cl.scene.bodies.volumes import Volumes
-    from tfm_cl.scene.lights import Light
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.render.buffers import Sums
     from tfm_cl.scene.scene import Scene
 
 Crop = tuple[int, int, int, int]
-
-SINGLE_NUMBER = {
-    "target": "optical-depth",
-    "fit": "l2",
-    "coeffs": 1,
-    "storage": "f32",
-    "lookup": "interpolate",
-}
-"""What a map of residuals is looked up with."""
-NO_MAP = resolve(MapSettings(basis="dct", coeffs=1))
-"""What the dual march's kernel is compiled with: it reads no map."""
-
-STEEPEST_DEPTH = 20.0
-"""Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
-VISIBLE_DEPTH = 7.0
-"""Optical depth beyond which light (less than 0.1 % of it) is not missed."""
 
 
 class Renderer:
@@ -100,14 +79,10 @@ class Renderer:
             largest_buffer=largest_buffer,
             work_group=work_group,
         )
-        self._light_pass = LightPass(self._launcher)
-        self._planner = Planner(self._launcher)
-        self._view_pass = ViewPass(self._launcher)
         self._visibility = Visibility()
+        self._maps = MapBuilder(self._launcher, self._visibility)
+        self._bricks = BrickCache(self._launcher)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
-        self._grids: weakref.WeakKeyDictionary[Volume | Volumes, dict[VoxelType, BrickGrid]] = (
-            weakref.WeakKeyDictionary()
-        )
 
     @property
     def device_name(self) -> str:
@@ -121,7 +96,7 @@ class Renderer:
 
     def close(self) -> None:
         """Release the device's memory."""
-        self._grids.clear()
+        self._bricks.clear()
         self._choice = None
         self._visibility.clear()
         self._launcher.release()
@@ -141,8 +116,9 @@ class Renderer:
         -------
         list of TransmittanceMap
             One for each light, in order, and for a light with a radius one for each of its points; they serve
-            until volume, light geometry or map settings change. For a coloured volume three in the place of
-            each, for red, green and blue.
+            until grids, light geometry or map settings change. Where grids have a colour in each voxel, or
+            media differ in colour, there are up to three in the place of each, one for each field
+            (`tfm_cl.scene.fields`). None without grids: what is homogeneous needs no map.
 
         Raises
         ------
@@ -153,59 +129,17 @@ class Renderer:
         progress = progress or _silent
         if scene.map.max_error is not None:
             scene, _ = self._chosen(scene, "tfm", None, None, progress)
-        if scene.volume.colour is not None:
-            return coloured.build_maps(self, scene, progress)
-        scene = self._parts(resolution.resolved(scene))
-        bricks = self._upload(scene)
-        return [
-            self._build(scene, light, plan, bricks, progress)
-            for light, plan in zip(scene.lights, self._plans(scene, bricks), strict=True)
-        ]
+        scene.read_files()
+        scene = _single_lights(resolution.resolved(scene))
+        media = self._media(scene)
+        if not media.fields.count:
+            return []
+        sources = self._maps.sources(scene, media, None)
+        return self._maps.of(sources, range(len(scene.lights)), progress)
 
-    def _parts(self, scene: Scene) -> Scene:
-        """Return the scene with the lights, each with a map of its own, whose sum its lights are."""
-        parameters.check_distances(scene)
-        if isinstance(scene.volume, Homogeneous):
-            fog.check(scene)
-        scene = scene.replace(lights=tuple(chain.from_iterable(light.parts() for light in scene.lights)))
-        # Without solids fog has no maps at all, and may have thousands of lights.
-        fits = bool(scene.solids) or not isinstance(scene.volume, Homogeneous)
-        bounds = scene.volume.occupied_bounds
-        fitted = (light.fitted(bounds) if fits or light.needs_fitting else light for light in scene.lights)
-        return scene.replace(lights=tuple(fitted))
-
-    def _plans(self, scene: Scene, bricks: BrickGrid) -> list[Planned]:
-        """Plan the maps of a scene of single lights."""
-
-        def clip(light: Light, size: int) -> NDArray[np.float32] | None:
-            distances = self._visibility.distances(scene, light)
-            return None if distances is None else clip_of(distances, size)
-
-        return self._planner.plans(scene, bricks, clip)
-
-    def _build(
-        self, scene: Scene, light: Light, plan: Planned, bricks: BrickGrid, progress: Progress
-    ) -> TransmittanceMap:
-        params = self._params(scene, light, (0, 0, 1, 1), bricks, plan)
-        buffers = self._light_pass.build(plan, light, params, bricks, progress)
-        return TransmittanceMap(
-            light=light,
-            settings=plan.settings,
-            requested=scene.map,
-            volume=_grids(scene),
-            solids=scene.solids,
-            shadow_res=scene.shadow.res,
-            density_weighting=plan.density_weighting,
-            largest_optical_depth=plan.deepest,
-            extinction=plan.extinction,
-            number_unit=plan.number_unit,
-            functions=plan.functions,
-            field=plan.field,
-            buffers=replace(buffers, seconds=buffers.seconds + plan.seconds),
-            params=params,
-            bricks=bricks,
-            light_pass=self._light_pass,
-        )
+    def _media(self, scene: Scene) -> MediaOnDevice:
+        """Put the media of a scene on the device."""
+        return media_on_device(self._launcher, scene, self._bricks.bricks(scene.grids, scene.march.voxels))
 
     def render(
         self,
@@ -295,212 +229,74 @@ class Renderer:
         progress: Progress | None,
     ) -> RenderResult:
         """Render a scene, and ask nothing of the picture."""
-        if scene.volume.colour is not None:
-            return coloured.render(
-                self._render, scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress
-            )
         progress = progress or _silent
         method = _checked_method(method, scene)
-        scene = resolution.resolved(scene, maps[0].requested if maps and method == "tfm" else None)
+        maps = maps if method == "tfm" else None
+        scene.read_files()
+        scene = resolution.resolved(scene, maps[0].requested if maps else None)
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
         traced = self._visibility.seconds
-
-        points = self._parts(scene)
-        gbuffer = self._visibility.gbuffer(points, crop)
-        frame = self._view_pass.allocate(crop, gbuffer)
-        errors = self._view_pass.allocate(crop, gbuffer) if "map_error" in aovs else None
-        warnings: tuple[str, ...] = ()
-        if isinstance(points.volume, Homogeneous):
-            of_renderer = self._launcher, self._view_pass, self._visibility
-            fog.add_lights(*of_renderer, points, crop, gbuffer, frame, stats, progress)
-        else:
-            warnings = self._add_lights(points, method, maps, crop, gbuffer, frame, errors, stats, progress)
-        seen = self._view_pass.read(frame)
-        image, layers = _resolve(seen, gbuffer)
-        if errors is not None:
-            error = _resolve(self._view_pass.read(errors), gbuffer)[1]["light_transmittance"]
-            layers["map_error"] = error.mean(axis=-1)
-        if gbuffer is not None:
-            layers |= gbuffer.layers()
+        points = _single_lights(scene)
+        frame = Frame(
+            self._launcher,
+            self._visibility,
+            self._maps,
+            points,
+            self._media(points),
+            crop,
+            stats,
+            progress,
+        )
+        sums, warnings = frame.render(method, maps, with_errors="map_error" in aovs)
+        layers = {
+            name: layer.resolve(sums)
+            for name, layer in LAYERS.items()
+            if layer.made == "always" or name in aovs or (layer.made == "solids" and scene.solids)
+        }
+        if scene.solids:
             stats.seconds["trace"] = self._visibility.seconds - traced
-        elif of_solids := OF_SOLIDS.intersection(aovs):
-            layers |= nothing_seen(crop, of_solids)
-
         stats.seconds |= {
             "compile": self._launcher.kernels.seconds - compiled,
             "total": time.perf_counter() - started,
         }
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
         warnings += take_notes()
-        lit = any(row[:, 3].any() for row in seen.light_seen)
-        notes = dict.fromkeys(note for volume in scene.volume.parts for note in volume.notes)
-        return RenderResult(image, layers, stats, scene, crop, (*notes, *warnings), lit)
-
-    def _add_lights(
-        self,
-        scene: Scene,
-        method: str,
-        maps: list[TransmittanceMap] | None,
-        crop: Crop,
-        gbuffer: GBuffer | None,
-        frame: FrameBuffers,
-        errors: FrameBuffers | None,
-        stats: RenderStats,
-        progress: Progress,
-    ) -> tuple[str, ...]:
-        """Sum all that a scene of single lights sends to the camera; returns warnings."""
-        bricks = self._upload(scene)
-        plans: Sequence[Planned | TransmittanceMap | None] = [None] * len(scene.lights)
-        if method == "tfm" and maps is None:
-            plans = self._plans(scene, bricks)
-        elif method == "tfm" and maps is not None:
-            _check_maps(scene, maps)
-            plans = maps
-        warnings: tuple[str, ...] = ()
-        # A map at a time: those of an area light's points need not be there together.
-        for index, (light, plan) in enumerate(zip(scene.lights, plans, strict=True)):
-            light_map = (
-                plan if not isinstance(plan, Planned) else self._build(scene, light, plan, bricks, progress)
-            )
-            if light_map is not None:
-                stats.add_map(light_map, built=maps is None)
-                warnings = warnings or _warnings(scene, light_map)
-            stats.seconds["view_pass"] += self._add_light(
-                scene, index, crop, bricks, light_map, gbuffer, frame, progress
-            )
-            if errors is not None and light_map is not None:
-                self._add_residual(scene, index, crop, bricks, light_map, errors, progress)
-        if any(scene.ambient.radiance):
-            params = self._params(scene, scene.lights[0], crop, bricks, None)
-            stats.seconds["view_pass"] += self._view_pass.add_ambient(scene, params, frame)
-        return warnings
-
-    def _upload(self, scene: Scene) -> BrickGrid:
-        """Put the volume on the device, once for each volume and voxel type."""
-        volume, voxels = _grids(scene), scene.march.voxels
-        grids = self._grids.setdefault(volume, {})
-        if voxels not in grids:
-            what = "the volume ({})".format(
-                ", ".join("{2}×{1}×{0} voxels".format(*part.shape) for part in volume.parts)
-            )
-            leaves = [part.leaves for part in volume.parts]
-            grids[voxels] = build_bricks(self._launcher, leaves, what, voxels)
-        return grids[voxels]
-
-    def _params(
-        self,
-        scene: Scene,
-        light: Light,
-        crop: Crop,
-        bricks: BrickGrid,
-        plan: Planned | TransmittanceMap | None,
-    ) -> cl.Buffer:
-        struct = parameters.fill(
-            scene,
-            light,
-            crop=crop,
-            density_weighting=1.0 if plan is None else plan.density_weighting,
-            bricks=bricks,
-            field=None if plan is None else plan.field,
-            number_unit=1.0 if plan is None else plan.number_unit,
-            texture_size=(1, 1) if (image := light.texture_image()) is None else image.shape[1::-1],
-        )
-        return self._launcher.upload("the parameters", struct)
-
-    def _inputs(self, scene: Scene, light: Light, light_map: TransmittanceMap | None) -> LightInputs:
-        """Put on the device what the kernels that shade by a light read."""
-        distances = self._visibility.distances(scene, light)
-        image = light.texture_image()
-        one = np.zeros(1, np.float32)
-        texture = np.zeros((1, 1, 4), np.float32)
-        if image is not None:
-            texture = np.dstack([image, np.zeros(image.shape[:2], np.float32)])
-        return LightInputs(
-            settings=NO_MAP if light_map is None else light_map.settings,
-            map=None if light_map is None else light_map.buffers,
-            shadow=self._launcher.upload("the shadow map", one if distances is None else distances),
-            texture=self._launcher.upload("the light's texture", texture),
-            shadow_filter=0 if distances is None else SHADOW_FILTERS[scene.shadow.filter],
-            is_textured=image is not None,
-        )
-
-    def _add_light(
-        self,
-        scene: Scene,
-        index: int,
-        crop: Crop,
-        bricks: BrickGrid,
-        light_map: TransmittanceMap | None,
-        gbuffer: GBuffer | None,
-        frame: FrameBuffers,
-        progress: Progress,
-    ) -> float:
-        """Add one light to the frame, from its map or by the dual march; returns device seconds."""
-        light = scene.lights[index]
-        params = self._params(scene, light, crop, bricks, light_map)
-        inputs = self._inputs(scene, light, light_map)
-        seconds = self._view_pass.add_light(scene, index, crop, params, bricks, inputs, frame, progress)
-        if gbuffer is not None:
-            visible = self._visibility.lit(scene, light, gbuffer)
-            seconds += self._view_pass.add_solids(
-                scene, index, crop, params, bricks, inputs, visible, frame, progress
-            )
-        return seconds
-
-    def _add_residual(
-        self,
-        scene: Scene,
-        index: int,
-        crop: Crop,
-        bricks: BrickGrid,
-        light_map: TransmittanceMap,
-        frame: FrameBuffers,
-        progress: Progress,
-    ) -> None:
-        """Add a map's residuals to a frame, in the place of the light's transmittance."""
-        residual = np.append(light_map.residual, np.float32(0))  # two neighbours may be read at once
-        buffers = replace(light_map.buffers, coefficients=self._launcher.upload("the residuals", residual))
-        settings = light_map.settings.model_copy(update=SINGLE_NUMBER)
-        light = scene.lights[index]
-        params = self._params(scene, light, crop, bricks, light_map)
-        inputs = replace(self._inputs(scene, light, light_map), settings=settings, map=buffers)
-        self._view_pass.add_light(
-            scene, index, crop, params, bricks, inputs, frame, progress, shows_residual=True
-        )
+        lit = any(row[:, 3].any() for row in sums.light_seen)
+        notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
+        return RenderResult(_image(sums), layers, stats, scene, crop, (*notes, *warnings), lit)
 
 
-def _grids(scene: Scene) -> Volume | Volumes:
-    if isinstance(scene.volume, Homogeneous):
-        raise SceneError("a homogeneous volume has no map: its transmittance is known in closed form")
-    return scene.volume
+def _single_lights(scene: Scene) -> Scene:
+    """Return the scene with the lights, each with maps of its own, whose sum its lights are; fitted.
 
-
-def _check_maps(scene: Scene, maps: list[TransmittanceMap]) -> None:
-    if len(maps) != len(scene.lights):
-        raise SceneError(
-            f"{len(maps)} maps for {len(scene.lights)} lights (points of area lights count); "
-            "build the maps again"
-        )
-    for index, light_map in enumerate(maps):
-        light_map.check_serves(scene, index)
-
-
-def _warnings(scene: Scene, light_map: TransmittanceMap) -> tuple[str, ...]:
-    """Tell where the map cannot hold a transmittance that is still visible: α is small for the units."""
-    sigma_t = scene.medium.sigma_t
-    if sigma_t.max() <= 0 or light_map.settings.target != "transmittance":
-        return ()
-    alpha, deepest = light_map.density_weighting, light_map.largest_optical_depth
-    lost = STEEPEST_DEPTH * alpha
-    if deepest <= lost or sigma_t[sigma_t > 0].min() * lost >= VISIBLE_DEPTH:
-        return ()
-    message = (
-        f"density_weighting = {alpha:g} cannot carry an optical depth of {deepest:.0f} of the density: with "
-        "such small sigma_s and sigma_a shadows will be too dark; use --density-weighting auto"
+    Raises
+    ------
+    SceneError
+        What float32 cannot place; light from infinity where a medium is everywhere.
+    """
+    check_distances(scene)
+    if not np.isfinite(scene.bounds).all():
+        for index, light in enumerate(scene.lights):
+            if light.needs_fitting:
+                raise SceneError(
+                    f"light {index + 1} ({light.type}) comes from infinitely far away: nothing of it is left "
+                    'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
+                )
+    lights = list(chain.from_iterable(light.parts() for light in scene.lights))
+    # Maps show where grids have density; what shadows solids cast is asked for in all media. Bodies of
+    # constant density need neither, and may have thousands of lights.
+    bounds = scene.occupied_bounds
+    if scene.grids and not scene.solids:
+        bounds = around([grid.occupied_bounds for grid in scene.grids])
+    fits = bool(scene.solids or scene.grids)
+    return scene.replace(
+        lights=[
+            light.fitted(bounds, scene.occupied_bounds) if fits or light.needs_fitting else light
+            for light in lights
+        ]
     )
-    return (message,)
 
 
 def _checked_method(method: str | None, scene: Scene) -> str:
@@ -523,21 +319,12 @@ def _checked_crop(crop: Crop | None, res: tuple[int, int]) -> Crop:
     return x0, y0, x1, y1
 
 
-def _resolve(
-    frame: Frame, gbuffer: GBuffer | None
-) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
-    """Turn what the passes summed into the picture and its layers."""
-    image = frame.radiance.copy()
-    image[..., 3] = 1.0 - frame.transmittance[..., :3].mean(axis=-1)
-    if gbuffer is not None:
-        image[gbuffer.shown, 3] = 1.0
-    seen, opacity = frame.light_seen[..., :3], frame.light_seen[..., 3:]
-    return image, {
-        "depth": frame.transmittance[..., 3].copy(),
-        "transmittance": frame.transmittance[..., :3].copy(),
-        "light_transmittance": np.divide(seen, opacity, out=np.zeros_like(seen), where=opacity > 0),
-        "samples": frame.samples.astype(np.float32),
-    }
+def _image(sums: Sums) -> NDArray[np.float32]:
+    """Scene-linear RGB, premultiplied; alpha is 1 - mean transmittance, and 1 on solids."""
+    image = sums.radiance.copy()
+    image[..., 3] = 1.0 - sums.transmittance[..., :3].mean(axis=-1)
+    image[np.isfinite(sums.solid[..., 3]), 3] = 1.0
+    return image
 
 
 def _silent(stage: str, fraction: float) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -38,28 +39,43 @@ class GBuffer:
     shown: NDArray[np.bool_]
     """[h, w]: which pixels these are."""
 
-    def layers(self) -> dict[str, NDArray[np.float32]]:
-        """Return what it shows as layers of the picture."""
-        return {
-            "solid_distance": np.where(self.shown, self.solid[..., 3], np.float32(0)),
-            "normal": self.solid[..., :3].copy(),
-            "albedo": self.albedo[..., :3].copy(),
-        }
+    @cached_property
+    def _numbers(self) -> NDArray[np.int64]:
+        """Number of each pixel's point, where it has one."""
+        numbers: NDArray[np.int64] = self.shown.cumsum().reshape(self.shown.shape) - 1
+        return numbers
+
+    @cached_property
+    def _surfaces(self) -> NDArray[np.float64]:
+        """Normals and distances of all points."""
+        return self.solid[self.shown].astype(np.float64)
+
+    def shadow_rays(
+        self, tracer: Tracer, light: Light, rectangle: NDArray[np.int64]
+    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.float64], ...]]:
+        """Rays towards a light from what the pixels of a rectangle show, and which pixels of it these are.
+
+        Parameters
+        ----------
+        rectangle
+            Low and high corner, [2, 2], pixels of the crop.
+        """
+        (x0, y0), (x1, y1) = rectangle
+        shown = self.shown[y0:y1, x0:x1]
+        pixels = np.flatnonzero(shown)
+        number = self._numbers[y0:y1, x0:x1][shown]
+        points, surfaces = self.points[number], self._surfaces[number]
+        directions = light.arrival(points).direction
+        facing = light.reaches(points) & ((directions * surfaces[:, :3]).sum(axis=1) < 0)
+        if not facing.any():
+            return pixels[:0], ()
+        at = tracer.lifted(points[facing], surfaces[facing, :3], surfaces[facing, 3])
+        return pixels[facing], (at, -directions[facing], light.source_distance(at))
 
     @property
     def nbytes(self) -> int:
         """Size."""
         return self.solid.nbytes + self.albedo.nbytes + self.points.nbytes + self.shown.nbytes
-
-
-OF_SOLIDS = frozenset({"solid_distance", "normal", "albedo"})
-"""Layers of `GBuffer.layers`."""
-
-
-def nothing_seen(crop: tuple[int, int, int, int], names: Collection[str]) -> dict[str, NDArray[np.float32]]:
-    """Return layers of a G-buffer without solids."""
-    shape = (crop[3] - crop[1], crop[2] - crop[0])
-    return {name: np.zeros(shape if name == "solid_distance" else (*shape, 3), np.float32) for name in names}
 
 
 class Visibility:
@@ -94,7 +110,7 @@ class Visibility:
             from tfm_cl.render.tracing.tracer import Tracer  # noqa: PLC0415 - most scenes have no solids
 
             self.clear()
-            with self._timed():
+            with self.timed():
                 self._tracer, self._solids = Tracer(scene.solids), scene.solids
         return self._tracer
 
@@ -105,39 +121,25 @@ class Visibility:
             return None
         return self._keep((scene.camera, crop), lambda: _gbuffer(tracer, scene, crop))
 
-    def distances(self, scene: Scene, light: Light) -> NDArray[np.float32] | None:
+    def distances(self, scene: Scene, light: Light, res: int | None = None) -> NDArray[np.float32] | None:
         """Trace a light's rays: distances to the nearest solid, [res, res], infinite without one.
 
         Row by row of v, through the texels' centres. None without solids.
+
+        Parameters
+        ----------
+        res
+            By default the scene's ``shadow.res``.
         """
         tracer = self.tracer(scene)
         if tracer is None:
             return None
-        res = scene.shadow.res
+        res = res or scene.shadow.res
         return self._keep((light.map_key(), res), lambda: _distances(tracer, light, res))
 
-    def lit(self, scene: Scene, light: Light, gbuffer: GBuffer) -> NDArray[np.float32]:
-        """Trace shadow rays: 1 where no solid stops the light on its way to what a pixel shows, [h, w]."""
-        tracer = self.tracer(scene)
-        visible = np.zeros(gbuffer.shown.shape, np.float32)
-        if tracer is None or not len(gbuffer.points):
-            return visible
-        points = gbuffer.points
-        surfaces = gbuffer.solid[gbuffer.shown].astype(np.float64)
-        normals = surfaces[:, :3]
-        directions = light.arrival(points).direction
-        facing = (light.reaches(points) & ((directions * normals).sum(axis=1) < 0)).nonzero()[0]
-        reached = np.zeros(len(points), np.float32)
-        if len(facing):
-            at = tracer.lifted(points[facing], normals[facing], surfaces[facing, 3])
-            with self._timed():
-                hidden = tracer.occluded(at, -directions[facing], light.source_distance(at))
-            reached[facing] = ~hidden
-        visible[gbuffer.shown] = reached
-        return visible
-
     @contextmanager
-    def _timed(self) -> Iterator[None]:
+    def timed(self) -> Iterator[None]:
+        """Count the time inside as the tracer's."""
         started = time.perf_counter()
         yield
         self.seconds += time.perf_counter() - started
@@ -146,7 +148,7 @@ class Visibility:
         if key in self._kept:
             self._kept.move_to_end(key)
         else:
-            with self._timed():
+            with self.timed():
                 self._kept[key] = make()
             while len(self._kept) > 1 and sum(kept.nbytes for kept in self._kept.values()) > KEPT_BYTES:
                 self._kept.popitem(last=False)

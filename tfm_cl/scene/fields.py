@@ -84,7 +84,10 @@ def fields_of(scene: Scene) -> Fields:
     if not coloured.any() and len(ratios) < MOST_FIELDS:
         weights = np.zeros((len(media), 3, len(ratios)))
         weights[np.arange(len(media)), 0, numbers] = sizes
-        return Fields(np.stack(ratios, axis=1), weights)
+        # Relative to the strongest of the field: how strong all of it is stays out of the maps, too.
+        strongest = weights[:, 0].max(axis=0)
+        weights /= np.where(strongest > 0, strongest, 1)
+        return Fields(np.stack(ratios, axis=1) * strongest, weights)
     if coloured.all() and all(np.array_equal(one, extinctions[0]) for one in extinctions):
         # As with one medium: its colour stays out of the maps.
         return Fields(np.diag(extinctions[0]), np.broadcast_to(np.eye(3), (len(media), 3, 3)).copy())

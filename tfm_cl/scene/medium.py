@@ -1,5 +1,7 @@
 """The medium's material: constant colours times the volume's density (TFM eq. 11)."""
 
+import re
+import reprlib
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -39,5 +41,15 @@ def parse_medium(value: Any) -> Medium | None:
     if value is None or isinstance(value, Medium):
         return value
     if isinstance(value, dict):
-        return Medium.from_table(value)
-    raise SceneError("medium: should be a table like [medium]: { sigma_s = [1, 1, 1], phase = 'isotropic' }")
+        try:
+            return Medium.from_table(value)
+        except SceneError as error:
+            raise SceneError(*(_OWN_SECTION.sub("volume.medium", line) for line in error.args)) from None
+    raise SceneError(
+        f"volume.medium = {reprlib.repr(value)}: should be a table like [medium]: "
+        "{ sigma_s = [1, 1, 1], phase = 'isotropic' }"
+    )
+
+
+_OWN_SECTION = re.compile(r"^medium\b|(?<=in \[)medium\b")
+"""Where a fault names the section."""

@@ -14,19 +14,14 @@ from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
-from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.bodies.volumes import Volumes, joined
+from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume
+from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import Light
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids.base import Solid
-
-Media = Volume | Volumes | Homogeneous
-"""What a medium may fill."""
 
 
 @dataclass(frozen=True, init=False)
@@ -104,16 +99,17 @@ class Scene:
             object.__setattr__(self, name, value)
 
     @property
-    def volume(self) -> Media:
-        """The body; several grids as one."""
-        if any(body.own_medium for body in self.bodies) or (len(self.bodies) > 1 and self.homogeneous):
-            raise SceneError("bodies of several media, or of several shapes, cannot be rendered together")
+    def volume(self) -> Body:
+        """The body, where there is one alone.
+
+        Raises
+        ------
+        SceneError
+            The scene has several.
+        """
         if len(self.bodies) > 1:
-            return joined([body for body in self.bodies if isinstance(body, Volume)])
-        (body,) = self.bodies
-        if not isinstance(body, Volume | Homogeneous):
-            raise SceneError("this works with volumes and homogeneous bodies only")
-        return body
+            raise SceneError(f"this works with one volume only; the scene has {len(self.bodies)}")
+        return self.bodies[0]
 
     @property
     def grids(self) -> tuple[Volume, ...]:

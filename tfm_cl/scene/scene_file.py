@@ -29,9 +29,7 @@ from tfm_cl.model import (
 )
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies.base import MOST_BODIES, Body
-from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
-from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume, parse_homogeneous
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
@@ -230,6 +228,7 @@ class SceneFile:
         for key, value in overrides:
             with faults.collect():
                 _override(values, placed_light, key, value)
+                _check_used(values, key)
         sections = cls._sections(_tables(values, faults), path.parent, faults)
         with faults.collect():
             _check_placed(placed_light, path.parent)
@@ -433,6 +432,18 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
         if last in spellings:
             table.pop(spellings[last == spellings[0]], None)  # the other one
     table[last] = value
+
+
+def _check_used(values: Values, key: str) -> None:
+    """Refuse to set what every body sets for itself."""
+    section, _, name = key.partition(".")
+    name = name.partition(".")[0]
+    volumes = values.get("volume")
+    tables = volumes if isinstance(volumes, list) else [volumes]
+    own = [table.get("medium") for table in tables if isinstance(table, dict)]
+    if section == "medium" and own and all(isinstance(medium, dict) and name in medium for medium in own):
+        number = "0." if isinstance(volumes, list) else ""
+        raise SceneError(f"{key}: every volume has a {name} of its own: set volume.{number}medium.{name}")
 
 
 def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, ...]:

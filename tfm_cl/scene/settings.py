@@ -13,21 +13,7 @@ from tfm_cl.model import (
     number_or_none,
     unknown_key,
 )
-
-AOVS = {
-    "depth": "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
-    "transmittance": "RGB transmittance of the medium along the camera ray",
-    "light_transmittance": "RGB mean over lights and ray of the light's transmittance, weighted by what the "
-    "camera sees; 0 where nothing is lit",
-    "samples": "density samples taken for the pixel by the view pass",
-    "solid_distance": "distance from the camera to the solid that the pixel shows, world units; 0 without",
-    "normal": "unit normal of that solid, world, towards the camera; 0 without",
-    "albedo": "RGB albedo of that solid; 0 without",
-    "map_error": "relative error of the light's transmittance in the map, mean over lights and ray, weighted "
-    "by what the camera sees; 0 for the dual march",
-}
-"""Extra image layers and what they hold."""
-
+from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6
 """Beyond it float32 cannot tell e^(-τ/α) from 1."""
@@ -224,8 +210,8 @@ def _aovs(value: Any) -> Any:
     if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
         raise ValueError("should be a list of names")
     for name in value:
-        if name not in AOVS:
-            raise ValueError(unknown_key(name, list(AOVS)).replace("key", "aov"))
+        if name not in LAYERS:
+            raise ValueError(unknown_key(name, list(LAYERS)).replace("key", "aov"))
     return tuple(dict.fromkeys(value))
 
 
@@ -239,6 +225,6 @@ class ImageSettings(Model):
     )
     exposure: float = Field(0.0, ge=-100, le=100, description="stops, PNG only")
     aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
-        (), description="extra EXR layers: " + ", ".join(AOVS)
+        (), description="extra EXR layers: " + ", ".join(LAYERS)
     )
     pixel_type: Literal["float", "half"] = Field("float", description="of EXR colour channels")

@@ -6,21 +6,21 @@
 #include "../sample.h"
 
 /* A direction, of any length, of light space. */
-TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
+TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
-  const Floats sum = (u - params->chart[2]) * (1.0f / params->chart[0]);
-  const Floats difference = (v - params->chart[3]) * (1.0f / params->chart[1]);
+  const Floats sum = (u - light->chart[2]) * (1.0f / light->chart[0]);
+  const Floats difference = (v - light->chart[3]) * (1.0f / light->chart[1]);
   const Floats x = 0.5f * (sum + difference), y = 0.5f * (sum - difference);
   return vec3(x, y, 1.0f - magnitude_of(x) - magnitude_of(y));
 }
 
-TFM_INLINE void chart_position(PARAMS params, Vec3 p, Floats *u, Floats *v)
+TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
 {
   const Floats size = magnitude_of(p.x) + magnitude_of(p.y) + p.z;
   const Ints ahead = (p.z >= 0.0f) & (size > 0.0f);
   const Floats shrink = 1.0f / (ahead ? size : floats(1.0f));
-  *u = ahead ? params->chart[2] + params->chart[0] * ((p.x + p.y) * shrink) : floats(CHART_OUTSIDE);
-  *v = params->chart[3] + params->chart[1] * ((p.x - p.y) * shrink);
+  *u = ahead ? light->chart[2] + light->chart[0] * ((p.x + p.y) * shrink) : floats(CHART_OUTSIDE);
+  *v = light->chart[3] + light->chart[1] * ((p.x - p.y) * shrink);
 }
 
 #endif

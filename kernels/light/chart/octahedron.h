@@ -25,10 +25,10 @@ TFM_INLINE void octahedron_fold(Ints lower, Floats *x, Floats *y)
 }
 
 /* A direction, of any length, of light space. */
-TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
+TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
-  Floats x = (u - params->chart[2]) * (1.0f / params->chart[0]);
-  Floats y = (v - params->chart[3]) * (1.0f / params->chart[1]);
+  Floats x = (u - light->chart[2]) * (1.0f / light->chart[0]);
+  Floats y = (v - light->chart[3]) * (1.0f / light->chart[1]);
   octahedron_wrap(&x, &y);
   octahedron_wrap(&y, &x);
   const Floats z = 1.0f - magnitude_of(x) - magnitude_of(y);
@@ -37,14 +37,14 @@ TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
 }
 
 /* At the light itself any direction serves. */
-TFM_INLINE void chart_position(PARAMS params, Vec3 p, Floats *u, Floats *v)
+TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
 {
   const Floats taxicab = magnitude_of(p.x) + magnitude_of(p.y) + magnitude_of(p.z);
   const Floats shrink = 1.0f / (taxicab > 0.0f ? taxicab : floats(1.0f));
   Floats x = p.x * shrink, y = p.y * shrink;
   octahedron_fold(p.z < 0.0f, &x, &y);
-  *u = params->chart[2] + params->chart[0] * x;
-  *v = params->chart[3] + params->chart[1] * y;
+  *u = light->chart[2] + light->chart[0] * x;
+  *v = light->chart[3] + light->chart[1] * y;
 }
 
 #endif

@@ -6,18 +6,18 @@
 #include "../sample.h"
 
 /* A direction, of any length, of light space. */
-TFM_INLINE Vec3 chart_direction(PARAMS params, Floats u, Floats v)
+TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
-  return vec3((u - params->chart[2]) * (1.0f / params->chart[0]), (v - params->chart[3]) * (1.0f / params->chart[1]),
+  return vec3((u - light->chart[2]) * (1.0f / light->chart[0]), (v - light->chart[3]) * (1.0f / light->chart[1]),
               floats(1.0f));
 }
 
-TFM_INLINE void chart_position(PARAMS params, Vec3 p, Floats *u, Floats *v)
+TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
 {
   const Ints ahead = p.z > 0.0f;
   const Floats away = 1.0f / (ahead ? p.z : floats(1.0f));
-  *u = ahead ? params->chart[2] + params->chart[0] * (p.x * away) : floats(CHART_OUTSIDE);
-  *v = params->chart[3] + params->chart[1] * (p.y * away);
+  *u = ahead ? light->chart[2] + light->chart[0] * (p.x * away) : floats(CHART_OUTSIDE);
+  *v = light->chart[3] + light->chart[1] * (p.y * away);
 }
 
 #endif

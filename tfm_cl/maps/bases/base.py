@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.constants import RIDGE
+
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
 
@@ -18,8 +20,6 @@ Fit = Literal["l2", "visibility"]
 Range = Literal["box", "trimmed", "visible", "global"]
 Lookup = Literal["interpolate", "reconstruct", "stochastic"]
 
-TARGETS: dict[Target, int] = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
-"""What a basis approximates, f = T^{1/α}, τ or σ, and its number in the kernels."""
 FITS: dict[Fit, int] = {"l2": 0, "visibility": 1}
 """How its numbers are found, and the number of that in the kernels."""
 RANGES: tuple[Range, ...] = ("box", "trimmed", "visible", "global")
@@ -27,10 +27,6 @@ LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 
 UNIFORM_SHARE = 0.02
 """Of the visibility-weighted fit: keeps what no light reaches from going anywhere. Of 0.01, 0.02, 0.03, 0.1
 and 0.3 the first three differ by a few per cent on six volumes, the last two are worse by 10 and 20 %."""
-
-
-RIDGE = 1e-6
-"""Of normal equations, as a part of their mean diagonal; ``TFM_RIDGE`` of ``kernels/projection.h``."""
 
 
 class Choices(Protocol):

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-CELLS = 64
-"""Equal parts of a ray's range; ``CURVE_CELLS`` of ``kernels/light_probe.cl``."""
+from tfm_cl.constants import CURVE_CELLS as CELLS
+
+__all__ = ["CELLS", "Curves"]
 
 
 @dataclass(frozen=True)

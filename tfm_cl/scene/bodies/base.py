@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -22,6 +22,9 @@ class Body:
     Where bodies overlap, their extinctions add up. A body may have a ``medium`` of its own; None means the
     scene's.
     """
+
+    DENSITY_KEY: ClassVar[str]
+    """The key of a scene file that its density is a multiple of, which is also the attribute's name."""
 
     @property
     def own_medium(self) -> Medium | None:
@@ -43,6 +46,16 @@ class Body:
     @abstractmethod
     def label(self) -> str:
         """What messages call it."""
+
+    @property
+    @abstractmethod
+    def largest_density(self) -> NDArray[np.float64]:
+        """What no density inside is greater than, in red, green and blue, [3]."""
+
+    @property
+    @abstractmethod
+    def why_empty(self) -> str:
+        """Why it has no density at all, for messages; empty where it has some."""
 
     @abstractmethod
     def with_medium(self, medium: Medium | None) -> Self:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,7 @@ from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
-
-if TYPE_CHECKING:
-    from tfm_cl.scene.medium import Medium
+from tfm_cl.scene.medium import Medium, parse_medium
 
 
 class Volume(Body):
@@ -73,6 +71,7 @@ class Volume(Body):
         cannot be inverted.
     """
 
+    DENSITY_KEY: ClassVar[str] = "density_scale"
     world_from_index: NDArray[np.float64]
     notes: tuple[str, ...]
     """What a user should know of how it was read from its file: sentences for warnings."""
@@ -92,7 +91,7 @@ class Volume(Body):
         sanitize: bool = False,
     ) -> None:
         self.name = name
-        self.medium = medium
+        self.medium = parse_medium(medium)
         self.source = source
         self.notes = ()
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
@@ -289,6 +288,36 @@ class Volume(Body):
         return red, green, blue
 
     @property
+    def channel_leaves(self) -> tuple[Leaves, ...]:
+        """`leaves`, or those of `data` times the colour's red, green and blue."""
+        return tuple(channel.leaves for channel in (self.channels if self._colour is not None else (self,)))
+
+    def densities_at(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Density in each channel at world points [n, 3], float64 [n, 3].
+
+        Trilinear between voxel centres, 0 one voxel beyond them; without colour the first channel is all.
+        """
+        from scipy import ndimage  # noqa: PLC0415 - few ask
+
+        index_from_world = np.linalg.inv(self.world_from_index)
+        index = points @ index_from_world[:3, :3].T + index_from_world[:3, 3]
+        densities = np.zeros((len(points), 3))
+        for c, channel in enumerate(self.channels if self._colour is not None else (self,)):
+            data = channel.data.astype(np.float64)
+            densities[:, c] = ndimage.map_coordinates(data, index[:, ::-1].T, order=1, mode="grid-constant")
+        scaled: NDArray[np.float64] = self.density_scale * densities
+        return scaled
+
+    def interval(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> tuple[float, float]:
+        """Begin and end ≥ 0 of a world ray in the grid and its border of one voxel; (0, 0) without."""
+        matrix = np.linalg.inv(self.world_from_index)
+        start, along = matrix[:3, :3] @ origin + matrix[:3, 3], matrix[:3, :3] @ direction
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = (np.array([np.full(3, -1.0), self.shape[::-1]]) - start) / along
+        begin, end = max(0.0, np.nanmin(sides, axis=0).max()), np.nanmax(sides, axis=0).min()
+        return (float(begin), float(end)) if begin < end else (0.0, 0.0)
+
+    @property
     def voxel_size(self) -> NDArray[np.float64]:
         """Edge lengths (x, y, z) of a voxel, world units."""
         lengths: NDArray[np.float64] = np.linalg.norm(self.world_from_index[:3, :3], axis=0)
@@ -314,6 +343,22 @@ class Volume(Body):
         if self._colour is not None:
             return max(channel.largest for channel in self.channels)
         return float(self._voxels.stored.max())
+
+    @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """The largest density in red, green and blue, [3]; without a colour they are the same."""
+        if self._colour is None:
+            return np.full(3, self.density_scale * self.largest)
+        return np.array([self.density_scale * channel.largest for channel in self.channels])
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has some."""
+        if self.density_scale == 0:
+            return "density_scale is 0"
+        if self.largest > 0:
+            return ""
+        return "all voxels are 0" if self._colour is None else "all voxels times their colours are 0"
 
     @property
     def typical_density(self) -> float:
@@ -347,14 +392,14 @@ class Volume(Body):
         sums: NDArray[np.float64] = self._voxels.dense.sum(axis=axis, dtype=np.float64)
         return sums.ravel()
 
+    @property
+    def stores(self) -> tuple[object, ...]:
+        """What holds its voxels, and their colour: the same objects for volumes that share these."""
+        return (self._voxels,) if self._colour is None else (self._voxels, self._colour)
+
     def same_voxels(self, other: Volume) -> bool:
         """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
         return self._voxels.stored is other._voxels.stored and self.colour is other.colour
-
-    @property
-    def parts(self) -> tuple[Volume, ...]:
-        """Itself: what `tfm_cl.scene.bodies.volumes.Volumes` has several of."""
-        return (self,)
 
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere, looking at what it was made from only."""
@@ -378,7 +423,7 @@ class Volume(Body):
 
     def with_medium(self, medium: Medium | None) -> Volume:
         """Return the same voxels (not copied) of another medium; None: the scene's."""
-        return self._with(medium=medium)
+        return self._with(medium=parse_medium(medium))
 
     def _with(self, **changes: Any) -> Volume:
         other = object.__new__(Volume)

@@ -146,9 +146,26 @@ class Light(Model):
         """Return a cone, or a ball, that all the light lies in; None where it may go anywhere."""
         return None
 
+    @property
+    def is_unbounded(self) -> bool:
+        """Whether it reaches every point, were there nothing in its way."""
+        cone = self.lit_cone()
+        return cone is None or (np.isinf(cone.slope) and np.isinf(cone.reach))
+
+    @property
+    def has_even_depth(self) -> bool:
+        """Whether even steps of its projective space are even in the world: constant `projective_depth`."""
+        return True
+
     @abstractmethod
-    def fitted(self, bounds: Floats) -> Self:
-        """Return the light with its map fitted to what it lights of the medium: of a box, [2, 3]."""
+    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
+        """Return the light with its map fitted to what it lights of a box, [2, 3].
+
+        Parameters
+        ----------
+        everything
+            The box around all media, by default the same: rays begin before it.
+        """
 
     @property
     def needs_fitting(self) -> bool:

@@ -79,9 +79,9 @@ class EnvironmentLight(Light):
         """Raise: only its parts have maps."""
         self._refuse()
 
-    def fitted(self, bounds: Floats) -> Self:
+    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
         """Return itself: only its parts have maps."""
-        del bounds
+        del bounds, everything
         return self
 
     def footprint(self, distance: float) -> float:

@@ -43,8 +43,9 @@ class PlacedLight(Light):
         """As `Light.headers`."""
         return (self.view.chart.HEADER, self.HEADER)
 
-    def fitted(self, bounds: Floats) -> Self:
+    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
         """As `Light.fitted`."""
+        del everything
         light = self.model_copy()
         reach = math.inf if self.reach is None else self.reach
         view = fitted_view(np.asarray(self.from_), bounds, self.cone_of_light(), reach)

@@ -131,6 +131,11 @@ class SpotLight(PlacedLight):
         inside: NDArray[np.bool_] = (z > 0) & (np.hypot(x, y) <= self._slope * z)
         return inside & self.within_reach(np.sqrt(x * x + y * y + z * z))
 
+    @property
+    def has_even_depth(self) -> bool:
+        """Depth grows along the cone's axis."""
+        return False
+
     def projective_depth(self, points: Floats) -> Floats:
         """Along the axis."""
         return np.maximum(self._from_apex(points)[1][:, 2], 0)

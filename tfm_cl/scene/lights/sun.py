@@ -34,13 +34,14 @@ class SunLight(Light):
     intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB irradiance on a plane that faces the light")
     falloff: Literal["none"] = Field("none", description="none: a sun is equally bright everywhere")
     _corners: Floats | None = PrivateAttr(default=None)
+    _all_corners: Floats | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
         check_different(self.from_, self.to, "from and to")
         return self
 
-    def fitted(self, bounds: Floats) -> Self:
+    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
         """Fit the map to the bounds' corners, and begin before these.
 
         What casts shadows further upstream has no part in it: it may lie so far away that distances would
@@ -48,6 +49,7 @@ class SunLight(Light):
         """
         sun = self.model_copy()
         sun._corners = _corners_of(bounds)  # noqa: SLF001 - of the same class
+        sun._all_corners = None if everything is None else _corners_of(everything)  # noqa: SLF001
         return sun
 
     @property
@@ -58,7 +60,7 @@ class SunLight(Light):
     def replace(self, **changes: Any) -> Self:
         """As `Model.replace`; what the map was fitted to stays."""
         sun = super().replace(**changes)
-        sun._corners = self._corners  # noqa: SLF001 - of the same class
+        sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
         return sun
 
     def frame(self) -> LightFrame:
@@ -69,7 +71,8 @@ class SunLight(Light):
         corners = self._corners @ axes[:3, :3]
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-        middle[2] = low[2] - BEFORE * size
+        nearest = low[2] if self._all_corners is None else (self._all_corners @ axes[:3, 2]).min()
+        middle[2] = min(low[2], nearest) - BEFORE * size
         axes[:3, 3] = axes[:3, :3] @ middle
         half_width, half_height = (high - low)[:2] / 2 + MARGIN * size
         return LightFrame(axes, (float(half_width), float(half_height)))

@@ -1,0 +1,287 @@
+/* Bodies whose density is a grid's: trilinear between voxel centres, 0 outside, sparse.
+   The padded grid carries one zero voxel on each side, so that the density falls to 0 over one voxel. Its cells
+   (the cubes between 8 voxels) are grouped into bricks of 4x4x4, the units of skipping, and blocks of 2x2x2 bricks,
+   the units of storage. A block with any density has a record of all voxels that its cells touch, so that a sample
+   reads one record only; all others have none. Several grids, each with its transform, add up; they share the table
+   and the records. Where voxels have a colour, their densities in red, green and blue are three records, one after the
+   other, under one entry of the table.
+   Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; TFM_GRIDS, the number
+   of grids, at least 1; what amounts.h does. */
+#ifndef TFM_GRID_H
+#define TFM_GRID_H
+
+#include "body/amounts.h"
+
+/* Vectors in memory need only their elements' alignment (only where TFM_LANES > 1: there vload2 is a call). */
+typedef float2 UnalignedFloat2 __attribute__((aligned(4)));
+typedef uint UnalignedUint __attribute__((aligned(2)));
+typedef ushort UnalignedUshort __attribute__((aligned(1)));
+
+/* Lanes of a tile share what they read where they lie in MOST_SHARED cells along each axis; a brick or a block is
+   that of the lowest one, and has to know what the others need. */
+#define RECORD_EDGE (BLOCK_EDGE + MOST_SHARED)
+#define RECORD_ROW RECORD_EDGE                   /* voxels to the next y */
+#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* voxels to the next z */
+/* A multiple of 4: 8 bits are followed by the float that 255 stands for. */
+#define RECORD_VOXELS ((RECORD_EDGE * RECORD_LAYER + 3) / 4 * 4)
+
+/* Records are RECORD_SIZE voxels apart. 8 bits are followed by the float that 255 stands for. */
+#if TFM_VOXEL_BITS == 32
+typedef float Voxel;
+#define RECORD_SIZE RECORD_VOXELS
+#elif TFM_VOXEL_BITS == 16
+typedef ushort Voxel;
+#define RECORD_SIZE RECORD_VOXELS
+#elif TFM_VOXEL_BITS == 8
+typedef uchar Voxel;
+#define RECORD_SIZE (RECORD_VOXELS + 4)
+#else
+#error "TFM_VOXEL_BITS must be 32, 16 or 8"
+#endif
+
+/* bricks: for every brick (x fastest) that has density the number of its block's record, from 1; for others -d,
+   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's
+   size: a large volume's records are spread over several. */
+#if TFM_POOLS == 1
+#define GRID_ARGUMENTS GRID grids, __global const int *bricks, __global const Voxel *pool0
+#define GRID_POOLS {pool0}
+#elif TFM_POOLS == 8
+#define GRID_ARGUMENTS                                                                                 \
+  GRID grids, __global const int *bricks, __global const Voxel *pool0, __global const Voxel *pool1,                \
+      __global const Voxel *pool2, __global const Voxel *pool3, __global const Voxel *pool4,           \
+      __global const Voxel *pool5, __global const Voxel *pool6, __global const Voxel *pool7
+#define GRID_POOLS {pool0, pool1, pool2, pool3, pool4, pool5, pool6, pool7}
+#else
+#error "TFM_POOLS must be 1 or 8"
+#endif
+
+/* What is each grid's own. */
+typedef struct {
+  __global const int *bricks;
+  int row;   /* bricks to the next y */
+  int layer; /* bricks to the next z */
+  float upper[3];
+  int channel_records; /* from the record of a channel to that of the next; 0 without a colour */
+  float density_scale[TFM_VOXEL_CHANNELS];
+} Extent;
+
+/* The grids with all that a sample needs of them, read once before a loop. */
+typedef struct {
+  __global const Voxel *pools[TFM_POOLS];
+  int pool_size; /* records a pool */
+  int skip;      /* 0: sample empty bricks too */
+  Extent of[TFM_GRIDS];
+} Grids;
+
+/* A ray in every padded grid. */
+typedef struct {
+  Ray of[TFM_GRIDS];
+} GridRay;
+
+#define PADDED_GRIDS(name)                                 \
+  __global const Voxel *const name##_pools[] = GRID_POOLS; \
+  Grids name;                                              \
+  for (int k = 0; k < TFM_POOLS; ++k)                      \
+    name.pools[k] = name##_pools[k];                       \
+  describe_grids(grids, bricks, &name)
+
+TFM_INLINE void describe_grids(GRID grids, __global const int *bricks, Grids *padded)
+{
+  padded->pool_size = grids->pool_size;
+  padded->skip = grids->skip_empty;
+  for (int i = 0; i < TFM_GRIDS; ++i) {
+    Extent *extent = &padded->of[i];
+    extent->bricks = bricks + grids[i].first_brick;
+    extent->row = grids[i].brick_count[0];
+    extent->layer = grids[i].brick_count[0] * grids[i].brick_count[1];
+    for (int axis = 0; axis < 3; ++axis)
+      extent->upper[axis] = (float)(grids[i].size[axis] - 1);
+    extent->channel_records = grids[i].channel_records;
+    for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
+      extent->density_scale[c] = grids[i].density_scale[c];
+  }
+}
+
+/* A world ray in the padded grids' index spaces. */
+TFM_INLINE GridRay index_ray(GRID grids, Ray world_ray)
+{
+  GridRay ray;
+  for (int i = 0; i < TFM_GRIDS; ++i)
+    ray.of[i] = transform_ray(grids[i].index_from_world, world_ray);
+  return ray;
+}
+
+/* The part of a ray from the first to the last of the grids' bounds; the lanes in which there is one. */
+TFM_INLINE Ints grids_clip(GRID grids, const GridRay *ray, Interval *interval)
+{
+  const Interval whole = *interval;
+  Interval joined = {floats(INFINITY), floats(-INFINITY)};
+  for (int i = 0; i < TFM_GRIDS; ++i) {
+    float upper[3];
+    for (int axis = 0; axis < 3; ++axis)
+      upper[axis] = (float)(grids[i].size[axis] - 1);
+    Interval part = whole;
+    const Ints meets = box_clip(ray->of[i], upper, &part);
+    if (TFM_GRIDS == 1) {
+      *interval = part;
+      return meets;
+    }
+    joined.begin = meets ? least(joined.begin, part.begin) : joined.begin;
+    joined.end = meets ? greatest(joined.end, part.end) : joined.end;
+  }
+  *interval = joined;
+  return joined.begin < joined.end;
+}
+
+/* The part of a light ray within the grids' bounds: from k_in, or the light itself, to k_out. */
+TFM_INLINE Ints light_medium_interval(GRID grids, const GridRay *ray, Interval *k)
+{
+  k->begin = floats(0.0f);
+  k->end = floats(INFINITY);
+  return grids_clip(grids, ray, k);
+}
+
+/* The number of a brick in a grid's table. */
+#define BRICK_AT(extent, bx, by, bz) ((bz) * (extent)->layer + (by) * (extent)->row + (bx))
+
+/* Two voxels that are neighbours in x, in every lane. i: from the start of the lane's pool. */
+TFM_INLINE void gather_voxel_pairs(const Grids *grid, Ints pool, Ints i, int offset, Floats *low_x, Floats *high_x)
+{
+#if TFM_POOLS == 1
+#define VOXELS(s) (grid->pools[0] + offset + LANE(i, s))
+#else
+#define VOXELS(s) (grid->pools[LANE(pool, s)] + offset + LANE(i, s))
+#endif
+#if TFM_LANES == 1
+#if TFM_VOXEL_BITS == 16
+  *low_x = vload_half(0, (__global const half *)VOXELS());
+  *high_x = vload_half(1, (__global const half *)VOXELS());
+#else
+  *low_x = (float)VOXELS()[0];
+  *high_x = (float)VOXELS()[1];
+#endif
+#elif TFM_VOXEL_BITS == 32
+#define VOXEL_PAIR(s) (*(__global const UnalignedFloat2 *)VOXELS(s))
+  SPLIT_PAIRS(VOXEL_PAIR, *low_x, *high_x);
+#elif TFM_VOXEL_BITS == 16
+  /* Halves are >= 0 and finite: shifted into place they are floats 2^112 too small. */
+#define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUint *)VOXELS(s))
+  const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
+  *low_x = 0x1p112f * AS_FLOATS((pair & 0x7fff) << 13);
+  *high_x = 0x1p112f * AS_FLOATS((pair >> 3) & 0x0fffe000);
+#else
+#define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUshort *)VOXELS(s))
+  const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
+  *low_x = TO_FLOATS(pair & 255);
+  *high_x = TO_FLOATS(pair >> 8);
+#endif
+#ifdef VOXEL_PAIR
+#undef VOXEL_PAIR
+#endif
+#undef VOXELS
+}
+
+#if TFM_LANES > 1
+/* A voxel as stored, for all lanes. */
+TFM_INLINE float voxel_value(__global const Voxel *voxel)
+{
+#if TFM_VOXEL_BITS == 16
+  return 0x1p112f * as_float((uint)*voxel << 13);
+#else
+  return (float)*voxel;
+#endif
+}
+
+/* Weights of a row of voxels for points x, from the first one, that lie before the last: their tents. */
+TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
+{
+  weight[0] = greatest(1.0f - x, floats(0.0f));
+#pragma unroll
+  for (int i = 1; i <= MOST_SHARED; ++i)
+    if (i < voxels)
+      weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
+}
+
+/* The voxels that a tile's samples lie between. */
+typedef struct {
+  int record;    /* of their block; 0: nothing to read */
+  int corner[3]; /* the lowest, in the padded grid */
+  int voxels[3]; /* along each axis, 2 to MOST_SHARED + 1 */
+} Window;
+
+/* Density D, of one channel, of all lanes from one window: trilinear, as every voxel weighs the product of its tents. */
+TFM_INLINE Floats density_together(const Grids *grid, const Window *window, Vec3 point, int channel)
+{
+  const int record = window->record + channel * grid->of[0].channel_records;
+  const int pool = TFM_POOLS == 1 ? 0 : record / grid->pool_size;
+  __global const Voxel *start = grid->pools[pool] + (size_t)(record - pool * grid->pool_size) * RECORD_SIZE;
+  __global const Voxel *layer_voxel = start + (window->corner[2] & (BLOCK_EDGE - 1)) * RECORD_LAYER +
+                                      (window->corner[1] & (BLOCK_EDGE - 1)) * RECORD_ROW +
+                                      (window->corner[0] & (BLOCK_EDGE - 1));
+  const int nx = window->voxels[0], ny = window->voxels[1], nz = window->voxels[2];
+  Floats wx[MOST_SHARED + 1], wy[MOST_SHARED + 1], wz[MOST_SHARED + 1];
+  tents(point.x - (float)window->corner[0], nx, wx);
+  tents(point.y - (float)window->corner[1], ny, wy);
+  tents(point.z - (float)window->corner[2], nz, wz);
+  Floats sum = floats(0.0f);
+  for (int k = 0; k < nz; ++k, layer_voxel += RECORD_LAYER) {
+    Floats layer = floats(0.0f);
+    __global const Voxel *voxel = layer_voxel;
+    for (int j = 0; j < ny; ++j, voxel += RECORD_ROW) {
+      Floats row = wx[0] * voxel_value(voxel) + wx[1] * voxel_value(voxel + 1);
+#pragma unroll
+      for (int i = 2; i <= MOST_SHARED; ++i)
+        if (i < nx)
+          row += wx[i] * voxel_value(voxel + i);
+      layer += wy[j] * row;
+    }
+    sum += wz[k] * layer;
+  }
+#if TFM_VOXEL_BITS == 8
+  return grid->of[0].density_scale[channel] * *(__global const float *)(start + RECORD_VOXELS) * sum;
+#else
+  return grid->of[0].density_scale[channel] * sum;
+#endif
+}
+#endif
+
+/* Density D, of one channel, of one grid where every lane reads for itself, at points in it; 0 where their brick has no
+   record (<= 0). */
+TFM_INLINE Floats density_apart(const Grids *grid, int i_grid, Ints record, Vec3 point, int channel)
+{
+  const Ints ix = TO_INTS(point.x), iy = TO_INTS(point.y), iz = TO_INTS(point.z);
+  record = record > 0 ? record + channel * grid->of[i_grid].channel_records : ints(0);
+#if TFM_POOLS == 1
+  const Ints pool = ints(0);
+  const Ints start = record * RECORD_SIZE;
+#else
+  const Ints pool = record / grid->pool_size;
+  const Ints start = (record - pool * grid->pool_size) * RECORD_SIZE;
+#endif
+  const Ints i = start + (iz & (BLOCK_EDGE - 1)) * RECORD_LAYER + (iy & (BLOCK_EDGE - 1)) * RECORD_ROW +
+                 (ix & (BLOCK_EDGE - 1));
+  const Floats fx = point.x - TO_FLOATS(ix), fy = point.y - TO_FLOATS(iy), fz = point.z - TO_FLOATS(iz);
+  Floats low, high;
+  gather_voxel_pairs(grid, pool, i, 0, &low, &high);
+  const Floats low_near = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_ROW, &low, &high);
+  const Floats low_far = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_LAYER, &low, &high);
+  const Floats high_near = lerp(low, high, fx);
+  gather_voxel_pairs(grid, pool, i, RECORD_LAYER + RECORD_ROW, &low, &high);
+  const Floats high_far = lerp(low, high, fx);
+  const Floats density = lerp(lerp(low_near, low_far, fy), lerp(high_near, high_far, fy), fz);
+#if TFM_VOXEL_BITS == 8
+#if TFM_POOLS == 1
+#define SCALE(p, i, s) (*(__global const float *)(grid->pools[0] + RECORD_VOXELS + LANE(start, s)))
+#else
+#define SCALE(p, i, s) (*(__global const float *)(grid->pools[LANE(pool, s)] + RECORD_VOXELS + LANE(start, s)))
+#endif
+  return grid->of[i_grid].density_scale[channel] * density * (Floats)FOR_LANES(SCALE, 0, 0);
+#undef SCALE
+#else
+  return grid->of[i_grid].density_scale[channel] * density;
+#endif
+}
+
+#endif

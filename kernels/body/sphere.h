@@ -1,0 +1,23 @@
+/* A ball. size[0]: its radius. */
+#ifndef TFM_BODY_SPHERE_H
+#define TFM_BODY_SPHERE_H
+
+#include "core/ray.h"
+
+TFM_INLINE Ints sphere_body_clip(BODY body, Ray ray, Interval *interval)
+{
+  Ray from_centre;
+  from_centre.origin = vec3(ray.origin.x - body->centre[0], ray.origin.y - body->centre[1], ray.origin.z - body->centre[2]);
+  from_centre.direction = ray.direction;
+  /* From the ray's point nearest to the centre, where the terms do not cancel. */
+  const Floats inverse = 1.0f / dot3(ray.direction, ray.direction);
+  const Floats shift = -dot3(from_centre.origin, ray.direction) * inverse;
+  const Vec3 nearest = ray_at(from_centre, shift);
+  const Floats square = body->size[0] * body->size[0] - dot3(nearest, nearest);
+  const Floats half_chord = sqrt(greatest(square * inverse, floats(0.0f)));
+  interval->begin = greatest(interval->begin, shift - half_chord);
+  interval->end = square > 0.0f ? least(interval->end, shift + half_chord) : floats(-INFINITY);
+  return interval->begin < interval->end;
+}
+
+#endif

@@ -1,0 +1,382 @@
+/* Walking the rays of a tile through the bricks, from one step that has to be read to the next.
+   Samples stay where the march puts them; those in bricks without density are jumped over.
+
+   Rays of a tile are close together: if at both ends of the walk they lie within one or two voxels of each other,
+   they do so in between, and the tile moves as one: a box around its samples says, in a few scalar operations, in
+   which window of two to four voxels along each axis all of them lie. Otherwise every lane looks for itself.
+   Requires: what grid.h does. */
+#ifndef TFM_WALK_H
+#define TFM_WALK_H
+
+#include "body/grid.h"
+#include "core/sampling.h"
+
+/* Added to a tile's box, voxels. */
+#define TFM_ROUNDING 0.01f
+
+/* A tile moves as one through one grid; through several every lane looks for itself. */
+#define SHARES_WINDOWS (TFM_LANES > 1 && TFM_GRIDS == 1)
+
+typedef struct {
+  GridRay ray;
+  Floats begin;      /* ray parameter of the walk's begin */
+  Floats length;
+  Floats step;       /* length of a step, where they are equal */
+  Warp warp;
+  int warped;        /* 0: steps of equal length */
+  Ints steps;        /* of each ray */
+  int most;          /* steps of the longest */
+  Vec3 inverse[TFM_GRIDS]; /* 1 / direction */
+#if TFM_GRIDS > 1
+  Interval within[TFM_GRIDS]; /* each grid's bounds */
+#endif
+  Floats inverse_length;
+#if SHARES_WINDOWS
+  int together; /* the samples of every step lie in at most 3 cells along each axis */
+  /* The box of the samples at a fraction f of the walk: low + f * low_change to high + f * high_change. */
+  float low[3], low_change[3], high[3], high_change[3];
+  float low_inverse[3], high_inverse[3]; /* 1 / change where the box moves down, or up; else 0 */
+  float width; /* of a step, as a part of the walk */
+  /* Ratio of the warp's depths: the fraction of a ray lies between those of the least and the greatest. */
+  float least_ratio, greatest_ratio;
+#endif
+} Walk;
+
+/* Steps are found, read and used in three loops over a few of them at a time: the first one branches as the volume
+   wants it, the others run straight on, so that a CPU works on several steps at once. */
+#if TFM_LANES == 1
+#define MOST_STEPS 1
+#else
+#define MOST_STEPS 8
+#endif
+
+typedef struct {
+  int count;
+  int next;                   /* where to look on */
+  int forced;                 /* the next step is listed whatever it holds */
+  int n[MOST_STEPS];          /* the steps' numbers */
+#if SHARES_WINDOWS
+  Window window[MOST_STEPS];  /* where the tile moves as one */
+#endif
+  /* Where every lane looks for itself. */
+  Vec3 point[MOST_STEPS][TFM_GRIDS];
+  Ints records[MOST_STEPS][TFM_GRIDS];
+} Steps;
+
+/* Where a step's samples lie. */
+typedef struct {
+  Floats t;      /* ray parameter of the middle */
+  Floats length; /* in ray parameters */
+} Place;
+
+TFM_INLINE float fraction_of(float s, float ratio)
+{
+  return s * ratio / (s * ratio + (1.0f - s));
+}
+
+TFM_INLINE float part_of_fraction(float f, float ratio)
+{
+  return f / (f + (1.0f - f) * ratio);
+}
+
+TFM_INLINE float larger(float a, float b)
+{
+  return a > b ? a : b;
+}
+
+TFM_INLINE float smaller(float a, float b)
+{
+  return a < b ? a : b;
+}
+
+/* The rays that are active, each from begin to begin + length in its own number of steps. */
+TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, Floats length, Warp warp, int warped, Ints steps, Ints active)
+{
+  Walk walk;
+  walk.ray = *ray;
+  walk.begin = active ? begin : floats(0.0f);
+  walk.length = active ? length : floats(0.0f);
+  walk.warp = warp;
+  walk.warped = warped;
+  walk.steps = active ? steps : ints(0);
+  walk.most = -least_int(-walk.steps);
+  walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
+  for (int i = 0; i < TFM_GRIDS; ++i) {
+    const Vec3 direction = ray->of[i].direction;
+    walk.inverse[i] = vec3(inverse_of(direction.x), inverse_of(direction.y), inverse_of(direction.z));
+#if TFM_GRIDS > 1
+    walk.within[i].begin = floats(-INFINITY);
+    walk.within[i].end = floats(INFINITY);
+    const Ints meets = box_clip(ray->of[i], grid->of[i].upper, &walk.within[i]);
+    walk.within[i].begin = meets ? walk.within[i].begin : floats(INFINITY);
+#else
+    (void)grid;
+#endif
+  }
+  walk.inverse_length = inverse_of(length);
+#if SHARES_WINDOWS
+  /* A ray of fewer steps goes on beyond its end, where the caller leaves it out. */
+  const Floats whole = warped ? walk.length : walk.step * (float)walk.most;
+  const Vec3 first = ray_at(ray->of[0], walk.begin);
+  const Vec3 last = ray_at(ray->of[0], walk.begin + whole);
+  const Floats none = floats(INFINITY);
+  const Floats firsts[3] = {first.x, first.y, first.z}, lasts[3] = {last.x, last.y, last.z};
+  float spread = 0.0f, extent = 0.0f;
+#pragma unroll
+  for (int axis = 0; axis < 3; ++axis) {
+    const float low = least_float(active ? firsts[axis] : none) - TFM_ROUNDING;
+    const float high = greatest_float(active ? firsts[axis] : -none) + TFM_ROUNDING;
+    const float last_low = least_float(active ? lasts[axis] : none) - TFM_ROUNDING;
+    const float last_high = greatest_float(active ? lasts[axis] : -none) + TFM_ROUNDING;
+    walk.low[axis] = low;
+    walk.high[axis] = high;
+    walk.low_change[axis] = last_low - low;
+    walk.high_change[axis] = last_high - high;
+    walk.low_inverse[axis] = last_low < low ? 1.0f / (last_low - low) : 0.0f;
+    walk.high_inverse[axis] = last_high > high ? 1.0f / (last_high - high) : 0.0f;
+    spread = larger(spread, larger(high - low, last_high - last_low));
+    extent = larger(extent, larger(larger(last_high - low, high - last_low), 0.0f));
+  }
+  walk.least_ratio = walk.greatest_ratio = 1.0f;
+  if (warped) {
+    const Floats ratio = warp.begin / warp.end;
+    walk.least_ratio = least_float(active ? ratio : none);
+    walk.greatest_ratio = greatest_float(active ? ratio : -none);
+    /* Fractions of two rays differ by at most (sqrt(q) - 1) / (sqrt(q) + 1) < (q - 1) / 4 for ratios q apart. */
+    spread += extent * 0.25f * (walk.greatest_ratio / walk.least_ratio - 1.0f);
+  }
+  walk.together = spread < (float)(MOST_SHARED - 1);
+  walk.width = 1.0f / (float)walk.most;
+#endif
+  return walk;
+}
+
+TFM_INLINE Place place_of(const Walk *walk, int n)
+{
+  Place place;
+  if (walk->warped) {
+    const WarpedStep warped = warped_step(walk->warp, n, walk->most);
+    place.t = walk->begin + walk->length * warped.middle;
+    place.length = walk->length * warped.length;
+  } else {
+    place.length = walk->step;
+    place.t = walk->begin + ((float)n + 0.5f) * walk->step;
+  }
+  return place;
+}
+
+/* In the grid, whatever the rounding: NaN and what lies outside come to its border. */
+TFM_INLINE Vec3 point_in_grid(const Extent *extent, Vec3 point)
+{
+  return vec3(clamp_to(point.x, extent->upper[0]), clamp_to(point.y, extent->upper[1]),
+              clamp_to(point.z, extent->upper[2]));
+}
+
+/* The step after n at which some lane comes near a brick with density, from the position, in steps, that all
+   lanes' samples are known to be empty before. Positions are rounded: a step up to a thousandth before it is kept. */
+TFM_INLINE int step_at(float position, int n, int most)
+{
+  const float bounded = smaller(larger(position - 0.501f, (float)n), (float)most);
+  const int down = (int)bounded;
+  const int next = (float)down < bounded ? down + 1 : down;
+  return next > n ? next : n + 1;
+}
+
+#if SHARES_WINDOWS
+TFM_INLINE int clamped_cell(float x, float upper)
+{
+  x = x > 0.0f ? x : 0.0f;
+  return (int)(x < upper ? x : upper);
+}
+
+/* The tile as one. after: also list the step after one that is read. */
+TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int after, Steps *steps)
+{
+  const Extent *extent = &grid->of[0];
+  int n = steps->next, count = 0, force = steps->forced;
+  while (n < walk->most && count < MOST_STEPS) {
+    const float s = ((float)n + 0.5f) * walk->width;
+    const float f = walk->warped ? fraction_of(s, walk->least_ratio) : s;
+    const float g = walk->warped ? fraction_of(s, walk->greatest_ratio) : s;
+    Window *window = &steps->window[count];
+    int brick[3];
+#pragma unroll
+    for (int axis = 0; axis < 3; ++axis) {
+      const float low = smaller(walk->low[axis] + f * walk->low_change[axis], walk->low[axis] + g * walk->low_change[axis]);
+      const int cell = clamped_cell(low, extent->upper[axis]);
+      window->corner[axis] = cell;
+      brick[axis] = cell >> BRICK_SHIFT;
+    }
+    const int record = extent->bricks[BRICK_AT(extent, brick[0], brick[1], brick[2])];
+    if (force | (record > 0) | !grid->skip) {
+#pragma unroll
+      for (int axis = 0; axis < 3; ++axis) {
+        const float high =
+            larger(walk->high[axis] + f * walk->high_change[axis], walk->high[axis] + g * walk->high_change[axis]);
+        window->voxels[axis] = clamped_cell(high, extent->upper[axis]) - window->corner[axis] + 2;
+      }
+      steps->n[count] = n;
+      window->record = record > 0 ? record : 0;
+      force = after & (record > 0);
+      ++count;
+      ++n;
+      continue;
+    }
+    /* Until the box leaves the cube of bricks around its corner's that are known to be empty, and the cells beyond
+       that they answer for. */
+    float until[3];
+#pragma unroll
+    for (int axis = 0; axis < 3; ++axis) {
+      const float below = (float)((brick[axis] + record + 1) * BRICK_EDGE);
+      const float above = (float)((brick[axis] - record) * BRICK_EDGE + MOST_SHARED - 1);
+      const float down = walk->low_inverse[axis] != 0.0f ? (below - walk->low[axis]) * walk->low_inverse[axis] : 1.0f;
+      const float up = walk->high_inverse[axis] != 0.0f ? (above - walk->high[axis]) * walk->high_inverse[axis] : 1.0f;
+      until[axis] = smaller(down, up);
+    }
+    const float fraction = larger(smaller(smaller(until[0], until[1]), smaller(until[2], 1.0f)), 0.0f);
+    const float part = walk->warped ? part_of_fraction(fraction, walk->greatest_ratio) : fraction;
+    n = step_at((float)walk->most * part, n, walk->most);
+  }
+  steps->next = n;
+  steps->forced = force;
+  steps->count = count;
+}
+#endif
+
+TFM_INLINE Steps no_steps(void)
+{
+  Steps steps;
+  steps.count = steps.next = steps.forced = 0;
+  return steps;
+}
+
+TFM_INLINE Floats empty_until(Ints brick, Ints record, Floats origin, Floats inverse)
+{
+  const Ints above = (brick - record) * BRICK_EDGE + (MOST_SHARED - 1);
+  const Ints below = (brick + 1 + record) * BRICK_EDGE;
+  return (TO_FLOATS(inverse > 0.0f ? above : below) - origin) * inverse;
+}
+
+/* What a grid's table says of the bricks at each lane's point. */
+TFM_INLINE Ints records_at(const Extent *extent, Vec3 point)
+{
+  return gather_ints(extent->bricks, BRICK_AT(extent, TO_INTS(point.x) >> BRICK_SHIFT,
+                                              TO_INTS(point.y) >> BRICK_SHIFT, TO_INTS(point.z) >> BRICK_SHIFT));
+}
+
+/* Every lane for itself. */
+TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive, int after, Steps *steps)
+{
+  int n = steps->next, count = 0, force = steps->forced;
+  while (n < walk->most && count < MOST_STEPS) {
+    const Floats t = place_of(walk, n).t;
+    const Ints here = alive & (n < walk->steps);
+    int read = 0;
+    for (int i = 0; i < TFM_GRIDS; ++i) {
+      const Vec3 point = point_in_grid(&grid->of[i], ray_at(walk->ray.of[i], t));
+      Ints records = records_at(&grid->of[i], point);
+#if TFM_GRIDS > 1
+      const Ints within = (t >= walk->within[i].begin) & (t <= walk->within[i].end);
+      records = within ? records : ints(0);
+#endif
+      read |= any_lane(here & (records > 0));
+      steps->point[count][i] = point;
+      steps->records[count][i] = records;
+    }
+    if (force | read | !grid->skip) {
+      steps->n[count] = n;
+      force = after & read;
+      ++count;
+      ++n;
+      continue;
+    }
+    Floats nearest = floats(INFINITY);
+    for (int i = 0; i < TFM_GRIDS; ++i) {
+      const Vec3 point = steps->point[count][i], origin = walk->ray.of[i].origin, inverse = walk->inverse[i];
+      const Ints records = steps->records[count][i];
+      const Floats x = empty_until(TO_INTS(point.x) >> BRICK_SHIFT, records, origin.x, inverse.x);
+      const Floats y = empty_until(TO_INTS(point.y) >> BRICK_SHIFT, records, origin.y, inverse.y);
+      const Floats z = empty_until(TO_INTS(point.z) >> BRICK_SHIFT, records, origin.z, inverse.z);
+      Floats until = least(least(x, y), z);
+#if TFM_GRIDS > 1
+      until = t < walk->within[i].begin ? walk->within[i].begin : t > walk->within[i].end ? floats(INFINITY) : until;
+#endif
+      nearest = least(nearest, until);
+    }
+    const Floats fraction = clamp_to((nearest - walk->begin) * walk->inverse_length, 1.0f);
+    const Floats part = walk->warped ? unwarp_fraction(walk->warp, fraction) : fraction;
+    n = step_at(least_float(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most);
+  }
+  steps->next = n;
+  steps->forced = force;
+  steps->count = count;
+}
+
+/* List the next steps in which one of the lanes alive may find density; 0 at the walk's end. Begin with no_steps().
+   after: also list the step after each of them. */
+TFM_INLINE int find_steps(const Grids *grid, const Walk *walk, Ints alive, int after, Steps *steps)
+{
+#if SHARES_WINDOWS
+  if (walk->together)
+    find_steps_together(grid, walk, after, steps);
+  else
+#endif
+    find_steps_apart(grid, walk, alive, after, steps);
+  return steps->count;
+}
+
+/* Density D, of each medium, at the k-th of the steps, whose middle is at t; any number in lanes that are not alive, and
+   those whose ray has no such step. samples: counts the densities read. */
+TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps *steps, int k, Floats t, Ints *samples)
+{
+  const Ints here = steps->n[k] < walk->steps;
+  Amounts density = no_amounts();
+#if SHARES_WINDOWS
+  if (walk->together) {
+    if (steps->window[k].record > 0 || !grid->skip)
+      *samples += here ? ints(1) : ints(0);
+    if (steps->window[k].record == 0)
+      return density;
+    const Vec3 point = ray_at(walk->ray.of[0], t);
+    for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
+      if (COUNTS_CHANNEL(grid->of[0], c))
+        density.of[TFM_MEDIUM_OF_GRID(0)][AMOUNT_OF(c)] += density_together(grid, &steps->window[k], point, c);
+    return density;
+  }
+#endif
+  for (int i = 0; i < TFM_GRIDS; ++i) {
+    const Ints records = steps->records[k][i];
+    /* A mask's lanes are -1. */
+    *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
+    for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
+      if (COUNTS_CHANNEL(grid->of[i], c))
+        density.of[TFM_MEDIUM_OF_GRID(i)][AMOUNT_OF(c)] += density_apart(grid, i, records, steps->point[k][i], c);
+  }
+  return density;
+}
+
+/* Optical depth of the density (sigma_t = 1), of each medium, from begin to end, by the midpoint rule in `steps` steps,
+   of the rays that are active; 0 in the others. scale: length of one unit of the ray's parameter. samples: counts the
+   densities read. */
+TFM_INLINE Amounts march_amounts(const Grids *grid, const GridRay *ray, Floats begin, Floats end, int steps, Floats scale,
+                                 Ints active, Ints *samples)
+{
+  const Walk walk = walk_from(grid, ray, begin, end - begin, no_warp(), 0, ints(steps), active);
+  Amounts sum = no_amounts();
+  Ints read = ints(0);
+  Steps list = no_steps();
+  while (find_steps(grid, &walk, active, 0, &list))
+    for (int k = 0; k < list.count; ++k) {
+      const Amounts density = densities_at(grid, &walk, &list, k, place_of(&walk, list.n[k]).t, &read);
+      for (int m = 0; m < TFM_MEDIA; ++m)
+        for (int c = 0; c < TFM_AMOUNTS; ++c)
+          sum.of[m][c] += density.of[m][c];
+    }
+  *samples += active ? read : ints(0);
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    for (int c = 0; c < TFM_AMOUNTS; ++c)
+      sum.of[m][c] = active ? scale * least(sum.of[m][c] * walk.step, floats(TFM_MAX_OPTICAL_DEPTH)) : floats(0.0f);
+  return sum;
+}
+
+#endif

@@ -1,0 +1,169 @@
+/* The reduced intensity (TFM eq. 3): what is left of a light at a point after solids and media, from the maps or, with
+   TFM_METHOD_DUAL, by marching to the light: the reference.
+   Includes expected before: a basis and a light header.
+   Requires: what they, map/lookup.h, shadow.h, walk.h and homogeneous.h do; TFM_METHOD_DUAL 0 or 1; TFM_TEXTURE 0 or 1;
+   TFM_FIELDS, the fields that every light has a map of, 0 without grids; TFM_SHOW_RESIDUAL, 1 where the maps hold their
+   own errors, to be seen instead. */
+#ifndef TFM_REDUCED_INTENSITY_H
+#define TFM_REDUCED_INTENSITY_H
+
+#include "light/shadow.h"
+#include "view/camera_ray.h"
+#if TFM_TEXTURE
+#include "core/texture.h"
+#endif
+
+#ifndef TFM_METHOD_DUAL
+#error "TFM_METHOD_DUAL must be 0 or 1"
+#endif
+#ifndef TFM_SHOW_RESIDUAL
+#define TFM_SHOW_RESIDUAL 0
+#endif
+#define READS_MAPS (TFM_FIELDS && !TFM_METHOD_DUAL)
+#if READS_MAPS
+#include "map/lookup.h"
+#endif
+
+/* What kernels take to find it. shadow: distances of solids; texture: RGB, what the light's intensity is multiplied
+   by. Neither is read without TFM_SHADOW, TFM_TEXTURE. */
+#if READS_MAPS
+#define LIGHT_ARGUMENTS MAP_ARGUMENTS, __global const float *shadow, __global const float4 *texture
+#define LIGHT_BUFFERS(buffers) const LightBuffers buffers = {MAP_BUFFERS, shadow, texture}
+#else
+#define LIGHT_ARGUMENTS __global const float *shadow, __global const float4 *texture
+#define LIGHT_BUFFERS(buffers) const LightBuffers buffers = {shadow, texture}
+#endif
+
+typedef struct {
+#if READS_MAPS
+  Maps maps;
+#endif
+  __global const float *shadow;
+  __global const float4 *texture;
+} LightBuffers;
+
+/* The media, as what finds them between a light and a point needs them. */
+typedef struct {
+  VIEW view;
+  MEDIUM media;
+  BODY bodies;
+  GRID grids;
+#if TFM_GRIDS
+  const Grids *padded;
+#endif
+} Scene;
+
+/* Where the optical depths between the light and a point are to be found. */
+typedef struct {
+#if READS_MAPS
+  MapPlace place[TFM_FIELDS];
+#else
+  Vec3 point;
+  Floats distance;
+#endif
+#if TFM_BODIES
+  Amounts bodies; /* of constant density, on the light's way */
+#endif
+} LightPath;
+
+/* inside: bits of the bodies that light and point lie in. */
+TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuffers *buffers, Vec3 point,
+                                LightSample sample, int inside)
+{
+  LightPath path;
+#if READS_MAPS
+  for (int k = 0; k < TFM_FIELDS; ++k)
+    path.place[k] = map_place(scene->grids, light, &buffers->maps, buffers->maps.of + light->first_map + k, point, sample);
+#else
+  (void)buffers;
+  path.point = point;
+  path.distance = sample.distance;
+#endif
+#if TFM_BODIES
+  path.bodies = no_amounts();
+  add_bodies_to_light(scene->bodies, light_ray_to(light, point), sample.distance, inside & light->inside_bodies, &path.bodies);
+#else
+  (void)scene;
+  (void)inside;
+#endif
+  return path;
+}
+
+/* Optical depths between the light and a point, of each colour, in lanes that are wanted.
+   samples: counts the densities read. */
+TFM_INLINE void light_optical_depths(const Scene *scene, LIGHT light, const LightBuffers *buffers, const LightPath *path,
+                                     Ints wanted, Ints *samples, Floats *depth)
+{
+#if TFM_FIELDS && TFM_METHOD_DUAL
+  (void)buffers;
+  const GridRay ray = index_ray(scene->grids, light_ray_to(light, path->point));
+  Interval k;
+  const Ints lit = wanted & light_medium_interval(scene->grids, &ray, &k) & (k.begin < 1.0f);
+  const Amounts met = march_amounts(scene->padded, &ray, k.begin, least(k.end, floats(1.0f)), scene->view->light_steps,
+                                    path->distance, lit, samples);
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    depth[c] = extinguished(scene->media, &met, c);
+#elif TFM_FIELDS
+  (void)wanted;
+  (void)samples;
+  Floats of_field[TFM_FIELDS];
+  for (int k = 0; k < TFM_FIELDS; ++k)
+    of_field[k] = map_optical_depth(&buffers->maps, buffers->maps.of + light->first_map + k, path->place[k]);
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    __global const float *extinction = scene->view->rgb_from_field + 3 * c;
+#if TFM_SHOW_RESIDUAL
+    /* Their mean, by what each field extinguishes. */
+    float all = 0.0f;
+    for (int k = 0; k < TFM_FIELDS; ++k)
+      all += extinction[k];
+    depth[c] = floats(0.0f);
+    for (int k = 0; k < TFM_FIELDS; ++k)
+      depth[c] += (all > 0.0f ? extinction[k] / all : 1.0f / TFM_FIELDS) * of_field[k];
+#else
+    depth[c] = extinction[0] * of_field[0];
+    for (int k = 1; k < TFM_FIELDS; ++k)
+      depth[c] += extinction[k] * of_field[k];
+#endif
+  }
+#else
+  (void)light;
+  (void)buffers;
+  (void)wanted;
+  (void)samples;
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    depth[c] = floats(0.0f);
+#endif
+#if TFM_BODIES && !TFM_SHOW_RESIDUAL
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    depth[c] += least(extinguished(scene->media, &path->bodies, c), floats(TFM_MAX_OPTICAL_DEPTH));
+#else
+  (void)scene;
+  (void)path;
+#endif
+}
+
+/* What is left of the light after such a depth. */
+TFM_INLINE Floats reduced(Floats depth)
+{
+#if TFM_SHOW_RESIDUAL
+  return depth; /* which is the residual itself */
+#else
+  return transmittance_of(depth);
+#endif
+}
+
+/* What the light's texture multiplies its intensity by. */
+TFM_INLINE void light_tint(LIGHT light, const LightBuffers *buffers, LightSample sample, Floats *tint)
+{
+#if TFM_TEXTURE
+  texture_at(buffers->texture + light->first_texel, light->texture_size[0], light->texture_size[1], sample.texture_u,
+             sample.texture_v, tint);
+#else
+  (void)light;
+  (void)buffers;
+  (void)sample;
+  tint[0] = tint[1] = tint[2] = floats(1.0f);
+#endif
+}
+
+#endif

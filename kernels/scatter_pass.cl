@@ -1,0 +1,63 @@
+/* Scatter pass: what the media scatter towards the camera of any number of lights of one kind.
+   Includes expected before: a basis and a light header, those of the phase functions and of the bodies' kinds.
+   Requires: what scatter.h does. */
+#include "view/scatter.h"
+
+/* radiance       adds single scattering, RGB
+   light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
+   samples        adds the densities read, and the samples taken in closed form
+   transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0: lights that share the samples of
+                  the camera's rays do that pass's work with theirs
+   solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
+   window         x0, y0, x1, y1 of the pixels of this launch */
+__kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                           __global const int *starts, __global const int *touching, __global const float4 *solid,
+                           __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
+                           __global float4 *light_seen, __global uint *samples, int sees_camera, int4 blocks, int4 window)
+{
+  const Pixels pixels = tile_pixels(view, window);
+  LIGHT_BUFFERS(buffers);
+  const Lights here = lights_of_block(lights, starts, touching, blocks, window, &buffers);
+  if (!any_lane(pixels.wanted) || (here.count == 0 && !sees_camera))
+    return;
+  const Ray ray = camera_rays(view, pixels);
+  Interval seen = {floats(0.0f), floats(INFINITY)};
+#if TFM_SHADOW
+  seen.end = solid_distance(view, solid, pixels);
+#else
+  (void)solid;
+#endif
+  const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
+#if TFM_GRIDS
+  PADDED_GRIDS(padded);
+#if TFM_BODIES
+  padded.skip = 0; /* every step has something */
+#endif
+  const Scene scene = {view, media, bodies, grids, &padded};
+#else
+  const Scene scene = {view, media, bodies, grids};
+#endif
+  LightSums sums = light_sums_begin();
+#if TFM_SHARED && TFM_BODIES == 0
+  CameraSums camera = camera_sums_begin(media, on_ray.meets);
+  scatter_lights(&scene, &here, ray, &on_ray, &sums, sees_camera ? &camera : 0);
+  if (sees_camera)
+    camera_sums_store(view, media, &camera, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
+#else
+  (void)albedo;
+  (void)transmittance;
+#if TFM_SHARED
+  scatter_lights(&scene, &here, ray, &on_ray, &sums, 0);
+#else
+  for (int k = 0; k < here.count; ++k) {
+    const Lights one = {lights, here.numbers + k, 1, &buffers};
+    scatter_lights(&scene, &one, ray, &on_ray, &sums, 0);
+  }
+#endif
+#endif
+  const Ints index = pixel_index(view, pixels);
+  add_float4(radiance, index, pixels.wanted, sums.colour[0], sums.colour[1], sums.colour[2], floats(0.0f));
+  add_float4(light_seen, index, pixels.wanted, sums.seen[0], sums.seen[TFM_CHANNELS == 3 ? 1 : 0],
+             sums.seen[TFM_CHANNELS == 3 ? 2 : 0], sums.seen_opacity);
+  add_counts(samples, index, pixels.wanted, sums.samples);
+}

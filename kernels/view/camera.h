@@ -1,0 +1,56 @@
+/* The pinhole camera and the pixels it renders. */
+#ifndef TFM_CAMERA_H
+#define TFM_CAMERA_H
+
+#include "core/ray.h"
+#include "core/store.h"
+
+/* One pixel a lane: a tile of the frame. Tiles are cut from the frame's corner, whatever is rendered of it, and all
+   their pixels are marched: a crop shows what the whole frame would, to the last bit. */
+typedef struct {
+  Ints x, y;
+  Ints inside; /* the frame */
+  Ints wanted; /* by the launch */
+} Pixels;
+
+/* The tile of this work-item; launches cover the crop in windows x0, y0, x1, y1. */
+TFM_INLINE Pixels tile_pixels(VIEW view, int4 window)
+{
+  Pixels pixels;
+  pixels.x = window.x / TILE_WIDTH * TILE_WIDTH + (int)get_global_id(0) * TILE_WIDTH + LANE_X;
+  pixels.y = window.y / TILE_HEIGHT * TILE_HEIGHT + (int)get_global_id(1) * TILE_HEIGHT + LANE_Y;
+  pixels.inside = (pixels.x < view->image_size[0]) & (pixels.y < view->image_size[1]);
+  pixels.wanted = (pixels.x >= window.x) & (pixels.y >= window.y) & (pixels.x < window.z) & (pixels.y < window.w);
+  return pixels;
+}
+
+/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
+TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
+{
+  const Floats x = 2.0f * (TO_FLOATS(pixels.x) + 0.5f) / (float)view->image_size[0] - 1.0f;
+  const Floats y = 1.0f - 2.0f * (TO_FLOATS(pixels.y) + 0.5f) / (float)view->image_size[1];
+  const Vec3 forward = uniform_vec3(view->forward);
+  const Vec3 right = uniform_vec3(view->right);
+  const Vec3 up = uniform_vec3(view->up);
+  Ray ray;
+  ray.origin = uniform_vec3(view->position);
+  ray.direction = unit3(vec3(forward.x + x * right.x + y * up.x, forward.y + x * right.y + y * up.y,
+                             forward.z + x * right.z + y * up.z));
+  return ray;
+}
+
+/* Positions in buffers that hold the crop, of the pixels that are wanted. */
+TFM_INLINE Ints pixel_index(VIEW view, Pixels pixels)
+{
+  return (pixels.y - view->crop[1]) * (view->crop[2] - view->crop[0]) + (pixels.x - view->crop[0]);
+}
+
+/* Distances of the solids that the pixels show: the fourth number of what the crop's buffer holds. */
+TFM_INLINE Floats solid_distance(VIEW view, __global const float4 *solid, Pixels pixels)
+{
+  Floats shown[4];
+  load_float4(solid, pixel_index(view, pixels), pixels.wanted & pixels.inside, INFINITY, shown);
+  return shown[3];
+}
+
+#endif

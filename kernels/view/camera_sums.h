@@ -1,0 +1,108 @@
+/* What the camera sees of the media whatever the lights: transmittance, depth, and ambient light.
+   Requires: what camera_ray.h does; TFM_SHADOW, 0 without solids. */
+#ifndef TFM_CAMERA_SUMS_H
+#define TFM_CAMERA_SUMS_H
+
+#include "view/camera.h"
+#include "view/camera_ray.h"
+
+typedef struct {
+  CameraRay ray;
+  Amounts total;        /* of the whole ray */
+  Floats distance_sum;  /* of the distances, weighed by opacity */
+  Floats opacity_sum;   /* mean over the colours */
+#if TFM_MEDIA > 1
+  Floats scattered[3];  /* opacity times albedo, RGB */
+#endif
+  Ints samples;         /* densities read */
+} CameraSums;
+
+TFM_INLINE CameraSums camera_sums_begin(MEDIUM media, Ints active)
+{
+  CameraSums sums;
+  sums.ray = camera_ray_begin(media, active);
+  sums.total = no_amounts();
+  sums.distance_sum = sums.opacity_sum = floats(0.0f);
+#if TFM_MEDIA > 1
+  for (int c = 0; c < 3; ++c)
+    sums.scattered[c] = floats(0.0f);
+#endif
+  sums.samples = ints(0);
+  return sums;
+}
+
+/* The part of what a step extinguishes that it scatters. */
+TFM_INLINE Floats albedo_of(MEDIUM media, const Amounts *step, int colour)
+{
+  Floats scattered = floats(0.0f);
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)];
+  const Floats extinct = extinguished(media, step, colour);
+  return extinct > 0.0f ? scattered / extinct : floats(0.0f);
+}
+
+/* A step at distance t took its opacity, of mean `weight`, from the ray. */
+TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *step, Floats t, const Floats *opacity,
+                                 Floats weight)
+{
+  add_amounts(&sums->total, step);
+  sums->distance_sum += weight * t;
+  sums->opacity_sum += weight;
+#if TFM_MEDIA > 1
+  for (int c = 0; c < 3; ++c)
+    sums->scattered[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * albedo_of(media, step, c);
+#else
+  (void)media;
+  (void)opacity;
+#endif
+}
+
+/* Eq. 7, the ambient light that arrives scattered or reflected, and what is left of the view.
+   transmittance  out: RGB of the whole camera ray, and the opacity-weighted mean distance (0 without a medium)
+   radiance       adds the ambient light
+   samples        adds the densities read
+   albedo         of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
+TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Pixels pixels,
+                                  __global const float4 *albedo, __global float4 *transmittance,
+                                  __global float4 *radiance, __global uint *samples)
+{
+  const Ints index = pixel_index(view, pixels);
+#if TFM_GRIDS
+  /* What the cutoff leaves of a march counts as nothing. */
+  const Ints gone = meets & !is_visible(view, &sums->ray);
+#else
+  const Ints gone = ints(0);
+  (void)meets;
+#endif
+  Floats through[3], colour[3];
+  for (int c = 0; c < 3; ++c) {
+    const Floats total = extinguished(media, &sums->total, c);
+    through[c] = transmittance_of((gone & (total > 0.0f)) ? floats(TFM_MAX_OPTICAL_DEPTH) : total);
+  }
+  const Floats depth = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
+  store_float4(transmittance, index, pixels.wanted, through[0], through[1], through[2], depth);
+  add_counts(samples, index, pixels.wanted, sums->samples);
+  if (view->ambient[0] + view->ambient[1] + view->ambient[2] <= 0.0f)
+    return;
+#if TFM_SHADOW
+  Floats reflects[4];
+  load_float4(albedo, index, pixels.wanted & pixels.inside, 0.0f, reflects);
+#else
+  (void)albedo;
+#endif
+  for (int c = 0; c < 3; ++c) {
+#if TFM_MEDIA > 1
+    colour[c] = sums->scattered[c];
+#else
+    /* The albedo is the same everywhere, so that the integral of sigma_s T along a march is this too. */
+    colour[c] = media->albedo[c] * (1.0f - through[c]);
+#endif
+#if TFM_SHADOW
+    colour[c] += through[c] * reflects[c];
+#endif
+    colour[c] *= view->ambient[c];
+  }
+  add_float4(radiance, index, pixels.wanted, colour[0], colour[1], colour[2], floats(0.0f));
+}
+
+#endif

@@ -1,0 +1,47 @@
+"""Numbers that host and kernels share, each declared once; the kernels' macros are made from them."""
+
+from __future__ import annotations
+
+BRICK_SHIFT = 2
+BRICK_EDGE = 1 << BRICK_SHIFT
+"""Cells along an edge of a brick, the unit in which marches skip what is empty."""
+BLOCK_BRICKS = 2
+"""Bricks along an edge of a block, the unit of storage."""
+MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
+"""Lanes -> cells along an axis within which a tile's lanes share what they read."""
+MARCH_LEVELS = 8
+"""Numbers of steps that a light ray may take: an eighth, two eighths ... of the longest range's."""
+CURVE_CELLS = 64
+"""Cells of the curves of optical depth along light rays that data-driven bases learn from."""
+TABULATED_CELLS = 64
+"""Cells of functions that are known by their values."""
+NUMBERS_UNIT = 16
+"""Coefficients of a map begin at a multiple of it in their buffer: large buffers are beyond an int."""
+TARGETS = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
+"""What a basis approximates -> its number in the kernels, ``TARGET_TRANSMITTANCE`` and so on."""
+RIDGE = 1e-6
+"""Added to the diagonal of normal equations, as a part of its mean: float32 solves what is left."""
+EDGE_MARGIN = 1e-3
+"""Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
+meets no medium."""
+
+
+def c_definitions() -> str:
+    """Return all as OpenCL C macros."""
+    macros = {
+        "BRICK_SHIFT": BRICK_SHIFT,
+        "BRICK_EDGE": BRICK_EDGE,
+        "BLOCK_EDGE": BLOCK_BRICKS * BRICK_EDGE,
+        "MARCH_LEVELS": MARCH_LEVELS,
+        "CURVE_CELLS": CURVE_CELLS,
+        "TABULATED_CELLS": TABULATED_CELLS,
+        "NUMBERS_UNIT": NUMBERS_UNIT,
+        "TFM_RIDGE": f"{RIDGE}f",
+        "EDGE_MARGIN": f"{EDGE_MARGIN}f",
+        **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
+    }
+    lines = [f"#define {name} {value}" for name, value in macros.items()]
+    shared = [
+        f"#if TFM_LANES == {lanes}\n#define MOST_SHARED {n}\n#endif" for lanes, n in MOST_SHARED.items()
+    ]
+    return "\n".join([*lines, *shared])

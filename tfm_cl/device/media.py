@@ -1,0 +1,141 @@
+"""A scene's media on the device: what kernels that meet them are told, and how they are compiled for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfm_cl.device.bricks import ONE_FIELD
+from tfm_cl.device.structs.bodies import body_structs, grid_structs
+from tfm_cl.device.structs.medium import medium_structs
+from tfm_cl.scene.bodies import SHAPES
+from tfm_cl.scene.fields import fields_of
+from tfm_cl.scene.phases import PHASES
+
+if TYPE_CHECKING:
+    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.scene.fields import Fields
+    from tfm_cl.scene.medium import Medium
+    from tfm_cl.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class FieldOnDevice:
+    """One scalar field of density, which light passes march."""
+
+    index: int
+    extinction: float
+    """At density 1, of the colour that sees deepest into it: what visibility is meant for."""
+    strongest: float
+    """At density 1, of the colour that sees least far."""
+    voxels: str
+    """Type of the voxels in memory."""
+    defines: dict[str, int | str]
+    arguments: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class MediaOnDevice:
+    """All bodies of a scene, as camera rays meet them."""
+
+    fields: Fields
+    bricks: BrickGrid | None
+    """None without grids."""
+    headers: tuple[str, ...]
+    """Of the kinds of phase functions and of bodies."""
+    defines: dict[str, int | str]
+    """Macros, but for ``TFM_CHANNELS``."""
+    arguments: dict[str, Any]
+    of_fields: tuple[FieldOnDevice, ...]
+    is_grey: bool
+    """Whether all three colours are extinguished alike, and scattered in one proportion everywhere."""
+
+    def channels(self, *, textured: bool) -> dict[str, int]:
+        """Return the macro that says how many colours are marched."""
+        return {"TFM_CHANNELS": 1 if self.is_grey and not textured else 3}
+
+
+def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) -> MediaOnDevice:
+    """Put media and bodies on the device.
+
+    Parameters
+    ----------
+    scene
+        What to render; only its bodies, their media, and ``march.skip_empty`` matter.
+    bricks
+        The voxels of its grids; None where it has none.
+    """
+    fields, media = fields_of(scene), list(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
+    grids, bodies = scene.grids, scene.homogeneous
+    channels = 1 if bricks is None else bricks.channels
+    of_grids = {} if bricks is None else bricks.arguments
+    of_bricks: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1}
+    if bricks is not None:
+        of_bricks = {**bricks.defines}
+    phases = list(dict.fromkeys(type(medium.phase) for medium in media))
+    kinds = [kind for kind in SHAPES.values() if any(isinstance(body, kind) for body in bodies)]
+    numbers = list(PHASES.values())
+    of_fields = tuple(
+        FieldOnDevice(
+            index=k,
+            extinction=float(fields.extinctions[k]),
+            strongest=float(fields.rgb_from_field[:, k].max()),
+            voxels="" if bricks is None else bricks.voxels,
+            defines=of_bricks | ONE_FIELD,
+            arguments={
+                "grids": launcher.upload("the grids", grid_structs(scene, bricks, fields.weights[:, :, k])),
+                **of_grids,
+            },
+        )
+        for k in range(fields.count)
+    )
+    return MediaOnDevice(
+        fields=fields,
+        bricks=bricks,
+        headers=(*(phase.HEADER for phase in phases), *(kind.HEADER for kind in kinds)),
+        defines=of_bricks
+        | {
+            "TFM_MEDIA": len(media),
+            "TFM_AMOUNTS": channels,
+            "TFM_BODIES": len(bodies),
+            "TFM_FIELDS": fields.count,
+            "TFM_MEDIUM_OF_GRID(i)": _number_of(grids, scene, media),
+            "TFM_MEDIUM_OF_BODY(i)": _number_of(bodies, scene, media),
+            "TFM_PHASE(medium, mu)": _choice(
+                "(medium)->phase_kind",
+                ((numbers.index(phase), f"{PurePath(phase.HEADER).stem}(medium, mu)") for phase in phases),
+            ),
+            "TFM_BODY_CLIP(body, ray, interval)": _choice(
+                "(body)->kind",
+                (
+                    (kind.KIND, f"{PurePath(kind.HEADER).stem}_body_clip(body, ray, interval)")
+                    for kind in kinds
+                ),
+            ),
+        },
+        arguments={
+            "media": launcher.upload("the media", medium_structs(media)),
+            "bodies": launcher.upload("the bodies", body_structs(scene)),
+            "grids": launcher.upload("the grids", grid_structs(scene, bricks)),
+            **of_grids,
+        },
+        of_fields=of_fields,
+        is_grey=len(media) == 1 and channels == 1 and len(set(np.asarray(media[0].sigma_t).tolist())) == 1,
+    )
+
+
+def _number_of(bodies: Sequence[Any], scene: Scene, media: list[Medium]) -> str:
+    """Return a C expression: the number of body i's medium."""
+    numbers = [media.index(scene.medium_of(body)) for body in bodies]
+    return _choice("(i)", ((i, str(number)) for i, number in enumerate(numbers)))
+
+
+def _choice(by: str, cases: Iterator[tuple[int, str]]) -> str:
+    """Return a C expression that is one of some, by a number; the last one for all others."""
+    *first, last = [*cases] or [(0, "0")]
+    return "(" + "".join(f"{by} == {number} ? {value} : " for number, value in first) + f"{last[1]})"

@@ -1,0 +1,21 @@
+"""What kernels are told: one struct for each owner, declared beside what fills it.
+
+The C text is put in front of every kernel; a test compares the offsets with the compiler's.
+"""
+
+from tfm_cl.constants import c_definitions
+from tfm_cl.device.structs.base import Field, Struct
+from tfm_cl.device.structs.bodies import BODY, GRID
+from tfm_cl.device.structs.light import LIGHT
+from tfm_cl.device.structs.map import MAP
+from tfm_cl.device.structs.medium import MEDIUM
+from tfm_cl.device.structs.view import VIEW
+
+STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP)
+
+__all__ = ["BODY", "GRID", "LIGHT", "MAP", "MEDIUM", "STRUCTS", "VIEW", "Field", "Struct", "c_text"]
+
+
+def c_text() -> str:
+    """Return all structs and shared constants as OpenCL C."""
+    return "\n".join([c_definitions(), *(struct.c_declaration() for struct in STRUCTS)])

@@ -1,0 +1,99 @@
+"""What kernels are told of bodies: those of constant density, and grids."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.structs.base import Field, Struct
+
+if TYPE_CHECKING:
+    from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.scene.scene import Scene
+
+BODY = Struct(
+    "Body",
+    "A body of constant density.",
+    (
+        Field("int", "kind", 1, "number of its kind"),
+        Field("float", "centre", 3, "from the device's origin"),
+        Field("float", "size", 3, "as its kind has it"),
+        Field("float", "density", 1, "inside"),
+    ),
+)
+
+GRID = Struct(
+    "Grid",
+    "A body whose density is a grid's.",
+    (
+        Field("float", "index_from_world", 12, "3x4 row major, to the padded grid: 0 is the zero border"),
+        Field("int", "size", 3, "padded grid x, y, z: one zero voxel on each side"),
+        Field("int", "brick_count", 3, "bricks x, y, z that cover it"),
+        Field("int", "first_brick", 1, "where its bricks begin in the table"),
+        Field(
+            "int", "channel_records", 1, "from the record of a channel to that of the next; 0: one channel"
+        ),
+        Field("float", "density_scale", 3, "density = density_scale * voxel as stored, of each channel"),
+        Field("int", "pool_size", 1, "records in a pool, of all grids"),
+        Field("int", "skip_empty", 1, "1: jump over bricks without density, in all grids"),
+    ),
+)
+
+
+def body_structs(scene: Scene) -> NDArray[Any]:
+    """Return the structs of the bodies of constant density; one of no meaning where there are none."""
+    bodies = scene.homogeneous
+    structs = np.zeros(max(1, len(bodies)), BODY.dtype)
+    origin = world_from_device(scene)[:3, 3]
+    for struct, body in zip(structs, bodies, strict=False):
+        centre, size = body.kernel_shape()
+        struct["kind"], struct["density"] = body.KIND, body.density
+        struct["centre"], struct["size"] = np.subtract(centre, origin) if any(size) else 0, size
+    return structs
+
+
+def grid_structs(
+    scene: Scene, bricks: BrickGrid | None, weights: NDArray[np.float64] | None = None
+) -> NDArray[Any]:
+    """Return the structs of the grids; one of no meaning where there are none.
+
+    Parameters
+    ----------
+    bricks
+        Their voxels on the device; without, no density can be read.
+    weights
+        float [grids, 3]: what densities of each channel are multiplied by, 1 for all by default.
+    """
+    grids = scene.grids
+    structs = np.zeros(max(1, len(grids)), GRID.dtype)
+    moved = world_from_device(scene)
+    first = 0
+    for i, grid in enumerate(grids):
+        struct = structs[i]
+        z, y, x = grid.shape
+        padded_from_device = padded_from_index() @ np.linalg.inv(grid.world_from_index) @ moved
+        struct["index_from_world"] = padded_from_device[:3].ravel()
+        struct["size"] = (x + 2, y + 2, z + 2)
+        struct["skip_empty"] = scene.march.skip_empty
+        if bricks is None:
+            continue
+        struct["pool_size"] = bricks.pool_size
+        struct["brick_count"] = bricks.brick_counts[i]
+        struct["first_brick"] = first
+        exponents = bricks.exponents[i]
+        struct["channel_records"] = int(len(exponents) > 1)
+        scales = grid.density_scale * 2.0 ** np.resize(exponents, 3)
+        struct["density_scale"] = scales if weights is None else scales * weights[i]
+        first += math.prod(bricks.brick_counts[i])
+    return structs
+
+
+def padded_from_index() -> NDArray[np.float64]:
+    """4×4: from voxel indices to the grid with its border of one voxel."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = 1.0
+    return matrix

@@ -1,0 +1,74 @@
+"""What kernels are told of a light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.device.frame import SMALLEST_SIZE, finite_bounds, world_from_device
+from tfm_cl.device.structs.base import Field, Struct
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
+
+LIGHT = Struct(
+    "Light",
+    "A light with one place of its own. World: from the device's origin.",
+    (
+        Field("float", "world_from_light", 12, "3x4 row major, rigid; the light's map looks along +z"),
+        Field("float", "light_from_world", 12, "its inverse"),
+        Field("float", "cone_from_light", 12, "3x4 row major, rotation to where a spot's axis is z"),
+        Field("float", "shape", 4, "parameters of the light's kind"),
+        Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
+        Field("float", "intensity", 3, "RGB"),
+        Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
+        Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
+        Field("int", "first_map", 1, "number of its first field's map"),
+        Field("int", "lit_pixels", 4, "x0, y0, x1, y1 of the pixels that the light may change"),
+        Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
+        Field("int", "shadow_res", 1, "texels along each side of the shadow map"),
+        Field("int", "first_shadow", 1, "where it begins in its buffer"),
+        Field("int", "texture_size", 2, "columns and rows of the light's texture"),
+        Field("int", "first_texel", 1, "where it begins in its buffer"),
+    ),
+)
+
+
+def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
+    """Return the structs, [lights], of fitted lights; what says where a light's other data are is 0."""
+    structs = np.zeros(len(lights), LIGHT.dtype)
+    if not lights:
+        return structs
+    frames = [light.frame() for light in lights]
+    device_from_world = np.linalg.inv(world_from_device(scene))
+    device_from_light = device_from_world @ np.stack([frame.world_from_light for frame in frames])
+    structs["world_from_light"] = device_from_light[:, :3].reshape(-1, 12)
+    structs["light_from_world"] = np.linalg.inv(device_from_light)[:, :3].reshape(-1, 12)
+    for struct, frame in zip(structs, frames, strict=True):
+        struct["shape"][: len(frame.shape)] = frame.shape
+    structs["chart"] = [frame.chart for frame in frames]
+    structs["cone_from_light"] = [_rotation(frame.cone_from_light) for frame in frames]
+    structs["intensity"] = [light.intensity for light in lights]
+    structs["texture_size"] = 1
+    # A sun is in no medium, wherever its map begins.
+    placed = np.array([light.lit_cone() is not None for light in lights])
+    for i, body in enumerate(scene.homogeneous):
+        positions = np.stack([frame.world_from_light[:3, 3] for frame in frames])
+        structs["inside_bodies"] |= (placed & body.contains(positions)).astype(np.int32) << i
+    bounds = finite_bounds(scene)
+    if bounds is None:
+        # Nothing else has a size where the media have none.
+        sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)
+    else:
+        sizes = np.full(len(lights), np.linalg.norm(np.diff(bounds, axis=0)))
+    structs["nearest_inverse"] = 1e6 / np.maximum(sizes, SMALLEST_SIZE)
+    return structs
+
+
+def _rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """3×3 to 3×4 row by row, without a translation."""
+    return np.column_stack([matrix, np.zeros(3)]).ravel()

@@ -1,0 +1,169 @@
+"""Light at a point, were there no solids: what arrives, and what the bodies on its way leave of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import decided
+from tfm_cl.plan import resolution
+from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
+from tfm_cl.reference.geometry import Floats, Interval, Rays
+from tfm_cl.scene.bodies.base import around
+from tfm_cl.scene.fields import fields_of
+from tfm_cl.scene.lights import Arrival, Light, SpotLight
+from tfm_cl.scene.lights.base import texel_positions
+from tfm_cl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
+
+NEAREST = 1e-6
+"""Of the size of all that has density: the distance below which inverse-square falloff stops growing."""
+SMALLEST_SIZE = 1e-6
+"""World units, of that size."""
+
+
+class Bounded(Protocol):
+    """A body, bodies, or a scene."""
+
+    @property
+    def bounds(self) -> Floats:
+        """World box, [2, 3]."""
+
+    @property
+    def occupied_bounds(self) -> Floats:
+        """World box around what has density, [2, 3]."""
+
+
+def with_numbers(scene: Scene) -> Scene:
+    """Return the scene without ``"auto"`` for steps and the maps' resolution."""
+    return resolution.resolved(scene)
+
+
+# --- rays ------------------------------------------------------------------------------------------------
+
+
+def map_bounds(scene: Scene) -> Floats:
+    """World box ``[2, 3]`` that the lights' maps look at: of the grids; of all bodies where solids shadow."""
+    if scene.solids or not scene.grids:
+        return scene.occupied_bounds
+    return around([grid.occupied_bounds for grid in scene.grids])
+
+
+def fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:
+    """Return a light with a place for its map: its own, that of a map to compare with, or the scene's."""
+    return light.fitted(map_bounds(scene)) if like is None else like.light
+
+
+def lights_of(scene: Scene) -> list[Light]:
+    """Lights with maps of their own: the parts of those that have several, fitted to the scene.
+
+    Raises
+    ------
+    SceneError
+        Light from infinity where a medium is everywhere.
+    """
+    endless = not np.isfinite(scene.bounds).all()
+    for index, light in enumerate(scene.lights):
+        if endless and light.needs_fitting:
+            raise SceneError(
+                f"light {index + 1} ({light.type}) comes from infinitely far away: nothing of it is left "
+                'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
+            )
+    return [fitted(scene, part) for light in scene.lights for part in light.parts()]
+
+
+def cone_interval(light: SpotLight, origins: Floats, directions: Floats) -> Interval:
+    """Interval of each ray inside the light's solid cone; the end may be infinite."""
+    return light.interval(origins, directions)
+
+
+def light_rays(light: Light, points: Floats) -> tuple[Rays, Arrival]:
+    """Rays from where a map's distances begin to points ``[rays, 3]``, and how the light arrives there."""
+    arrival = light.arrival(points)
+    return Rays(light.begins(points), arrival.direction), arrival
+
+
+def map_rays(light: Light, positions: Floats) -> Rays:
+    """Rays of map positions ``[rays, 2]`` in [0, 1]², unit directions."""
+    return Rays(*light.rays(positions))
+
+
+def texel_rays(light: Light, res: int) -> Rays:
+    """Rays through the texel centres of a map, in the order of `texel_positions`."""
+    return map_rays(light, texel_positions(res))
+
+
+# --- what is on the way ----------------------------------------------------------------------------------
+
+
+def light_optical_depth(scene: Scene, light: Light, points: Floats, field: int = 0) -> Floats:
+    """Optical depth ``[points]`` of a field, marched from the light: the inner march of the dual method."""
+    weights = fields_of(scene).weights[:, :, field : field + 1]
+    return marched_depths(with_numbers(scene), fitted(scene, light), points, weights)[:, 0]
+
+
+def marched_depths(scene: Scene, light: Light, points: Floats, weights: Floats) -> Floats:
+    """March the fields' optical depths ``[points, K]`` from where a fitted light enters the grids' boxes."""
+    rays, arrival = light_rays(light, points)
+    k_in, k_out = march_bounds(scene.grids, *rays)
+    ends = np.clip(arrival.distance, k_in, k_out)
+    return optical_depths(scene.grids, weights, rays, (k_in, ends), decided(scene.map.steps))
+
+
+def light_ways(scene: Scene, light: Light, points: Floats) -> Floats:
+    """How far light has travelled inside each homogeneous body to points, ``[points, bodies]``.
+
+    Followed from the points upstream: to the light, or without end to a sun.
+    """
+    upstream, limit = -light.arrival(points).direction, light.source_distance(points)
+    ways = np.zeros((len(points), len(scene.homogeneous)))
+    for i, body in enumerate(scene.homogeneous):
+        begin, end = body_interval(body, points, upstream, limit)
+        ways[:, i] = end - begin
+    return ways
+
+
+def light_transmittance(
+    scene: Scene, light: Light, points: Floats, field_depths: Callable[[Floats], Floats]
+) -> Floats:
+    """RGB that all bodies leave of a fitted light at points ``[points, 3]``: exp(-(A τ + Σ σ_t D way)).
+
+    ``field_depths`` gives τ, the fields' optical depths ``[points, K]`` between the light and points.
+    """
+    depth = field_depths(points) @ fields_of(scene).rgb_from_field.T
+    ways = light_ways(scene, light, points)
+    for body, way in zip(scene.homogeneous, ways.T, strict=True):
+        depth += body.density * np.outer(way, scene.medium_of(body).sigma_t)
+    transmittance: Floats = np.exp(-depth)
+    return transmittance
+
+
+# --- what arrives ----------------------------------------------------------------------------------------
+
+
+def unshadowed(volume: Bounded, light: Light, points: Floats) -> Floats:
+    """RGB that would arrive at points ``[rays, 3]`` that the light reaches, were there no medium.
+
+    ``volume``: a body, bodies, or a scene, with an end.
+    """
+    size = float(np.linalg.norm(np.subtract(*volume.bounds)))
+    return arriving(light.fitted(volume.occupied_bounds), points, NEAREST * size)
+
+
+def arriving(light: Light, points: Floats, nearest: float) -> Floats:
+    """Return the same for a fitted light, whose falloff stops growing at a distance: `nearest_distance`."""
+    arrival = light.arrival(points, nearest)
+    return arrival.strength[:, None] * light.intensity_at(arrival.texture)
+
+
+def nearest_distance(scene: Scene, light: Light) -> float:
+    """Distance below which inverse-square falloff stops growing; from the camera's in endless media."""
+    low, high = scene.bounds
+    if not np.isfinite([low, high]).all():
+        low, high = np.asarray(scene.camera.from_), np.asarray(getattr(light, "from_", scene.camera.from_))
+    return NEAREST * max(float(np.linalg.norm(high - low)), SMALLEST_SIZE)

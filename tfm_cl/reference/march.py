@@ -1,0 +1,203 @@
+"""A camera ray through all bodies, step by step.
+
+Where a ray crosses grids' boxes it takes the march's own number of steps; what lies before and behind, in
+bodies of constant density alone, takes steps in proportion to its length. In each step the density of grids
+is that at its middle, and the way through homogeneous bodies is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from tfm_cl.reference.bodies import Matter, body_interval, channel_densities, march_bounds, optical_depths
+from tfm_cl.reference.geometry import Floats, Integers, Interval, Rays, hull, interval, overlap, warped
+from tfm_cl.scene.bodies import EverywhereVolume
+
+LEAST_CUTOFF = 1e-7
+"""Transmittance at which a camera ray ends that nothing else ends."""
+FARTHEST = 1e15
+"""World units: no camera ray in a medium without an end goes farther."""
+
+
+class Crossing(NamedTuple):
+    """Where camera rays cross bodies, up to solids."""
+
+    grids: Interval
+    """From the first to the last of the grids' boxes."""
+    inside: list[Interval]
+    """Of each homogeneous body."""
+    medium: Interval
+    """From the first to the last of all bodies: what is marched."""
+
+    def part(self, which: Integers) -> Crossing:
+        """Take some of the rays."""
+
+        def of(one: Interval) -> Interval:
+            return one[0][which], one[1][which]
+
+        return Crossing(of(self.grids), [of(one) for one in self.inside], of(self.medium))
+
+
+class Segment(NamedTuple):
+    """A part of each ray with steps of its own."""
+
+    begin: Floats
+    end: Floats
+    steps: Integers
+    """``[rays]``: how many."""
+    has_grids: bool
+
+
+class Step(NamedTuple):
+    """What some rays meet in one step."""
+
+    rays: Integers
+    """Which these are."""
+    distance: Floats
+    """``[n]``, of its middle."""
+    amounts: list[Floats]
+    """Of each body, grids first: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
+    depth: Floats
+    """``[n, RGB]``: optical depth."""
+    opacity: Floats
+    """``[n, RGB]``: the part of the light at the camera that could come from here."""
+
+
+def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Crossing:
+    """Find where rays, up to solids at ``limit``, cross bodies.
+
+    A medium everywhere is marched from the camera until the colour that sees deepest has lost all but the
+    cutoff in it; one that extinguishes nothing is not marched.
+    """
+    grids = march_bounds(matter.grids, *rays, limit)
+    inside = [body_interval(body, *rays, limit) for body in matter.homogeneous]
+    endless = np.array([isinstance(body, EverywhereVolume) for body in matter.homogeneous], dtype=bool)
+    extinction = matter.extinctions[endless].sum(axis=0)
+    if (extinction > 0).any():
+        visible = -math.log(max(cutoff, LEAST_CUTOFF)) / extinction[extinction > 0].min()
+        end = np.minimum(limit, min(visible, FARTHEST))
+        return Crossing(grids, inside, interval(np.zeros(len(end)), end))
+    bounded = [one for one, has_no_end in zip(inside, endless, strict=True) if not has_no_end]
+    return Crossing(grids, inside, hull(len(limit), [grids, *bounded]))
+
+
+def segments(crossing: Crossing, part: Interval, steps: int) -> list[Segment]:
+    """Cut a part of rays at the ends of the grids' boxes; without grids on it, it is one piece."""
+    begin, end = part
+    first, last = (np.clip(edge, begin, end) for edge in crossing.grids)
+    cut = last > first
+    first, last = np.where(cut, first, begin), np.where(cut, last, end)
+    length = end - begin
+
+    def beside(low: Floats, high: Floats) -> Segment:
+        share = np.divide(high - low, length, out=np.zeros_like(length), where=length > 0)
+        return Segment(low, high, np.ceil(steps * share).astype(np.intp), has_grids=False)
+
+    middle = Segment(first, last, np.where(last > first, steps, 0), has_grids=True)
+    return [beside(begin, first), middle, beside(last, end)]
+
+
+def march(
+    matter: Matter,
+    rays: Rays,
+    crossing: Crossing,
+    parts: list[Segment],
+    through: Floats,
+    projective_depth: Callable[[Floats], Floats] | None = None,
+    max_stretch: float = 1.0,
+) -> Iterator[Step]:
+    """Yield the steps in all segments, one after the other.
+
+    Parameters
+    ----------
+    matter, rays, crossing, parts
+        As of `crossing_of` and `segments`, of the same rays.
+    through
+        ``[rays, RGB]``, transmittance so far; each step changes it.
+    projective_depth, max_stretch
+        Of a light, at points, when steps are uniform in its projective space between the ends of each
+        segment, see `warped`.
+    """
+    for begin, end, counts, has_grids in parts:
+        w = None
+        if projective_depth is not None:
+            w = projective_depth(rays.at(begin)), projective_depth(rays.at(end))
+        for n in range(counts.max(initial=0)):
+            which = np.flatnonzero(n < counts)
+            t0, t, t1 = (
+                warped(
+                    begin[which],
+                    end[which],
+                    at / counts[which],
+                    w and (w[0][which], w[1][which]),
+                    max_stretch,
+                )
+                for at in (n, n + 0.5, n + 1)
+            )
+            points, length = rays.part(which).at(t), (t1 - t0)[:, None]
+            amounts = [
+                channel_densities(grid, points) * length if has_grids else np.zeros_like(length)
+                for grid in matter.grids
+            ]
+            for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
+                amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
+            depth = _summed(matter.sigma_t, amounts)
+            yield Step(which, t, amounts, depth, through[which] * -np.expm1(-depth))
+            through[which] *= np.exp(-depth)
+
+
+def scattered(matter: Matter, step: Step, mu: Floats | None = None) -> Floats:
+    """Part of a step's opacity that scatters, ``[n, RGB]``; towards the camera, per steradian, given μ."""
+    sigma_s = matter.sigma_s
+    amounts = step.amounts
+    if mu is not None:
+        phases = [np.asarray(phase.evaluate(mu))[:, None] for phase in matter.phases]
+        amounts = [amount * phase for amount, phase in zip(amounts, phases, strict=True)]
+    of_all = _summed(sigma_s, amounts)
+    return np.divide(of_all, step.depth, out=np.zeros_like(of_all), where=step.depth > 0)
+
+
+def _summed(sigma: Floats, amounts: list[Floats]) -> Floats:
+    """Sum over the bodies of coefficient times amount, ``[n, RGB]``."""
+    total = np.zeros((len(amounts[0]), 3))
+    for coefficient, amount in zip(sigma, amounts, strict=True):
+        total += coefficient * amount
+    return total
+
+
+def homogeneous_depth(matter: Matter, crossing: Crossing, begin: Floats, end: Floats) -> Floats:
+    """Optical depth ``[rays, RGB]`` of the homogeneous bodies between two distances, exact."""
+    total = np.zeros((len(begin), 3))
+    for extinction, inside in zip(matter.extinctions, crossing.inside, strict=True):
+        total += extinction * overlap(inside, begin, end)[:, None]
+    return total
+
+
+def grid_depth(
+    matter: Matter, rays: Rays, crossing: Crossing, begin: Floats, end: Floats, steps: int
+) -> Floats:
+    """Optical depth ``[rays, RGB]`` of the grids between two distances, by the march's steps.
+
+    There are ``steps`` of them from the first to the last of the grids' boxes, and their share elsewhere.
+    """
+    near, far = crossing.grids
+    begin, end = np.maximum(begin, near), np.minimum(end, far)
+    share = np.divide(end - begin, far - near, out=np.zeros_like(near), where=end > begin)
+    counts = np.ceil(steps * share).astype(np.intp)
+    return optical_depths(matter.grids, matter.weights, rays, interval(begin, end), counts)
+
+
+def mean_distance(extinction: Floats, length: Floats) -> Floats:
+    """Mean distance from where a homogeneous segment begins to where its opacity is, by the opacity.
+
+    1/σ - length T/(1 - T); both ``[rays, RGB]``.
+    """
+    x = extinction * length
+    path = np.divide(1, extinction, out=np.zeros_like(x), where=extinction > 0)
+    thick = path - length * np.exp(-x) / np.where(x > 0, -np.expm1(-x), 1)
+    thin = length * (0.5 - x / 12 + x**3 / 720)
+    return np.where(x < 1e-2, thin, thick)  # noqa: PLR2004 - the series errs by x⁵/30240

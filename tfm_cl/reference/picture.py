@@ -1,0 +1,296 @@
+"""The picture and its layers: single scattering (TFM algorithm 1, section 4.2), surfaces, ambient light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from tfm_cl.errors import SceneError
+from tfm_cl.model import decided
+from tfm_cl.reference import geometry
+from tfm_cl.reference.bodies import Matter
+from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
+from tfm_cl.reference.light import (
+    arriving,
+    light_transmittance,
+    lights_of,
+    marched_depths,
+    nearest_distance,
+    with_numbers,
+)
+from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
+from tfm_cl.reference.march import (
+    Crossing,
+    crossing_of,
+    grid_depth,
+    homogeneous_depth,
+    march,
+    mean_distance,
+    scattered,
+    segments,
+)
+from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
+from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.fields import fields_of
+from tfm_cl.scene.lights import Light
+from tfm_cl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
+
+Method = Literal["tfm", "dual"]
+Crop = tuple[int, int, int, int]
+
+
+def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
+    """Rays through the pixels' centres, row by row, the top one first."""
+    return Rays(*camera.rays(crop))
+
+
+def render(
+    scene: Scene,
+    method: Method | None = None,
+    crop: Crop | None = None,
+    maps: Sequence[TransmittanceMap] | None = None,
+    shadows: Shadows = "exact",
+) -> Floats:
+    """Render ``[height, width, RGBA]``, scene-linear and premultiplied; see `render_with_aovs`."""
+    return render_with_aovs(scene, method, crop, maps, shadows)[0]
+
+
+def render_with_aovs(
+    scene: Scene,
+    method: Method | None = None,
+    crop: Crop | None = None,
+    maps: Sequence[TransmittanceMap] | None = None,
+    shadows: Shadows = "exact",
+) -> tuple[Floats, dict[str, Floats]]:
+    """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
+
+    Parameters
+    ----------
+    scene
+        What to render. Lights of several parts are the sum of these. ``map.storage`` is not imitated.
+    method
+        Instead of ``scene.march.method``.
+    crop
+        Pixels x0, y0, x1, y1 (end excluded) of the frame.
+    maps
+        Whose ranges and functions are to be taken, see `MapModel`: those of all fields for each part of each
+        light, light 1 field 1, light 1 field 2, … light 2 field 1, …; needed for all but ranges ``box`` and
+        bases without light rays.
+    shadows
+        Of solids in the medium, see `Shadows`; on solids they are always exact.
+
+    Raises
+    ------
+    SceneError
+        A texture or mesh that cannot be used, a crop not inside the frame, light from infinity in a medium
+        that is everywhere, or another number of maps.
+    """
+    scene = with_numbers(scene)
+    lights = lights_of(scene)
+    depths: Sequence[Callable[[Floats], Floats]]
+    if (method or scene.march.method) == "dual":
+        weights = fields_of(scene).weights
+        depths = [partial(marched_depths, scene, light, weights=weights) for light in lights]
+    else:
+        depths = _map_depths(scene, lights, maps)
+    obstacles, matter = Obstacles(scene, shadows), Matter(scene)
+    lit = [
+        _Light(
+            light,
+            partial(arriving, light, nearest=nearest_distance(scene, light)),
+            partial(light_transmittance, scene, light, field_depths=field_depths),
+        )
+        for light, field_depths in zip(lights, depths, strict=True)
+    ]
+    rays = camera_rays(scene.camera, crop)
+    starts = range(0, len(rays.origins), geometry.CHUNK)
+    chunks = [
+        _trace(scene, matter, lit, obstacles, rays.part(slice(first, first + geometry.CHUNK)))
+        for first in starts
+    ]
+    width, height = scene.camera.res if crop is None else (crop[2] - crop[0], crop[3] - crop[1])
+    layers = {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
+    layers = {name: layer.reshape(height, width, *layer.shape[1:]) for name, layer in layers.items()}
+    return layers.pop("image"), layers
+
+
+class _Light(NamedTuple):
+    """A single, fitted light, and what is asked of it at points ``[n, 3]``, each RGB."""
+
+    light: Light
+    arrives: Callable[[Floats], Floats]
+    """Without bodies and solids."""
+    transmittance: Callable[[Floats], Floats]
+    """What bodies leave of it."""
+
+
+def _map_depths(
+    scene: Scene, lights: list[Light], maps: Sequence[TransmittanceMap] | None
+) -> list[Callable[[Floats], Floats]]:
+    """Build each light's maps; return what looks its fields' optical depths ``[points, K]`` up in them."""
+    fields = range(fields_of(scene).count)
+    likes: Sequence[TransmittanceMap | None] = maps or [None] * (len(lights) * len(fields))
+    if len(likes) != len(lights) * len(fields):
+        raise SceneError(
+            f"{len(likes)} maps to compare with, of {len(lights)} lights and {len(fields)} fields"
+        )
+    # α once for all lights and points; of maps to compare with it is theirs.
+    scenes = [
+        scene.replace(map=scene.map.replace(density_weighting=density_weighting(scene, field)))
+        if maps is None
+        else scene
+        for field in fields
+    ]
+
+    def depths_of(light: Light, of_fields: Sequence[TransmittanceMap | None]) -> Callable[[Floats], Floats]:
+        looked_up = [
+            partial(
+                map_optical_depth,
+                scenes[field],
+                light,
+                build_map(scenes[field], light, like, field),
+                like=like,
+                field=field,
+            )
+            for field, like in zip(fields, of_fields, strict=True)
+        ]
+
+        def depths(points: Floats) -> Floats:
+            found = np.zeros((len(points), len(looked_up)))
+            for field, look_up in enumerate(looked_up):
+                found[:, field] = look_up(points=points)
+            return found
+
+        return depths
+
+    count = len(fields)
+    return [depths_of(light, likes[i * count : (i + 1) * count]) for i, light in enumerate(lights)]
+
+
+def _trace(
+    scene: Scene, matter: Matter, lights: list[_Light], obstacles: Obstacles, rays: Rays
+) -> dict[str, Floats]:
+    """All layers of some camera rays."""
+    surfaces = obstacles.surfaces(rays)
+    crossing = crossing_of(matter, rays, surfaces.distance, scene.march.cutoff)
+    seen = _seen(scene, matter, rays, crossing)
+    everywhere = np.asarray(scene.ambient.radiance)
+    radiance = everywhere * (seen.scattered + surfaces.albedo * seen.transmittance)
+    reached, weight = np.zeros_like(radiance), np.zeros((len(radiance), 1))
+    for light in lights:
+        radiance += _reflected(scene, matter, light, obstacles, rays, crossing, surfaces, seen)
+        from_bodies, transmitted, opacity = _scattered(scene, matter, light, obstacles, rays, crossing)
+        radiance += from_bodies
+        reached += transmitted
+        weight += opacity
+    shows_solid = np.isfinite(surfaces.distance)
+    return {
+        "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
+        "depth": seen.depth,
+        "transmittance": seen.transmittance,
+        "light_transmittance": np.divide(reached, weight, out=np.zeros_like(reached), where=weight > 0),
+    }
+
+
+class _Seen(NamedTuple):
+    """What the camera sees of the bodies, whatever the lights."""
+
+    transmittance: Floats
+    """``[rays, RGB]`` of whole rays, up to solids."""
+    depth: Floats
+    """``[rays]``: mean distance, weighted by the opacity, of which that of all colours counts."""
+    scattered: Floats
+    """``[rays, RGB]`` of the light that a medium in the same light from everywhere sends to the camera."""
+
+
+def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> _Seen:
+    steps, count = decided(scene.march.steps), len(rays.origins)
+    nothing, endless = np.zeros(count), np.full(count, FAR)
+    depth = grid_depth(matter, rays, crossing, nothing, endless, steps)
+    depth += homogeneous_depth(matter, crossing, nothing, endless)
+    transmittance = np.exp(-depth)
+    distance, opacity, scatters = np.zeros(count), np.zeros(count), np.zeros((count, 3))
+    through = np.ones((count, 3))
+    for step in march(matter, rays, crossing, segments(crossing, crossing.medium, steps), through):
+        of_step = step.opacity.mean(axis=-1)
+        distance[step.rays] += of_step * step.distance
+        opacity[step.rays] += of_step
+        scatters[step.rays] += step.opacity * scattered(matter, step)
+    albedo = matter.albedo
+    if (albedo == albedo[0]).all():  # eq. 7
+        scatters = albedo[0] * -np.expm1(-depth)
+    if not matter.grids and len(matter.homogeneous) == 1:  # in closed form
+        ((begin, end),) = crossing.inside
+        extinction, length = matter.extinctions, (end - begin)[:, None]
+        opacities = -np.expm1(-depth)
+        distance = (opacities * (begin[:, None] + mean_distance(extinction, length))).sum(axis=-1)
+        opacity = opacities.sum(axis=-1)
+    mean = np.divide(distance, opacity, out=np.zeros_like(opacity), where=opacity > 0)
+    return _Seen(transmittance, mean, scatters)
+
+
+def _scattered(
+    scene: Scene, matter: Matter, light: _Light, obstacles: Obstacles, rays: Rays, crossing: Crossing
+) -> tuple[Floats, Floats, Floats]:
+    """Of one light: RGB that bodies scatter to the camera, and its transmittance RGB by opacity, and that."""
+    settings, count = scene.march, len(rays.origins)
+    radiance, reached, seen = (np.zeros((count, channels)) for channels in (3, 3, 1))
+    begin, end = intersection(crossing.medium, light.light.interval(*rays))
+    lit = np.flatnonzero(end > begin)
+    rays, crossing, begin, end = rays.part(lit), crossing.part(lit), begin[lit], end[lit]
+    through = np.ones((len(lit), 3))
+    if settings.attenuation != "paper":
+        # What lies between the camera and the cone is dark, but hides what is behind.
+        nothing = np.zeros_like(begin)
+        through = np.exp(
+            -grid_depth(matter, rays, crossing, nothing, begin, decided(settings.steps))
+            - homogeneous_depth(matter, crossing, nothing, begin)
+        )
+    warp = light.light.projective_depth if settings.sampling == "projective" else None
+    parts = segments(crossing, (begin, end), decided(settings.steps))
+    for step in march(matter, rays, crossing, parts, through, warp, settings.max_stretch):
+        part, pixels = rays.part(step.rays), lit[step.rays]
+        points = part.at(step.distance)
+        mu = -(light.light.arrival(points).direction * part.directions).sum(axis=-1)
+        transmitted = light.transmittance(points) * obstacles.visibility(light.light, points)[:, None]
+        source = scattered(matter, step, mu) * light.arrives(points)
+        opacity = step.opacity.mean(axis=-1, keepdims=True)
+        radiance[pixels] += step.opacity * source * transmitted
+        reached[pixels] += opacity * transmitted
+        seen[pixels] += opacity
+    return radiance, reached, seen
+
+
+def _reflected(
+    scene: Scene,
+    matter: Matter,
+    light: _Light,
+    obstacles: Obstacles,
+    rays: Rays,
+    crossing: Crossing,
+    surfaces: Surfaces,
+    seen: _Seen,
+) -> Floats:
+    """RGB that solids reflect of one light to the camera, ``[rays, 3]``."""
+    radiance = np.zeros((len(rays.origins), 3))
+    shown = np.flatnonzero(np.isfinite(surfaces.distance))
+    rays, crossing = rays.part(shown), crossing.part(shown)
+    met = Surfaces(*(values[shown] for values in surfaces))
+    through = seen.transmittance[shown]
+    if scene.march.attenuation == "paper":  # TFM's algorithm 1 dims only between the ends of the light's cone
+        begin, end = intersection(crossing.medium, light.light.interval(*rays))
+        through = np.exp(
+            -grid_depth(matter, rays, crossing, begin, end, decided(scene.march.steps))
+            - homogeneous_depth(matter, crossing, begin, end)
+        )
+    points = rays.at(met.distance)
+    cosine = obstacles.lights(light.light, points, met)
+    arrives = cosine[:, None] * light.arrives(points) * light.transmittance(points)
+    radiance[shown] = met.albedo / np.pi * arrives * through
+    return radiance

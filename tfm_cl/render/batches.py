@@ -1,0 +1,395 @@
+"""Lights in batches: all of one kind that fit in memory share a launch.
+
+Each block of pixels has a list of the lights that touch it (`tfm_cl.render.culling`), as in tiled shading
+(Olsson, Assarsson, "Tiled Shading", JGT 2011): thousands of small lights cost what they cover.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.constants import NUMBERS_UNIT
+from tfm_cl.device import launch
+from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
+from tfm_cl.maps.probe import light_defines
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
+from tfm_cl.model import decided
+from tfm_cl.render.culling import block_lists
+from tfm_cl.scene.lights.base import texel_positions
+from tfm_cl.scene.settings import SHADOW_FILTERS
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
+
+BATCH_BYTES = 256 << 20
+"""Of maps, shadow maps, textures and lists of the lights of a launch."""
+BLOCK = 16
+"""Pixels along a side of a block that has a list of lights: a multiple of every tile's."""
+SMALLEST_SHADOW = 32
+"""Texels along a side of a shadow map, unless the scene wants less."""
+TEXELS_PER_PIXEL = 2
+"""Of a shadow map along the larger side of the pixels that its light touches, where no map needs it finer."""
+RAYS = 1 << 18
+"""Traced at a time: fewer calls for many small lights, and bounded memory."""
+SINGLE_NUMBER = {
+    "target": "optical-depth",
+    "fit": "l2",
+    "coeffs": 1,
+    "storage": "f32",
+    "lookup": "interpolate",
+}
+"""What a map of residuals is looked up with."""
+RESIDUAL_HEADER = "basis/single.h"
+
+
+@dataclass(frozen=True)
+class LightVariant:
+    """What kernels must know of the lights of a launch when they are compiled."""
+
+    headers: tuple[str, ...]
+    """Of the lights' kind and chart."""
+    falloff: tuple[tuple[str, int | str], ...]
+    is_textured: bool
+    shares_samples: bool
+    """They reach all of a camera ray, and are sampled in the world: one march serves them and the camera."""
+
+    @classmethod
+    def of(cls, light: Light, scene: Scene) -> LightVariant:
+        """Return the one of a light."""
+        is_textured = light.texture_image() is not None
+        shares = light.is_unbounded and (light.has_even_depth or scene.march.sampling == "world")
+        return cls(light.headers, tuple(light_defines(light).items()), is_textured, shares)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Lights of one variant, on the device."""
+
+    of: LightVariant
+    indices: list[int]
+    settings: ResolvedMap | None
+    """Of their maps; None where none are read."""
+    shadow_filter: int
+    """``TFM_SHADOW``: 0 without solids."""
+    is_dual: bool
+    arguments: dict[str, Any]
+    blocks: dict[str, Any]
+    """Which block sees which."""
+    most_in_a_block: int
+    window: Rectangle
+    """The pixels that any of them touches."""
+    lit: cl.Buffer
+    """uchar: which pixels of each light's rectangle show a solid that it lights; not read without solids."""
+    shows_residual: bool = False
+
+    def variant(self, media: MediaOnDevice) -> tuple[tuple[str, ...], dict[str, int | str]]:
+        """Headers and macros of the kernels that shade by these lights."""
+        headers: tuple[str, ...] = ()
+        defines: dict[str, int | str] = {**dict(self.of.falloff), **media.defines}
+        if self.settings is not None:
+            header, of_map = map_variant(self.settings)
+            headers, defines = (RESIDUAL_HEADER if self.shows_residual else header,), defines | of_map
+        return (*headers, *self.of.headers, *media.headers), defines | media.channels(
+            textured=self.of.is_textured
+        ) | {
+            "TFM_METHOD_DUAL": int(self.is_dual),
+            "TFM_SHADOW": self.shadow_filter,
+            "TFM_TEXTURE": int(self.of.is_textured),
+            "TFM_SHARED": int(self.of.shares_samples),
+            "TFM_SHOW_RESIDUAL": int(self.shows_residual),
+        }
+
+    @property
+    def name(self) -> str:
+        """What progress calls it."""
+        first, last = self.indices[0] + 1, self.indices[-1] + 1
+        return f"light {first}" if first == last else f"lights {first} to {last}"
+
+
+class Batches:
+    """Cuts the lights of a scene into batches that fit in memory, and puts these on the device.
+
+    Parameters
+    ----------
+    scene
+        Of single, fitted lights.
+    media
+        Its media.
+    structs
+        [lights] of the kernels' ``Light``; what says where a light's data are is filled in here.
+    touched
+        [lights, 4], the pixels x0, y0, x1, y1 that each may change.
+    settings
+        Of the lights' maps, resolved; None where none are read.
+    is_dual
+        Whether light is marched instead.
+    """
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        scene: Scene,
+        media: MediaOnDevice,
+        visibility: Visibility,
+        gbuffer: GBuffer | None,
+        structs: NDArray[Any],
+        touched: NDArray[np.int64],
+        crop: Rectangle,
+        settings: ResolvedMap | None,
+        *,
+        is_dual: bool,
+    ) -> None:
+        self._launcher, self._scene, self._media = launcher, scene, media
+        self._visibility, self._gbuffer, self._structs, self._crop = visibility, gbuffer, structs, crop
+        self._settings, self._is_dual, self._touched = settings, is_dual, touched
+        structs["lit_pixels"] = touched
+        self._tracer: Tracer | None = None if gbuffer is None else visibility.tracer(scene)
+        x0, y0, x1, y1 = touched.T
+        width, height = x1 - x0, y1 - y0
+        self._areas = np.maximum(width, 0) * np.maximum(height, 0)
+        sizes = np.full(len(touched), scene.shadow.res)
+        if settings is None and not is_dual:
+            wanted = TEXELS_PER_PIXEL * np.maximum(np.maximum(width, height), 1)
+            fine = np.maximum(2 ** np.ceil(np.log2(wanted)).astype(np.int64), SMALLEST_SHADOW)
+            sizes = np.minimum(fine, sizes)
+        self._sizes = sizes
+        blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
+        self._costs = structs.itemsize + 16 * np.maximum(blocks, 0)
+        if settings is not None:
+            self._costs = self._costs + media.fields.count * map_bytes(settings)
+        if gbuffer is not None:
+            self._costs = self._costs + 4 * sizes**2 + self._areas
+        # However many lights meet in a block, a launch ends soon.
+        steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
+        self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
+
+    def groups(self) -> Iterator[tuple[LightVariant, list[int]]]:
+        """Yield the lights that may be seen, by variant; those that share the camera's samples come first."""
+        found: dict[LightVariant, list[int]] = {}
+        for index, light in enumerate(self._scene.lights):
+            if self._areas[index] > 0:
+                found.setdefault(LightVariant.of(light, self._scene), []).append(index)
+        yield from sorted(found.items(), key=lambda item: not item[0].shares_samples)
+
+    def cut(self, lights: Sequence[int]) -> Iterator[list[int]]:
+        """Yield runs of lights that fit in memory together; at least one each."""
+        most_bytes = min(BATCH_BYTES, self._launcher.largest_buffer)
+        batch: list[int] = []
+        used, images = 0, set[int]()
+        for index in lights:
+            image = self._scene.lights[index].texture_image()
+            cost = int(self._costs[index])
+            if image is not None and id(image) not in images:
+                cost += image.nbytes // 3 * 4
+            if batch and (used + cost > most_bytes or len(batch) == self._most_lights):
+                yield batch
+                batch, used, images = [], 0, set()
+            if image is not None:
+                images.add(id(image))
+            batch.append(index)
+            used += cost
+        if batch:
+            yield batch
+
+    def batch(
+        self, variant: LightVariant, indices: list[int], maps: Sequence[TransmittanceMap], *, whole: bool
+    ) -> Batch:
+        """Put some lights on the device.
+
+        Parameters
+        ----------
+        maps
+            Theirs, in the order of lights and fields; empty where none are read.
+        whole
+            Whether all pixels of the crop are to be looked at, whatever the lights touch.
+        """
+        upload, rectangles = self._launcher.upload, self._touched[indices]
+        x0, y0 = rectangles[:, :2].min(axis=0).tolist()
+        x1, y1 = rectangles[:, 2:].max(axis=0).tolist()
+        window = self._crop if whole else (x0, y0, x1, y1)
+        shadow, texture, lit = self._shadows(indices), self._textures(indices), self._lit(indices)
+        fields = self._media.fields.count
+        self._structs["first_map"][indices] = fields * np.arange(len(indices))
+        lists = block_lists(rectangles, window, BLOCK)
+        return Batch(
+            of=variant,
+            indices=indices,
+            settings=self._settings,
+            shadow_filter=0 if self._gbuffer is None else SHADOW_FILTERS[self._scene.shadow.filter],
+            is_dual=self._is_dual,
+            arguments={
+                "lights": upload("the lights", self._structs[indices]),
+                "shadow": upload("the shadow maps", shadow),
+                "texture": upload("the lights' textures", texture),
+                **(self._maps(maps) if maps else {}),
+            },
+            blocks={
+                "starts": upload("the lists of lights", lists.starts),
+                "touching": upload(
+                    "the lists of lights", lists.lights if len(lists.lights) else np.zeros(1, np.int32)
+                ),
+                "blocks": (*lists.first, lists.columns, BLOCK),
+            },
+            most_in_a_block=max(1, int(np.diff(lists.starts).max(initial=1))),
+            window=window,
+            lit=upload("the lit pixels", lit),
+        )
+
+    def residuals(self, batch: Batch, maps: Sequence[TransmittanceMap]) -> Batch:
+        """Return a batch whose maps hold their residuals, to be seen instead of the light's transmittance."""
+        settings = maps[0].settings.replace(**SINGLE_NUMBER)
+        size = numbers_size(settings) * NUMBERS_UNIT
+        numbers = np.zeros((len(maps), size), np.float32)
+        structs = []
+        for i, light_map in enumerate(maps):
+            numbers[i, : settings.res**2] = light_map.residual.ravel()
+            structs.append(light_map.plan.struct(settings))
+            structs[-1]["first_number"] = i * numbers_size(settings)
+        arguments = batch.arguments | self._host_of(maps, np.stack(structs))
+        arguments["numbers"] = self._launcher.upload("the residuals", numbers)
+        return replace(batch, settings=settings, arguments=arguments, shows_residual=True)
+
+    def _maps(self, maps: Sequence[TransmittanceMap]) -> dict[str, Any]:
+        """Arguments of kernels that read some maps."""
+        structs = np.stack([light_map.plan.struct() for light_map in maps])
+        rooms = [light_map.buffers.numbers for light_map in maps]
+        buffer = rooms[0].buffer
+        structs["first_number"] = [room.first for room in rooms]
+        if any(room.buffer is not buffer for room in rooms):
+            settings = maps[0].settings
+            nbytes = map_bytes(settings)
+            buffer = self._launcher.empty("the maps", nbytes * len(maps), reuse=True)
+            unit = NUMBERS_UNIT * STORAGE_BITS[settings.storage] // 8
+            for i, room in enumerate(rooms):
+                self._launcher.copy(room.buffer, buffer, nbytes, first=room.first * unit, to=i * nbytes)
+            structs["first_number"] = numbers_size(settings) * np.arange(len(maps))
+        return self._host_of(maps, structs) | {"numbers": buffer}
+
+    def _host_of(self, maps: Sequence[TransmittanceMap], structs: NDArray[Any]) -> dict[str, Any]:
+        """Put together what is small of some maps."""
+        upload = self._launcher.upload
+        parts = {
+            "limit": [light_map.buffers.limits for light_map in maps],
+            "range": [light_map.field.reshape(-1, 4) for light_map in maps],
+            "mode": [light_map.plan.modes.ravel() for light_map in maps],
+        }
+        for name, arrays in parts.items():
+            structs[f"first_{name}"] = np.cumsum([0, *map(len, arrays[:-1])])
+        limits, ranges, modes = (np.concatenate(arrays) for arrays in parts.values())
+        return {
+            "maps": upload("the maps' parameters", structs),
+            "limits": upload("the coefficients' limits", limits),
+            "ranges": upload("the ranges of the rays", ranges),
+            "modes": upload("the basis's functions", modes),
+        }
+
+    def _textures(self, batch: list[int]) -> NDArray[np.float32]:
+        """Put the textures of a batch one after the other, [texels, 4]; each image once."""
+        first, parts = 1, [np.zeros((1, 4), np.float32)]
+        places: dict[int, int] = {}
+        for index in batch:
+            image = self._scene.lights[index].texture_image()
+            if image is None:
+                continue
+            if id(image) not in places:
+                places[id(image)] = first
+                texels = np.zeros((image.shape[0] * image.shape[1], 4), np.float32)
+                texels[:, :3] = image.reshape(-1, 3)
+                parts.append(texels)
+                first += len(texels)
+            self._structs["texture_size"][index] = image.shape[1::-1]
+            self._structs["first_texel"][index] = places[id(image)]
+        return np.concatenate(parts)
+
+    def _shadows(self, batch: list[int]) -> NDArray[np.float32]:
+        """Trace the shadow maps of a batch, one after the other; nothing without solids."""
+        tracer = self._tracer
+        if tracer is None:
+            return np.zeros(1, np.float32)
+        sizes = self._sizes[batch]
+        ends = (sizes**2).cumsum()
+        self._structs["shadow_res"][batch] = sizes
+        self._structs["first_shadow"][batch] = ends - sizes**2
+        # A map of one texel has no neighbours; what follows it is read and weighs nothing.
+        maps = np.zeros(int(ends[-1]) + 1, np.float32)
+
+        def trace(places: NDArray[np.intp], rays: list[NDArray[np.float64]]) -> None:
+            maps[places] = tracer.distances(*rays)
+
+        waiting = _Waiting(trace)
+        for index, size, end in zip(batch, sizes.tolist(), ends.tolist(), strict=True):
+            light = self._scene.lights[index]
+            place = np.arange(end - size**2, end)
+            positions = texel_positions(size)
+            far = np.isinf(light.source_distance(light.rays(positions[:1])[0])).any()
+            if far or size == self._scene.shadow.res:
+                distances = self._visibility.distances(self._scene, light, size)  # which it may know already
+                if distances is not None:
+                    maps[place] = distances.ravel()
+            else:
+                with self._visibility.timed():
+                    waiting.add(place, *light.rays(positions))
+        with self._visibility.timed():
+            waiting.trace()
+        return maps
+
+    def _lit(self, batch: list[int]) -> NDArray[np.uint8]:
+        """Trace which pixels of a batch's rectangles show a solid that the light sees."""
+        tracer, gbuffer = self._tracer, self._gbuffer
+        if tracer is None or gbuffer is None:
+            return np.zeros(1, np.uint8)
+        areas = self._areas[batch]
+        ends = areas.cumsum()
+        self._structs["first_lit"][batch] = ends - areas
+        lit = np.zeros(int(ends[-1]), np.uint8)
+
+        def trace(places: NDArray[np.intp], rays: list[NDArray[np.float64]]) -> None:
+            lit[places] = ~tracer.occluded(*rays)
+
+        waiting = _Waiting(trace)
+        corner = np.array(self._crop[:2])
+        with self._visibility.timed():
+            for index, begin in zip(batch, (ends - areas).tolist(), strict=True):
+                rectangle = self._touched[index].reshape(2, 2) - corner
+                pixels, rays = gbuffer.shadow_rays(tracer, self._scene.lights[index], rectangle)
+                if len(pixels):
+                    waiting.add(begin + pixels, *rays)
+            waiting.trace()
+        return lit
+
+
+class _Waiting:
+    """Collects rays of many lights and traces them together."""
+
+    def __init__(self, trace: Callable[[NDArray[np.intp], list[NDArray[np.float64]]], None]) -> None:
+        self._trace = trace
+        self._parts: list[tuple[NDArray[Any], ...]] = []
+        self._count = 0
+
+    def add(self, places: NDArray[np.intp], *rays: NDArray[np.float64]) -> None:
+        """Take rays whose results go to ``places``."""
+        self._parts.append((places, *rays))
+        self._count += len(places)
+        if self._count >= RAYS:
+            self.trace()
+
+    def trace(self) -> None:
+        """Trace what was collected."""
+        if self._parts:
+            places, *rays = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+            self._parts, self._count = [], 0
+            self._trace(places, rays)

@@ -1,0 +1,42 @@
+"""The camera pass: what lies along the camera rays, whatever the lights."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.render.buffers import FrameBuffers
+    from tfm_cl.render.culling import Rectangle
+
+
+def see(
+    launcher: Launcher,
+    media: MediaOnDevice,
+    view: Any,
+    crop: Rectangle,
+    steps: int,
+    frame: FrameBuffers,
+    *,
+    has_solids: bool,
+) -> float:
+    """Fill in transmittance and depth, and add the ambient light; returns device seconds.
+
+    Parameters
+    ----------
+    view
+        The struct, on the device.
+    steps
+        Samples along a camera ray.
+    """
+    defines = media.defines | media.channels(textured=False) | {"TFM_SHADOW": int(has_solids)}
+    kernel = launcher.kernels.kernel("camera_pass", "camera_pass.cl", media.headers, defines)
+    return launcher.run_windows(
+        kernel,
+        crop,
+        steps,
+        {"view": view}
+        | media.arguments
+        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples"),
+    )

@@ -1,0 +1,128 @@
+"""The maps of a frame: planned, built, or taken from an earlier light pass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.structs.light import light_structs
+from tfm_cl.errors import SceneError
+from tfm_cl.maps.light_pass import LightPass
+from tfm_cl.maps.transmittance_map import TransmittanceMap
+from tfm_cl.plan.maps import Planner
+from tfm_cl.render.visibility import clip_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfm_cl.device.launch import Launcher, Progress
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.light_pass import Numbers
+    from tfm_cl.plan.maps import Planned
+    from tfm_cl.render.visibility import Visibility
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
+
+
+class Sources:
+    """Where the maps of a scene's lights come from: plans to build by, or maps that are there.
+
+    Both are in the order of lights and, for each, of fields.
+    """
+
+    def __init__(
+        self, scene: Scene, media: MediaOnDevice, plans: Sequence[Planned], maps: Sequence[TransmittanceMap]
+    ) -> None:
+        self.scene, self.media, self.plans, self.maps = scene, media, plans, maps
+
+
+class MapBuilder:
+    """Makes the maps of frames.
+
+    Parameters
+    ----------
+    launcher
+        The device.
+    visibility
+        What solids leave lit.
+    """
+
+    def __init__(self, launcher: Launcher, visibility: Visibility) -> None:
+        self._launcher, self._visibility = launcher, visibility
+        self._planner, self._light_pass = Planner(launcher), LightPass(launcher)
+
+    def sources(self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap] | None) -> Sources:
+        """Plan the maps of a resolved scene of single, fitted lights, or check those that are there.
+
+        Raises
+        ------
+        SceneError
+            Maps of another scene.
+        """
+        if maps is not None:
+            self._check(scene, media, maps)
+            return Sources(scene, media, (), maps)
+
+        def clip(light: Light, size: int) -> NDArray[np.float32] | None:
+            distances = self._visibility.distances(scene, light)
+            return None if distances is None else clip_of(distances, size)
+
+        return Sources(scene, media, self._planner.plans(scene, media, clip), ())
+
+    def of(self, sources: Sources, lights: Sequence[int], progress: Progress) -> list[TransmittanceMap]:
+        """Return the maps of some lights, in the order of lights and fields."""
+        count = sources.media.fields.count
+        places = [count * light + field for light in lights for field in range(count)]
+        if sources.maps:
+            return [sources.maps[place] for place in places]
+        rooms = self._light_pass.room(sources.plans[places[0]].settings, len(places)) if places else []
+        return [
+            self._build(sources, place // count, place % count, sources.plans[place], room, progress)
+            for place, room in zip(places, rooms, strict=True)
+        ]
+
+    def _build(
+        self,
+        sources: Sources,
+        number: int,
+        field: int,
+        plan: Planned,
+        room: Numbers,
+        progress: Progress,
+    ) -> TransmittanceMap:
+        scene, light, medium = sources.scene, sources.scene.lights[number], sources.media.of_fields[field]
+        of_light = self._launcher.upload("the light", light_structs(scene, [light]))
+        buffers = self._light_pass.build(plan, light, of_light, medium, room, progress)
+        return TransmittanceMap(
+            light=light,
+            plan=plan,
+            requested=scene.map,
+            grids=scene.grids,
+            fields=sources.media.fields,
+            field_index=field,
+            solids=scene.solids,
+            shadow_res=scene.shadow.res,
+            origin=world_from_device(scene)[:3, 3],
+            buffers=replace(buffers, seconds=buffers.seconds + plan.seconds),
+            of_light=of_light,
+            medium=medium,
+            light_pass=self._light_pass,
+        )
+
+    def _check(self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap]) -> None:
+        count = media.fields.count
+        if len(maps) != count * len(scene.lights):
+            each = "" if count == 1 else f", each of which takes {count} in such a mixture of colours"
+            raise SceneError(
+                f"{len(maps)} maps for {len(scene.lights)} lights (points of area lights count){each}; "
+                "build the maps again"
+            )
+        for place, light_map in enumerate(maps):
+            try:
+                light_map.check_serves(scene, scene.lights[place // count], media.fields)
+            except SceneError as error:
+                raise SceneError(f"map {place + 1} {error}") from None

@@ -1,0 +1,51 @@
+"""The scatter pass: what the media scatter of a batch of lights (TFM algorithm 1 with section 4.2)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.render.batches import Batch
+    from tfm_cl.render.buffers import FrameBuffers
+
+
+def scatter(
+    launcher: Launcher,
+    media: MediaOnDevice,
+    view: Any,
+    batch: Batch,
+    samples: int,
+    frame: FrameBuffers,
+    done: Callable[[float], None],
+    *,
+    sees_camera: bool = False,
+) -> float:
+    """Add the single scattering of some lights of one kind; returns device seconds.
+
+    Parameters
+    ----------
+    view
+        The struct, on the device.
+    samples
+        Densities, at most, that one light takes for a pixel.
+    sees_camera
+        Fill in what the camera pass does from the same samples: of the first batch, where its lights share
+        them.
+    """
+    headers, defines = batch.variant(media)
+    kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
+    return launcher.run_windows(
+        kernel,
+        batch.window,
+        samples * batch.most_in_a_block,
+        {"view": view, "sees_camera": int(sees_camera)}
+        | media.arguments
+        | batch.arguments
+        | batch.blocks
+        | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),
+        done,
+    )

@@ -1,0 +1,41 @@
+"""The surface pass: what solids reflect of a batch of lights (TFM section 4.1)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.render.batches import Batch
+    from tfm_cl.render.buffers import FrameBuffers
+
+
+def reflect(
+    launcher: Launcher,
+    media: MediaOnDevice,
+    view: Any,
+    batch: Batch,
+    samples: int,
+    frame: FrameBuffers,
+    done: Callable[[float], None],
+) -> float:
+    """Add what solids reflect, after the camera's transmittance is there; returns device seconds.
+
+    Parameters are those of `tfm_cl.render.scatter.scatter`.
+    """
+    headers, defines = batch.variant(media)
+    kernel = launcher.kernels.kernel("surface_pass", "surface_pass.cl", headers, defines)
+    return launcher.run_windows(
+        kernel,
+        batch.window,
+        samples * batch.most_in_a_block,
+        {"view": view, "lit": batch.lit}
+        | media.arguments
+        | batch.arguments
+        | batch.blocks
+        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples"),
+        done,
+    )

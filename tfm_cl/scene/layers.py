@@ -1,0 +1,106 @@
+"""Layers of a picture: one row each.
+
+A layer is made of what the passes sum (`Seen`). A new one is a row here, and where it needs a sum that is not
+there yet, a store in a pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+
+class Seen(Protocol):
+    """What the passes made, [height, width, …], float32."""
+
+    @property
+    def transmittance(self) -> Array:
+        """[…, 4]: of the media along the camera ray, RGB, and the opacity-weighted mean distance."""
+
+    @property
+    def light_seen(self) -> Array:
+        """[…, 4]: light that arrives times opacity, RGB, and the opacity, summed over lights."""
+
+    @property
+    def samples(self) -> Array:
+        """Densities read, and samples taken in closed form."""
+
+    @property
+    def solid(self) -> Array:
+        """[…, 4]: unit normal of the solid that a pixel shows, world, and its distance; infinite without."""
+
+    @property
+    def albedo(self) -> Array:
+        """[…, 4]: its RGB, and 0."""
+
+    @property
+    def errors(self) -> Array:
+        """[…, 4]: as ``light_seen``, with the maps' errors in the place of the light."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One layer: what it holds, and how it is made."""
+
+    channels: Literal[1, 3]
+    meaning: str
+    resolve: Callable[[Seen], Array]
+    made: Literal["always", "solids", "asked"] = "always"
+    """When: in every picture, where there are solids or it is asked for, or only where it is asked for."""
+
+
+def _mean_by_opacity(sums: Array) -> Array:
+    seen, opacity = sums[..., :3], sums[..., 3:]
+    return np.divide(seen, opacity, out=np.zeros_like(seen), where=opacity > 0)
+
+
+LAYERS = {
+    "depth": Layer(
+        1,
+        "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
+        lambda seen: seen.transmittance[..., 3].copy(),
+    ),
+    "transmittance": Layer(
+        3,
+        "RGB transmittance of the medium along the camera ray",
+        lambda seen: seen.transmittance[..., :3].copy(),
+    ),
+    "light_transmittance": Layer(
+        3,
+        "RGB mean over lights and ray of the light's transmittance, weighted by what the camera sees; 0 "
+        "where nothing is lit",
+        lambda seen: _mean_by_opacity(seen.light_seen),
+    ),
+    "samples": Layer(
+        1, "density samples taken for the pixel by the passes of the camera", lambda seen: seen.samples
+    ),
+    "solid_distance": Layer(
+        1,
+        "distance from the camera to the solid that the pixel shows, world units; 0 without",
+        lambda seen: np.where(np.isfinite(seen.solid[..., 3]), seen.solid[..., 3], np.float32(0)),
+        "solids",
+    ),
+    "normal": Layer(
+        3,
+        "unit normal of that solid, world, towards the camera; 0 without",
+        lambda seen: seen.solid[..., :3].copy(),
+        "solids",
+    ),
+    "albedo": Layer(
+        3, "RGB albedo of that solid; 0 without", lambda seen: seen.albedo[..., :3].copy(), "solids"
+    ),
+    "map_error": Layer(
+        1,
+        "relative error of the light's transmittance in the map, mean over lights and ray, weighted by what "
+        "the camera sees; 0 for the dual march",
+        lambda seen: _mean_by_opacity(seen.errors).mean(axis=-1),
+        "asked",
+    ),
+}
+"""Name -> layer, in the order in which they are listed."""
