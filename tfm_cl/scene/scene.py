@@ -14,8 +14,9 @@ from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume
-from tfm_cl.scene.bodies.base import around
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
+from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import Light
 from tfm_cl.scene.medium import Medium

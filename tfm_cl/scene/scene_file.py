@@ -29,7 +29,9 @@ from tfm_cl.model import (
 )
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume, parse_homogeneous
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body
+from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
+from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
