@@ -21,7 +21,7 @@ from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
 
 if TYPE_CHECKING:
-    from tfm_cl.device.media import FieldOnDevice
+    from tfm_cl.device.field import FieldOnDevice
 
 RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own

@@ -17,7 +17,8 @@ from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.media import FieldOnDevice, MediaOnDevice
+    from tfm_cl.device.field import FieldOnDevice
+    from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.scene.lights import Light
