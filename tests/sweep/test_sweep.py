@@ -24,7 +24,7 @@ from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import compare
-from tfm_cl.scene.bodies.homogeneous import BoxVolume
+from tfm_cl.scene.bodies.box import BoxVolume
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.settings import MapSettings
