@@ -273,9 +273,9 @@ def pixels_that_meet(scene: tfm.Scene) -> int:
     tangent = np.tan(np.radians(camera.fov) / 2)
     x = (2 * (np.arange(width) + 0.5) / width - 1) * tangent * width / height
     y = (1 - 2 * (np.arange(height) + 0.5) / height) * tangent
-    index_from_camera = np.linalg.inv(scene.grid.world_from_index) @ camera.world_from_camera
+    index_from_camera = np.linalg.inv(scene.grids[0].world_from_index) @ camera.world_from_camera
     begin, end = np.zeros((height, width)), np.full((height, width), np.inf)
-    for axis, count in enumerate(scene.grid.shape[::-1]):
+    for axis, count in enumerate(scene.grids[0].shape[::-1]):
         right, up, forward, origin = index_from_camera[axis]
         direction = right * x + (up * y + forward)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -413,7 +413,7 @@ class Host:
 
     def measure(self) -> Figures:
         """Upload of the bricks; parameters and launch of one pixel; read-back of a whole frame."""
-        volume, voxels = self._scene.grid, self._scene.march.voxels
+        volume, voxels = self._scene.grids[0], self._scene.march.voxels
         upload = seconds_of(
             lambda: build_bricks(self._launcher, [volume.channel_leaves], "the volume", voxels)
         )
@@ -524,7 +524,7 @@ def near_light(scene: tfm.Scene) -> tfm.Scene:
 def distant_light(scene: tfm.Scene) -> tfm.Scene:
     """Move the light so far away that its rays are all but parallel, as vdb_render's are."""
     light, axis, distance = spot_of(scene)
-    low, high = scene.grid.occupied_bounds
+    low, high = scene.grids[0].occupied_bounds
     away = DISTANT * float(np.linalg.norm(high - low)) / 2
     at = tuple(float(value) for value in np.subtract(light.to, axis / distance * away))
     cone = float(np.degrees(np.arcsin(1.02 / DISTANT)))
@@ -561,7 +561,7 @@ class PlainC:
     def run(self, res: tuple[int, int]) -> tuple[float, Colours]:
         """Return the seconds of the march and the picture."""
         scene_file, picture = self._folder / "scene", self._folder / "picture"
-        grid = np.pad(self._scene.grid.data, 1)
+        grid = np.pad(self._scene.grids[0].data, 1)
         scene_file.write_bytes(plain_scene(with_res(self._scene, res)) + grid.tobytes())
         command = [str(self._program), str(scene_file), str(picture), str(os.cpu_count() or 1)]
         run = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
@@ -581,7 +581,7 @@ class PlainC:
 
 def plain_scene(scene: tfm.Scene) -> bytes:
     """Return the struct ``Scene`` of ``bench_dual.c`` for a grey medium and one light."""
-    volume, camera, medium, light = scene.grid, scene.camera, scene.medium, spot_of(scene)[0]
+    volume, camera, medium, light = scene.grids[0], scene.camera, scene.medium, spot_of(scene)[0]
     world_from_centred, padded_from_index = np.eye(4), np.eye(4)
     world_from_centred[:3, 3] = volume.bounds.mean(axis=0)
     padded_from_index[:3, 3] = 1
@@ -625,7 +625,7 @@ class VdbRender:
 
     def run(self, res: tuple[int, int]) -> float:
         """Return the seconds of the whole process."""
-        camera, volume, medium = self._scene.camera, self._scene.grid, self._scene.medium
+        camera, volume, medium = self._scene.camera, self._scene.grids[0], self._scene.medium
         light, axis, distance = spot_of(self._scene)
         width, height = camera.res
         horizontal = 2 * np.degrees(np.arctan(np.tan(np.radians(camera.fov) / 2) * width / height))

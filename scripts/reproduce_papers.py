@@ -231,7 +231,7 @@ class Lab:
     def _side(self, name: str) -> tfm.Scene:
         """Return a sample scene under one white light from the left, along the grid's x axis."""
         scene = self.scene(name)
-        low, high = scene.grid.occupied_bounds
+        low, high = scene.grids[0].occupied_bounds
         centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         at = centre - (SIDE_DISTANCE * radius, 0, 0)
         cone = float(np.degrees(np.arcsin(1 / SIDE_DISTANCE))) + 0.5
@@ -329,7 +329,7 @@ def profiles(lab: Lab, name: str, *, per_ray: bool = False) -> Floats:
     All rays share one range, from the nearest to the farthest density; or each has that of the medium's box.
     """
     scene = lab.side(name)
-    light, volume = scene.lights[0], scene.grid
+    light, volume = scene.lights[0], scene.grids[0]
     assert isinstance(light, tfm.SpotLight)  # noqa: S101 - as `Lab.side` makes it
     rays = reference.map_rays(light, texel_positions(lab.sizes.rays).reshape(-1, 2))
     begin, end = reference.march_bounds(volume, *rays)
@@ -349,7 +349,7 @@ def _steps(scene: tfm.Scene, rays: reference.Rays, begin: Floats, end: Floats) -
     distance = begin[:, None] + (end - begin)[:, None] * MIDDLES
     points = rays.origins[:, None] + distance[..., None] * rays.directions[:, None]
     sigma_t = float(scene.medium.sigma_t.mean())
-    steps: Floats = sigma_t * reference.density(scene.grid, points) * ((end - begin) / CELLS)[:, None]
+    steps: Floats = sigma_t * reference.density(scene.grids[0], points) * ((end - begin) / CELLS)[:, None]
     return steps
 
 
@@ -445,7 +445,7 @@ HAZE = 1e-5
 
 def hazy(scene: tfm.Scene) -> tfm.Scene:
     """Return the scene without empty space, and otherwise as it is."""
-    volume = scene.grid
+    volume = scene.grids[0]
     data = np.maximum(volume.data, np.float32(HAZE) * volume.data.max())
     return scene.replace(
         volume=tfm.Volume(data, world_from_index=volume.world_from_index, density_scale=volume.density_scale)
@@ -468,7 +468,7 @@ class Table1:
     @cached_property
     def frames(self) -> Timings:
         """Device seconds of frames with each number, and of the dual march, in `SETTINGS`."""
-        placed = tfm.Scene(self.scene.grid, self.scene.medium, map=self.scene.map, march=self.scene.march)
+        placed = tfm.Scene(self.scene.grids[0], self.scene.medium, map=self.scene.map, march=self.scene.march)
         filled = placed.replace(camera=placed.camera.replace(res=self._lab.sizes.frame))
         scenes = (with_march(hazy(filled), **PLAIN_MARCH), filled, self.scene)
         measurements: dict[Any, Callable[[], Seconds]] = {}
@@ -915,7 +915,7 @@ def with_puffs(
     scene: tfm.Scene, before: int, behind: int, puffs: Iterable[tuple[float, float, float]]
 ) -> tfm.Scene:
     """Pad the volume along x and add puffs on the light's axis: world x, radius in voxels, stored density."""
-    volume, light = scene.grid, scene.lights[0]
+    volume, light = scene.grids[0], scene.lights[0]
     assert isinstance(light, tfm.SpotLight)  # noqa: S101 - as `Lab.side` makes it
     data, origin = padded(volume, before, behind)
     z, y, x = np.meshgrid(*map(np.arange, data.shape), indexing="ij", sparse=True)
@@ -943,11 +943,11 @@ def fom_fig5(lab: Lab) -> Study:
     settings = {"coeffs": 7, "range": "global"}
     near, far = depth_range(lab.renderer.build_maps(with_map(base, basis="fourier", **settings)))
     length = far - near
-    density = MARK * float(base.grid.data.max())
+    density = MARK * float(base.grids[0].data.max())
 
     def bounded(low: float, high: float) -> tfm.Scene:
         """Give the map the range from low to high beyond the medium, parts of its length."""
-        radius = MARK_RADIUS * float(base.grid.voxel_size[0])
+        radius = MARK_RADIUS * float(base.grids[0].voxel_size[0])
         ends = (near - low * length + radius, far + high * length - radius)
         marks = [(light_x + at, MARK_RADIUS, density) for at in ends] if low or high else []
         return with_puffs(base, PADDING, PADDING, marks)
@@ -1125,7 +1125,7 @@ def _rms(values: Floats) -> float:
 def _outlier_changes(lab: Lab, n: int) -> dict[tuple[str, str], tuple[float, float]]:
     """Largest and RMS change of T̂ at the plume's voxels that a puff behind it makes."""
     scene = lab.side(SMOKE)
-    volume, light = scene.grid, scene.lights[0]
+    volume, light = scene.grids[0], scene.lights[0]
     assert isinstance(light, tfm.SpotLight)  # noqa: S101 - as `Lab.side` makes it
     voxel, sigma_t = float(volume.voxel_size[0]), float(scene.medium.sigma_t.mean())
     across = 2 * PUFF["voxels"] * voxel * sigma_t * volume.density_scale

@@ -11,30 +11,20 @@ PACKAGE = ROOT / "tfm_cl"
 MOST_IN_ROOT = 12
 """Modules in the package's root: what everything may use."""
 
-CIRCLES = {
-    frozenset({"device.bricks", "device.launch", "device.params", "device.program"}),
-    frozenset({"maps.transmittance_map", "reference"}),
-    frozenset({"render.coloured", "render.renderer"}),
-}
-"""Modules that import each other, still: this may only shrink."""
-
-UPWARDS = {("maps", "reference")}
-"""Folders that import what builds on them, still: this may only shrink."""
-
 FLOORS = {
     "": 2,
     "files": 5,
-    "maps/bases": 4,
+    "maps/bases": 5,
     "scene": 9,
-    "device": 9,
+    "device": 11,
     "plan": 12,
-    "maps": 12,
-    "reference": 12,
+    "maps": 10,
+    "reference": 15,
     "render": 15,
     "sweep": 17,
     "cli": 18,
 }
-"""Most modules on top of each other, each importing the next, down from one of the folder."""
+"""Most modules on top of each other, each importing the next, down from one of the folder: they may fall."""
 
 
 def _modules() -> dict[str, Path]:
@@ -132,13 +122,11 @@ def test_the_root_holds_few_modules():
 
 
 def test_no_module_is_its_own_foundation():
-    found = {circle for circle in map(circle_of, MODULES) if len(circle) > 1}
-    assert not found - CIRCLES, "modules import each other"
-    assert not CIRCLES - found, "cut by now: take it off the list"
+    assert not {circle for circle in map(circle_of, MODULES) if len(circle) > 1}
 
 
 def test_the_picture_shows_what_imports_what():
-    arrows, real = drawn(), folder_imports() - UPWARDS
+    arrows, real = drawn(), folder_imports()
     for one, other in sorted(real):
         assert other in below(one, arrows), f"{one} imports {other}, which CONTRIBUTING.md does not draw"
     for arrow in sorted(arrows):
@@ -148,7 +136,6 @@ def test_the_picture_shows_what_imports_what():
 
 
 def test_folders_lie_on_top_of_each_other():
-    assert folder_imports() >= UPWARDS, "cut by now: take it off the list"
     arrows = drawn()
     assert {folder for arrow in arrows for folder in arrow} == {folder for folder in FLOORS if folder}
     for folder in FLOORS:

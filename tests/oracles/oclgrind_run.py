@@ -112,7 +112,7 @@ def _other_lights(scene: tfm.Scene) -> tfm.Scene:
 def _several(scene: tfm.Scene) -> tfm.Scene:
     moved = np.eye(4)
     moved[:3, 3] = (3, -1, 0.5)
-    volume = scene.grid
+    volume = scene.grids[0]
     return scene.replace(volume=([volume, volume.transformed(moved), volume.with_density_scale(0.2)]))
 
 

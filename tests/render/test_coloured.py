@@ -694,16 +694,16 @@ def test_a_scene_file_and_the_one_written_from_it(folder, tmp_path, kind):
     scene = file.make(tfm.Scene)
     expected = None if kind in {"left out", "none"} else rainbow()
     written = tmp_path / "written.toml"  # elsewhere: paths must not be relative
-    written.write_text(to_toml(options.options(file, scene)))
+    written.write_text(to_toml(options.table(file, scene)))
 
     again = SceneFile.read(written).make(tfm.Scene)
 
     for each in (scene, again):
         np.testing.assert_array_equal(each.volume.colour, expected)
     told = told.format(folder=folder.resolve()) if isinstance(told, str) else told
-    assert options.options(file, scene)["volume"]["colour"] == told
+    assert options.table(file, scene)["volume"]["colour"] == told
     again_file = SceneFile.read(written)
-    assert options.options(again_file, again)["volume"] == options.options(file, scene)["volume"]
+    assert options.table(again_file, again)["volume"] == options.table(file, scene)["volume"]
 
 
 def test_print_config_and_set(folder, capsys):

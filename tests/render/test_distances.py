@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scenes import blobs
-from tfm_cl.device.params import FARTHEST, check_distances
 
 import tfm_cl as tfm
+from tfm_cl.device.frame import FARTHEST, check_distances
 from tfm_cl.errors import SceneError
 
 SIZE = 3.0

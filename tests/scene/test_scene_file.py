@@ -9,12 +9,16 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scenes import blobs
-from tfm_cl.device.params import fill
 
 import tfm_cl as tfm
+from tfm_cl.device.structs.bodies import body_structs, grid_structs
+from tfm_cl.device.structs.light import light_structs
+from tfm_cl.device.structs.medium import medium_structs
+from tfm_cl.device.structs.view import view_struct
 from tfm_cl.errors import SceneError, TfmError
 from tfm_cl.plan import options, resolution
 from tfm_cl.plan.plan import plan
+from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.placement import density_scale_for
 from tfm_cl.scene.scene_file import SECTIONS, SceneFile, to_toml
 from tfm_cl.scene.settings import ImageSettings
@@ -203,8 +207,8 @@ def test_every_key_arrives(folder):
 def test_the_full_scene_has_every_key(folder):
     table = tomllib.loads((folder / "full.toml").read_text())
     for name, model in SECTIONS.items():
-        # Instead of coeffs, and of [medium].
-        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error", "medium"}, name
+        # Instead of coeffs.
+        assert set(table[name]) == set(model.keys()) - {"bytes", "max_error"}, name
     assert set(table["light"][0]) == set(tfm.SpotLight.keys())
 
 
@@ -246,7 +250,7 @@ def test_a_bare_volume_is_a_scene(folder):
 
 
 def options_of(file):
-    return options.options(file, plan(file.make(tfm.Scene)).scene)
+    return options.table(file, plan(file.make(tfm.Scene)).scene)
 
 
 COUNTS = ["map.res", "map.steps", "march.steps"]
@@ -260,7 +264,7 @@ def test_a_bare_volume_counts_by_itself_and_tells(folder):
     assert list(chosen)[-3:] == COUNTS
     assert [chosen[key] for key in COUNTS] == [numbers.map.res, numbers.map.steps, numbers.march.steps]
     assert all(type(chosen[key]) is int for key in COUNTS)
-    table = options.options(file, plan(scene).scene)
+    table = options.table(file, plan(scene).scene)
     assert {key: table[key.split(".")[0]][key.split(".")[1]] for key in COUNTS} == {
         key: chosen[key] for key in COUNTS
     }
@@ -273,7 +277,7 @@ def test_a_number_given_is_not_chosen(folder, key):
     assert [name for name in COUNTS if name in plan(scene, file=file).told] == [
         name for name in COUNTS if name != key
     ]
-    assert options.options(file, scene)[key.split(".")[0]][key.split(".")[1]] == 33
+    assert options.table(file, scene)[key.split(".")[0]][key.split(".")[1]] == 33
 
 
 @pytest.mark.parametrize("name", ["full.toml", "cloud.npy"])
@@ -281,7 +285,7 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     file = SceneFile.read(folder / name)
     scene = file.make(tfm.Scene)
     written = tmp_path / "written.toml"  # elsewhere: the volume's path must not be relative
-    written.write_text(to_toml(options.options(file, plan(scene).scene)), encoding="utf-8")
+    written.write_text(to_toml(options.table(file, plan(scene).scene)), encoding="utf-8")
     again = SceneFile.read(written)
     copy = again.make(tfm.Scene)
     for part in ("medium", "camera", "lights", "map", "march"):
@@ -291,7 +295,7 @@ def test_resolved_toml_is_the_same_scene(folder, tmp_path, name):
     np.testing.assert_array_equal(copy.bodies[0].world_from_index, scene.bodies[0].world_from_index)
     assert copy.bodies[0].density_scale == scene.bodies[0].density_scale
     assert copy.bodies[0].own_medium == scene.bodies[0].own_medium
-    assert again.chosen(copy) == {}
+    assert plan(copy, file=again).told == {}
 
 
 def test_overrides_make_tables_that_are_missing(read):
@@ -312,7 +316,7 @@ def test_a_path_with_letters_of_any_kind(folder, tmp_path):
     odd.mkdir()
     (odd / "cloud.npy").write_bytes((folder / "cloud.npy").read_bytes())
     file = SceneFile.read(odd / "cloud.npy")
-    table = tomllib.loads(to_toml(options.options(file, file.make(tfm.Scene))))
+    table = tomllib.loads(to_toml(options.table(file, file.make(tfm.Scene))))
     assert table["volume"]["file"] == str(odd / "cloud.npy")
 
 
@@ -323,7 +327,7 @@ def test_center_is_centre_in_files_and_overrides(read):
         file, scene = read(volume + solid, (f"volume.{key}", [7, 8, 9]))
         assert scene.bodies[0].centre == (7, 8, 9)
         assert scene.solids[0].centre == (4, 5, 6)
-        assert "center" not in to_toml(options.options(file, scene))
+        assert "center" not in to_toml(options.table(file, scene))
         assert read(volume + solid, (f"solid.0.{key}", [7, 8, 9]))[1].solids[0].centre == (7, 8, 9)
 
 
@@ -468,24 +472,24 @@ def test_faults_of_several_media_are_told_together_and_once(folder):
 def test_resolved_toml_keeps_each_body_s_medium(folder, tmp_path):
     (folder / "bodies.toml").write_text(BODIES)
     file = SceneFile.read(folder / "bodies.toml", [("light.from", [3, 4, 5])])
-    scene = file.scene()
-    text = to_toml(file.resolved(scene))
+    scene = file.make(tfm.Scene)
+    text = to_toml(options.table(file, plan(scene).scene))
     (tmp_path / "written.toml").write_text(text)
     again = SceneFile.read(tmp_path / "written.toml")
-    copy = again.scene()
+    copy = again.make(tfm.Scene)
     assert copy.medium == scene.medium
     assert [body.own_medium for body in copy.bodies] == [body.own_medium for body in scene.bodies]
-    assert tomllib.loads(to_toml(again.resolved(copy))) == tomllib.loads(text)
+    assert tomllib.loads(to_toml(options.table(again, copy))) == tomllib.loads(text)
 
 
 def test_no_lights_at_all(folder, tmp_path):
     (folder / "dark.toml").write_text('light = []\n[volume]\nfile = "cloud.npy"\n')
     file = SceneFile.read(folder / "dark.toml")
-    scene = file.scene()
+    scene = file.make(tfm.Scene)
     assert scene.lights == ()
-    assert not any(key.startswith("light") for key in file.chosen(scene))
-    (tmp_path / "written.toml").write_text(to_toml(file.resolved(scene)))
-    assert SceneFile.read(tmp_path / "written.toml").scene().lights == ()
+    assert not any(key.startswith("light") for key in plan(scene, file=file).told)
+    (tmp_path / "written.toml").write_text(to_toml(options.table(file, plan(scene).scene)))
+    assert SceneFile.read(tmp_path / "written.toml").make(tfm.Scene).lights == ()
     with pytest.raises(SceneError, match=r"light.cone: the scene has 0 \[\[light\]\] tables"):
         SceneFile.read(folder / "dark.toml", [("light.cone", 30)])
 
@@ -522,11 +526,18 @@ def check_lines_or_a_scene(make):
         assert not any("\n" in line for line in lines)
     else:
         scene = resolution.resolved(scene)
-        own = any(body.own_medium for body in scene.bodies)
-        for light in () if own else scene.lights:  # what the kernels get are finite float32
-            params = fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0)
-            assert all(np.isfinite(params[field]).all() for field in params.dtype.names)
-        assert tomllib.loads(to_toml(options.options(file, scene)))
+        # What the kernels get are finite float32.
+        bounds = scene.occupied_bounds
+        lights = [part.fitted(bounds) for light in scene.lights for part in light.parts()]
+        for structs in (
+            view_struct(scene, fields_of(scene), (0, 0, 1, 1)),
+            light_structs(scene, lights),
+            body_structs(scene),
+            grid_structs(scene, None),
+            medium_structs([scene.medium_of(body) for body in scene.bodies]),
+        ):
+            assert all(np.isfinite(structs[name]).all() for name in structs.dtype.names)
+        assert tomllib.loads(to_toml(options.table(file, scene)))
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -621,7 +632,7 @@ def test_whoever_says_the_density_scale_is_not_warned(tmp_path, value):
     given = tmp_path / "scene.toml"
     file = SceneFile.read(given)
     printed = tmp_path / "printed.toml"
-    printed.write_text(to_toml(options.options(file, file.make(tfm.Scene))))
+    printed.write_text(to_toml(options.table(file, file.make(tfm.Scene))))
     again = SceneFile.read(printed)
     assert options.warnings(again, again.make(tfm.Scene)) == ()
 

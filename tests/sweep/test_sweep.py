@@ -24,6 +24,7 @@ from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import compare
+from tfm_cl.scene.bodies.box import BoxVolume
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.settings import MapSettings
@@ -399,6 +400,12 @@ def test_leaves_are_hashed_as_they_are(monkeypatch):
     assert key(density) == same
     assert len({same, *different}) == 4
     assert content_hash(Volume(density)) == dense  # dense ones stay hashable
+
+
+def test_what_a_body_is_made_of_counts():
+    media = [None, Medium(), Medium(sigma_s=2.0)]
+    for body in (Volume(np.ones((2, 2, 2))), BoxVolume()):
+        assert len({content_hash(body.with_medium(medium)) for medium in media}) == len(media)
 
 
 def test_several_inputs_and_equal_names(tmp_path, out):

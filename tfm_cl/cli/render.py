@@ -80,7 +80,7 @@ def command(
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
     scene = scene_file.make(Scene)
     planned = plan(scene, file=scene_file)
-    resolved = options.options(scene_file, planned.scene)
+    resolved = options.table(scene_file, planned.scene)
     if not quiet:
         _tell_left_out(outputs, scene_file.image)
         _tell_chosen(source, planned)

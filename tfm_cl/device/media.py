@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tfm_cl.device.bricks import ONE_FIELD
+from tfm_cl.device.field import FieldOnDevice
 from tfm_cl.device.structs.bodies import body_structs, grid_structs
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.scene.bodies import SHAPES
@@ -22,21 +23,6 @@ if TYPE_CHECKING:
     from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
-
-
-@dataclass(frozen=True)
-class FieldOnDevice:
-    """One scalar field of density, which light passes march."""
-
-    index: int
-    extinction: float
-    """At density 1, of the colour that sees deepest into it: what visibility is meant for."""
-    strongest: float
-    """At density 1, of the colour that sees least far."""
-    voxels: str
-    """Type of the voxels in memory."""
-    defines: dict[str, int | str]
-    arguments: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,16 @@ from numpy.typing import NDArray
 from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, TARGETS
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.program import Kernel
-from tfm_cl.device.structs.map import map_struct
 from tfm_cl.maps.bases import BASES
-from tfm_cl.maps.bases.base import FITS, LOOKUPS, Functions
+from tfm_cl.maps.bases.base import FITS, LOOKUPS
+from tfm_cl.maps.planned import MapPlan
 from tfm_cl.maps.prefilter import Prefilter
 from tfm_cl.maps.probe import light_defines
 from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.scene.lights import Light
 
 if TYPE_CHECKING:
-    from tfm_cl.device.media import FieldOnDevice
-
-LARGEST_HALF = 4096.0
-"""Numbers in half precision are stored in a unit that keeps the largest optical depth near this, far from
-65504."""
-
+    from tfm_cl.device.field import FieldOnDevice
 
 RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own
@@ -50,42 +45,6 @@ def map_variant(settings: ResolvedMap) -> tuple[str, dict[str, int | str]]:
         "TFM_RANGE": int(settings.range != "box"),
         "TFM_LOOKUP": LOOKUPS[settings.lookup],
     }
-
-
-@dataclass(frozen=True)
-class MapPlan:
-    """All that is decided before a map's rays are marched."""
-
-    settings: ResolvedMap
-    """Resolved."""
-    field: NDArray[np.float32]
-    """Ranges of the rays, [size, size, 4]; [1, 1, 4] of no meaning for the range ``box``."""
-    functions: Functions | None
-    """Of the basis; None where its kernel header accumulates in its own way."""
-    number_unit: float
-    density_weighting: float
-    """The α in use."""
-    extinction: float
-    """At density 1, that visibility is meant for."""
-    clip: NDArray[np.float32] | None
-    """[res, res] distances beyond which, for solids, a texel's ray lights nothing; None without solids."""
-
-    @property
-    def modes(self) -> NDArray[np.float32]:
-        """What the basis needs to evaluate its functions."""
-        return np.zeros(0, np.float32) if self.functions is None else self.functions.modes
-
-    def struct(self, settings: ResolvedMap | None = None) -> NDArray[Any]:
-        """Return what kernels are told of the map; ``settings`` of one that is looked up in its place."""
-        settings = settings or self.settings
-        return map_struct(
-            res=settings.res,
-            steps=settings.steps,
-            density_weighting=self.density_weighting,
-            extinction=self.extinction,
-            number_unit=self.number_unit,
-            ranges=self.field,
-        )
 
 
 @dataclass(frozen=True)

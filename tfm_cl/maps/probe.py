@@ -14,7 +14,7 @@ from tfm_cl.device.program import Kernel
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 if TYPE_CHECKING:
-    from tfm_cl.device.media import FieldOnDevice
+    from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.scene.lights import Light
 
 VISIBLE_DEPTH = 8.0

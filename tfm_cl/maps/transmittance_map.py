@@ -17,10 +17,10 @@ from tfm_cl.scene.settings import MapSettings
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.media import FieldOnDevice
+    from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.light_pass import LightPass, MapBuffers
-    from tfm_cl.plan.maps import Planned
+    from tfm_cl.maps.planned import Planned
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.scene import Scene

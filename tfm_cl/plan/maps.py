@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,14 +10,15 @@ import numpy as np
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
-from tfm_cl.maps.light_pass import LARGEST_HALF, MapPlan
+from tfm_cl.maps.planned import LARGEST_HALF, Planned
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
 from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.media import FieldOnDevice, MediaOnDevice
+    from tfm_cl.device.field import FieldOnDevice
+    from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.scene.lights import Light
@@ -35,16 +35,6 @@ map."""
 
 
 Clip = Callable[["Light", int], np.ndarray | None]
-
-
-@dataclass(frozen=True)
-class Planned(MapPlan):
-    """A map's plan, and what it was made from."""
-
-    deepest: float
-    """Largest optical depth of the field along the rays of all lights, on a coarse map."""
-    seconds: float
-    """Device time of the probes."""
 
 
 class Planner:

@@ -34,7 +34,7 @@ def grids(file: SceneFile, scene: Scene) -> Iterator[tuple[str, VolumeSettings, 
             yield f"{i}." if len(file.volumes) > 1 else "", settings, volume
 
 
-def options(file: SceneFile, scene: Scene) -> Values:
+def table(file: SceneFile, scene: Scene) -> Values:
     """Return every option in the shape of a scene file that reproduces this run.
 
     Parameters
@@ -45,7 +45,7 @@ def options(file: SceneFile, scene: Scene) -> Values:
         Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
     """
     volumes = [
-        settings.resolved(file.path.parent, body)
+        settings.written(file.path.parent, body)
         if isinstance(settings, VolumeSettings) and isinstance(body, Volume)
         else settings.to_dict()
         for settings, body in zip(file.volumes, scene.bodies, strict=True)

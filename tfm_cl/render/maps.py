@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.light_pass import Numbers
-    from tfm_cl.plan.maps import Planned
+    from tfm_cl.maps.planned import Planned
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene

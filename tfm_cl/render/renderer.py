@@ -21,6 +21,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan import resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
+from tfm_cl.plan.plan import plan
 from tfm_cl.render import diagnosis
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
@@ -129,8 +130,7 @@ class Renderer:
         progress = progress or _silent
         if scene.map.max_error is not None:
             scene, _ = self._chosen(scene, "tfm", None, None, progress)
-        scene.read_files()
-        scene = _single_lights(resolution.resolved(scene))
+        scene = _single_lights(plan(scene, method="tfm").scene)
         media = self._media(scene)
         if not media.fields.count:
             return []
@@ -233,7 +233,7 @@ class Renderer:
         method = _checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
-        scene = resolution.resolved(scene, maps[0].requested if maps else None)
+        scene = plan(scene, method=method, maps=maps[0].requested if maps else None).scene
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()

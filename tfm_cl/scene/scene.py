@@ -14,8 +14,9 @@ from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume
-from tfm_cl.scene.bodies.base import around
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
+from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import Light
 from tfm_cl.scene.medium import Medium
@@ -135,19 +136,6 @@ class Scene:
         """Return what a body is made of: its own medium, or the scene's."""
         return body.own_medium or self.medium
 
-    @property
-    def grid(self) -> Volume:
-        """The volume, where it is one grid.
-
-        Raises
-        ------
-        SceneError
-            The scene has several volumes, or a homogeneous one.
-        """
-        if len(self.bodies) > 1 or not self.grids:
-            raise SceneError("this works with a single grid only, not with several or homogeneous bodies")
-        return self.grids[0]
-
     @classmethod
     def load(cls, path: str | Path) -> Scene:
         """Read a scene file (TOML), or a bare volume file with everything placed by itself.
@@ -162,7 +150,7 @@ class Scene:
     def read_files(self) -> None:
         """Read what solids and lights name, where that has not been done; volumes are read already.
 
-        Afterwards nothing is read any more until a file changes.
+        Afterwards nothing is read any more, but an image that has changed since.
 
         Raises
         ------

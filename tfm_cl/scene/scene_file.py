@@ -29,7 +29,9 @@ from tfm_cl.model import (
 )
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies import MOST_BODIES, Body, Homogeneous, Volume, parse_homogeneous
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body
+from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
+from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
@@ -151,7 +153,7 @@ class VolumeSettings(Model):
         is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
         return source_of(str(self.colour), folder) if is_file else self.colour
 
-    def resolved(self, folder: Path, volume: Volume) -> Values:
+    def written(self, folder: Path, volume: Volume) -> Values:
         """Return the section of a scene file anywhere that loads ``volume`` again."""
         colour = self._colour_in(folder)
         if isinstance(colour, Path):

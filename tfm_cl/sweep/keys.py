@@ -47,7 +47,7 @@ def _feed(digest: hashlib._Hash, value: Any) -> None:
     elif isinstance(value, Volume):
         # As stored: the dense array of a sparse volume may be far larger than memory.
         stored = value._voxels.stored  # noqa: SLF001 - asking for either form may make it
-        _feed(digest, (stored, value.world_from_index, value.density_scale, value.colour))
+        _feed(digest, (stored, value.world_from_index, value.density_scale, value.colour, value.medium))
     elif isinstance(value, BaseModel):
         _feed(digest, {name: getattr(value, name) for name in type(value).model_fields})
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -129,7 +129,7 @@ def test_keys_of_a_scene_and_back(tmp_path):
     file = SceneFile.read(tmp_path / "a.toml")
     scene = file.make(tfm.Scene)
     assert scene.bodies[0].data.max() == 1
-    assert options.options(file, scene)["volume"] | {"file": ""} == {
+    assert options.table(file, scene)["volume"] | {"file": ""} == {
         "file": "",
         "grid": "density",
         "colour": None,

@@ -666,7 +666,7 @@ def test_leaves_far_apart_are_read_without_the_space_between(tmp_path):
     assert peak < 4 << 20
     (grid,) = open_grids(path)
     for function in (
-        lambda: camera_for(volume),
+        lambda: camera_for([volume]),
         lambda: density_scale_for(volume),
         lambda: describe(path, grid),
     ):

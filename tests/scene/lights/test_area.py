@@ -233,7 +233,7 @@ def test_a_scene_file_and_back(tmp_path):
     file = SceneFile.read(tmp_path / "scene.toml")
     scene = file.make(tfm.Scene)
     written = tmp_path / "written.toml"
-    written.write_text(to_toml(options.options(file, scene)), encoding="utf-8")
+    written.write_text(to_toml(options.table(file, scene)), encoding="utf-8")
 
     again = SceneFile.read(written).make(tfm.Scene)
 

@@ -1,15 +1,13 @@
-"""What kernels are told: one struct for each owner, declared beside what fills it.
+"""What kernels are told: one struct for each owner.
+
+They are declared without what fills them, so that a program depends on no scene.
 
 The C text is put in front of every kernel; a test compares the offsets with the compiler's.
 """
 
 from tfm_cl.constants import c_definitions
 from tfm_cl.device.structs.base import Field, Struct
-from tfm_cl.device.structs.bodies import BODY, GRID
-from tfm_cl.device.structs.light import LIGHT
-from tfm_cl.device.structs.map import MAP
-from tfm_cl.device.structs.medium import MEDIUM
-from tfm_cl.device.structs.view import VIEW
+from tfm_cl.device.structs.declared import BODY, GRID, LIGHT, MAP, MEDIUM, VIEW
 
 STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP)
 

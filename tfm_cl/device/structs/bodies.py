@@ -9,39 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.base import Field, Struct
+from tfm_cl.device.structs.declared import BODY, GRID
 
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid
     from tfm_cl.scene.scene import Scene
-
-BODY = Struct(
-    "Body",
-    "A body of constant density.",
-    (
-        Field("int", "kind", 1, "number of its kind"),
-        Field("float", "centre", 3, "from the device's origin"),
-        Field("float", "size", 3, "as its kind has it"),
-        Field("float", "density", 1, "inside"),
-    ),
-)
-
-GRID = Struct(
-    "Grid",
-    "A body whose density is a grid's.",
-    (
-        Field("float", "index_from_world", 12, "3x4 row major, to the padded grid: 0 is the zero border"),
-        Field("int", "size", 3, "padded grid x, y, z: one zero voxel on each side"),
-        Field("int", "brick_count", 3, "bricks x, y, z that cover it"),
-        Field("int", "first_brick", 1, "where its bricks begin in the table"),
-        Field(
-            "int", "channel_records", 1, "from the record of a channel to that of the next; 0: one channel"
-        ),
-        Field("float", "density_scale", 3, "density = density_scale * voxel as stored, of each channel"),
-        Field("int", "pool_size", 1, "records in a pool, of all grids"),
-        Field("int", "skip_empty", 1, "1: jump over bricks without density, in all grids"),
-    ),
-)
 
 
 def body_structs(scene: Scene) -> NDArray[Any]:

@@ -9,33 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import SMALLEST_SIZE, finite_bounds, world_from_device
-from tfm_cl.device.structs.base import Field, Struct
+from tfm_cl.device.structs.declared import LIGHT
 
 if TYPE_CHECKING:
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
-
-LIGHT = Struct(
-    "Light",
-    "A light with one place of its own. World: from the device's origin.",
-    (
-        Field("float", "world_from_light", 12, "3x4 row major, rigid; the light's map looks along +z"),
-        Field("float", "light_from_world", 12, "its inverse"),
-        Field("float", "cone_from_light", 12, "3x4 row major, rotation to where a spot's axis is z"),
-        Field("float", "shape", 4, "parameters of the light's kind"),
-        Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
-        Field("float", "intensity", 3, "RGB"),
-        Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
-        Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
-        Field("int", "first_map", 1, "number of its first field's map"),
-        Field("int", "lit_pixels", 4, "x0, y0, x1, y1 of the pixels that the light may change"),
-        Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
-        Field("int", "shadow_res", 1, "texels along each side of the shadow map"),
-        Field("int", "first_shadow", 1, "where it begins in its buffer"),
-        Field("int", "texture_size", 2, "columns and rows of the light's texture"),
-        Field("int", "first_texel", 1, "where it begins in its buffer"),
-    ),
-)
 
 
 def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:

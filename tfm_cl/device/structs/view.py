@@ -9,40 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.base import Field, Struct
+from tfm_cl.device.structs.declared import VIEW
 from tfm_cl.model import LARGEST_COORDINATE
 
 if TYPE_CHECKING:
     from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.scene import Scene
 
-VIEW = Struct(
-    "View",
-    "The camera, and how its rays are marched. World: from the device's origin.",
-    (
-        Field("float", "position", 3, "world"),
-        Field("float", "right", 3, "world, times tan(fov/2) * width / height"),
-        Field("float", "up", 3, "world, times tan(fov/2)"),
-        Field("float", "forward", 3, "world, unit"),
-        Field("int", "image_size", 2, "full frame, pixels"),
-        Field("int", "crop", 4, "x0, y0, x1, y1 of the pixels that are rendered"),
-        Field("int", "steps", 1, "samples along the lit part of a camera ray"),
-        Field("int", "light_steps", 1, "steps along the light rays of the dual march"),
-        Field("int", "projective", 1, "1: uniform in projective space (section 4.2), 0: in the world"),
-        Field("float", "max_stretch", 1, "longest projective step over the mean one"),
-        Field(
-            "int", "paper_attenuation", 1, "1: as algorithm 1 is printed, dimmed within the light's cone only"
-        ),
-        Field("float", "cutoff", 1, "a camera ray ends where no colour has more transmittance left"),
-        Field(
-            "float", "end", 1, "length of the media beyond which nothing is seen, for those in closed form"
-        ),
-        Field(
-            "float", "rgb_from_field", 9, "3x3 row major: extinction, RGB, of a density of 1 of each field"
-        ),
-        Field("float", "ambient", 3, "radiance from everywhere, RGB"),
-    ),
-)
 
 LEAST_CUTOFF = 1e-7
 """Of a camera ray in a medium that may be infinite."""

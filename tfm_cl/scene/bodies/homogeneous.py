@@ -6,13 +6,14 @@ What lies between two points of one is known in closed form (TFM eq. 5).
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.model import LARGEST_COLOUR, Model, section_within
+from tfm_cl.errors import SceneError
+from tfm_cl.model import LARGEST_COLOUR, Model, section_within, unknown_key
 from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.medium import Medium, parse_medium
 
@@ -75,3 +76,21 @@ class Homogeneous(Model, Body):
     def label(self) -> str:
         """What messages call it: its shape."""
         return self.shape
+
+
+SHAPES: dict[str, type[Homogeneous]] = {}
+"""Name in scene files -> class, of all that `tfm_cl.scene.bodies` lists."""
+
+
+def parse_homogeneous(values: dict[str, Any]) -> Homogeneous:
+    """Make a homogeneous volume from a scene file's table with a ``shape``.
+
+    Raises
+    ------
+    SceneError
+        Unknown shape, unknown key or impossible value.
+    """
+    name = values.get("shape")
+    if not isinstance(name, str) or name not in SHAPES:
+        raise SceneError(f"volume.shape: {unknown_key(str(name), list(SHAPES)).replace('key', 'shape')}")
+    return SHAPES[name].from_table(values)
