@@ -1,8 +1,8 @@
-/* The transmittance function map: n numbers a texel, in three types of storage, over the range of its light ray in
-   which there is something to say.
-   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8; TFM_RANGE, 0: between the medium's bounds, 1: from a field of
-   ranges; TFM_LOOKUP, 0: interpolate the numbers, 1: reconstruct at four texels and interpolate tau, 2: one of the
-   four, at random; a basis header. */
+/* The transmittance function map: n coefficients per texel in one of three storage types. They describe the optical
+   depth over the range of the texel's light ray.
+   Requires: TFM_N_COEFF; TFM_STORAGE_BITS 32, 16 or 8; TFM_RANGE, 0: the range lies between the medium's bounds, 1: it
+   comes from a field of ranges; TFM_LOOKUP, 0: interpolate the coefficients, 1: reconstruct tau at four texels and
+   interpolate it, 2: reconstruct tau at one of the four texels, chosen at random; a basis header. */
 #ifndef TFM_MAP_H
 #define TFM_MAP_H
 
@@ -10,7 +10,7 @@
 #include "texels.h"
 #include "volume.h"
 
-/* Vectors of coefficients in memory need only their elements' alignment. */
+/* Vectors of coefficients in memory are aligned like their elements only. */
 #if TFM_STORAGE_BITS == 32
 typedef float MapStorage;
 typedef float2 Stored2 __attribute__((aligned(4)));
@@ -45,19 +45,20 @@ typedef float16 Unaligned16 __attribute__((aligned(4)));
 #if TFM_STORAGE_BITS == 32
 #define DECODE(k, stored) (stored)
 #elif TFM_STORAGE_BITS == 16
-/* A half's bits, shifted into place, are a float 2^112 too small; coefficients are finite. */
+/* The bits of a half, shifted into place, are a float that is too small by a factor of 2^112. Coefficients are
+   finite. */
 #define SHIFTED_(k, bits) as_float##k((((bits) & 0x7fff) << 13) | (((bits) & 0x8000) << 16))
 #define DECODE_(k, bits) (0x1p112f * SHIFTED_(k, bits))
 #define as_float1 as_float
 #define convert_uint1 convert_uint
 #define DECODE(k, stored) DECODE_(k, convert_uint##k(stored))
 #else
-/* In units of the coefficient's range. */
+/* As a fraction of the coefficient's range. */
 #define convert_float1 convert_float
 #define DECODE(k, stored) convert_float##k(stored)
 #endif
 
-/* k coefficients of a lane, interpolated between four texels. */
+/* k coefficients of one lane, interpolated between four texels. */
 #define BILINEAR(k)                                                                                           \
   TFM_INLINE Loaded##k bilinear##k(__global const MapStorage *low, int dx, int dy, float fx, float fy)        \
   {                                                                                                           \
@@ -76,7 +77,7 @@ BILINEAR(4)
 #endif
 #if TFM_LANES >= 8
 #if TFM_N_COEFF == 8
-/* Neighbours in x follow each other: both come in one load. */
+/* Neighbours in x are adjacent in memory, so one load reads both. */
 TFM_INLINE float8 bilinear8(__global const MapStorage *low, int dx, int dy, float fx, float fy)
 {
   const Stored16 lower = *(__global const Stored16 *)low;
@@ -92,7 +93,7 @@ BILINEAR(8)
 #endif
 #endif
 
-/* Lanes' rows of k coefficients joined to vectors, then sorted by splitting even from odd places. */
+/* The rows of k coefficients of all lanes are joined to vectors and transposed by splitting even from odd places. */
 #if TFM_LANES > 1
 #if TFM_LANES == 16
 #define ROWS8(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7)), \
@@ -111,7 +112,7 @@ BILINEAR(8)
 #endif
 #define EVEN(a, b) ((Floats)((a).even, (b).even))
 #define ODD(a, b) ((Floats)((a).odd, (b).odd))
-/* Rows of four to one vector for each place. */
+/* Transpose rows of four: one vector for each place. */
 #define TRANSPOSE4(r, c0, c1, c2, c3)                                                                         \
   do {                                                                                                        \
     const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]);    \
@@ -120,16 +121,16 @@ BILINEAR(8)
     c2 = ODD(e0, e1);                                                                                         \
     c3 = ODD(o0, o1);                                                                                         \
   } while (0)
-/* The sum of every row from its even and its odd half. */
+/* The sum of every row, from its even and its odd places. */
 #define HALVED(a, b) (EVEN(a, b) + ODD(a, b))
 #endif
 
 /* All coefficients at a map position.
-   ranges: for 8 bits the lowest value and the extent of every coefficient over the map. */
+   ranges: for 8-bit storage, the lowest value and the extent of every coefficient over the map. */
 TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const float2 *ranges, int res,
                                  MapPosition at, Floats *c)
 {
-  /* A map of one texel has no neighbours; they would weigh nothing. */
+  /* A map of one texel has no neighbours; their weight would be 0. */
   const int dx = res > 1 ? TFM_N_COEFF : 0;
   const int dy = res > 1 ? res * TFM_N_COEFF : 0;
   int j = 0;
@@ -183,7 +184,7 @@ TFM_INLINE void map_coefficients(__global const MapStorage *map, __global const 
 #endif
 }
 
-/* One coefficient to memory. */
+/* Store one coefficient. */
 TFM_INLINE void map_store(__global MapStorage *map, __global const float2 *ranges, size_t i, int j, float value)
 {
 #if TFM_STORAGE_BITS == 32
@@ -199,7 +200,7 @@ TFM_INLINE void map_store(__global MapStorage *map, __global const float2 *range
 }
 
 #ifdef TFM_BASIS_TABULATED
-/* k numbers of a lane, each times the function that it belongs to. */
+/* k coefficients of one lane, each multiplied by its function. */
 #if TFM_STORAGE_BITS == 8
 #define LOW1(ranges) ((ranges)[0].x)
 #define EXTENT1(ranges) ((ranges)[0].y)
@@ -232,7 +233,7 @@ TERMS(4)
 TERMS(8)
 #endif
 
-/* The sum of the numbers times the functions at place, without sorting the numbers by lanes. */
+/* The sum of the coefficients times the functions at place, without transposing the coefficients to lanes. */
 TFM_INLINE Floats map_series(__global const MapStorage *map, __global const float2 *ranges, int res, MapPosition at,
                              __global const float *modes, TablePlace place)
 {
@@ -276,7 +277,7 @@ TFM_INLINE Floats map_series(__global const MapStorage *map, __global const floa
 }
 #endif
 
-/* The part of a light ray that lies in the medium: from k_in, or the light itself, to k_out. */
+/* The part of a light ray within the medium: from k_in, or from the light if it is inside, to k_out. */
 TFM_INLINE Ints light_medium_interval(PARAMS params, const GridRay *ray, Interval *k)
 {
   k->begin = floats(0.0f);
@@ -284,16 +285,16 @@ TFM_INLINE Ints light_medium_interval(PARAMS params, const GridRay *ray, Interva
   return medium_clip(params, ray, k);
 }
 
-/* The part of a light ray that the map's numbers speak of, distances from the light. */
+/* The part of a light ray that the coefficients describe, as distances from the light. */
 typedef struct {
   Floats begin, end;
-  Floats slope; /* optical depth of the density per unit length from the end to the last density */
-  Floats last;  /* where that is */
+  Floats slope; /* optical depth of the density per unit length between the end and the last density */
+  Floats last;  /* distance of the last density */
 } RayRange;
 
 #if TFM_RANGE
-/* The field of ranges is coarser than the map and continuous, so that neighbouring texels speak of nearly the same
-   range and their numbers may be interpolated. field: begin, end, slope, last. */
+/* The field of ranges is coarser than the map and continuous. Neighbouring texels therefore have nearly the same range,
+   and their coefficients may be interpolated. field: begin, end, slope, last. */
 TFM_INLINE RayRange map_range(PARAMS params, __global const float4 *field, Floats u, Floats v)
 {
   const int res = params->field_res;
@@ -319,18 +320,19 @@ TFM_INLINE RayRange map_range(PARAMS params, __global const float4 *field, Float
 }
 #endif
 
-/* Of a map's width: far more than positions on its edge are rounded by. */
+/* Fraction of the map's width: far more than the rounding error of positions on its edge. */
 #define EDGE_MARGIN 1e-3f
 
-/* Where a point is looked up: between texels, at v in the range of its light ray. */
+/* Where a point is looked up: a position between texels, and v in the range of its light ray. */
 typedef struct {
   MapPosition position;
   Floats v;
-  Floats beyond; /* optical depth of the density from the range's end on */
+  Floats beyond; /* optical depth of the density beyond the end of the range */
   Ints hit;      /* mask: there may be density between the light and the point */
 } MapPlace;
 
-/* point: world. The range is that of the point's own ray, so that interpolated texels agree on what v means. */
+/* point: world. The range is that of the ray through the point itself, so that v means the same for all the texels that
+   are interpolated. */
 TFM_INLINE MapPlace map_place(PARAMS params, __global const float4 *field, Vec3 point, LightSample sample)
 {
   MapPlace place;
@@ -349,14 +351,14 @@ TFM_INLINE MapPlace map_place(PARAMS params, __global const float4 *field, Vec3 
   place.v = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
   place.beyond = floats(0.0f);
 #endif
-  /* What passes the map by meets no medium. */
+  /* Rays outside the map meet no medium. */
   place.hit &= (sample.u > -EDGE_MARGIN) & (sample.u < 1.0f + EDGE_MARGIN) & (sample.v > -EDGE_MARGIN) &
                (sample.v < 1.0f + EDGE_MARGIN);
   place.position = map_position(params->map_res, sample.u, sample.v);
   return place;
 }
 
-/* Optical depth at v, of the numbers at one position. */
+/* Optical depth at v from the coefficients at one position. */
 TFM_INLINE Floats map_optical_depth_at(PARAMS params, __global const MapStorage *map,
                                        __global const float2 *ranges, __global const float *modes,
                                        MapPosition position, Floats v)
@@ -377,7 +379,8 @@ TFM_INLINE MapPosition map_corner(int res, MapPosition at, Ints right, Ints uppe
   MapPosition corner;
   corner.texel = res > 1 ? at.texel + (right ? ints(1) : ints(0)) + (upper ? ints(res) : ints(0)) : at.texel;
   corner.fx = corner.fy = floats(0.0f);
-  /* Its neighbours are read too, and weigh nothing: the last texel is reached from the one before it. */
+  /* Its neighbours are read too, with weight 0. The last texel of a row or column has none, so it is addressed as the
+     neighbour of the one before it. */
   const Ints x = corner.texel % res, y = corner.texel / res;
   const Ints last_x = (x == res - 1) & (res > 1 ? -1 : 0), last_y = (y == res - 1) & (res > 1 ? -1 : 0);
   corner.texel -= (last_x ? ints(1) : ints(0)) + (last_y ? ints(res) : ints(0));
@@ -386,7 +389,7 @@ TFM_INLINE MapPosition map_corner(int res, MapPosition at, Ints right, Ints uppe
   return corner;
 }
 
-/* A number in [0, 1) from bits that differ from sample to sample (an integer hash, lowbias32). */
+/* A pseudo-random number in [0, 1) from bits that differ between samples (the integer hash lowbias32). */
 TFM_INLINE Floats noise_of(Ints bits)
 {
   bits ^= (bits >> 16) & 0xffff;
@@ -398,7 +401,7 @@ TFM_INLINE Floats noise_of(Ints bits)
 }
 #endif
 
-/* Optical depth of the density between the light and a point, from the map. */
+/* Look up the optical depth of the density between the light and a point. */
 TFM_INLINE Floats map_optical_depth(PARAMS params, __global const MapStorage *map,
                                     __global const float2 *ranges, __global const float *modes, MapPlace place)
 {

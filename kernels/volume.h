@@ -1,9 +1,9 @@
-/* The medium's density: trilinear between voxel centres, 0 outside, in a sparse grid.
-   The padded grid carries one zero voxel on each side, so that the density falls to 0 over one voxel. Its cells
-   (the cubes between 8 voxels) are grouped into bricks of 4x4x4, the units of skipping, and blocks of 2x2x2 bricks,
-   the units of storage. A block with any density has a record of all voxels that its cells touch, so that a sample
-   reads one record only; all others have none. Several volumes, each with its transform, add up; they share the table
-   and the records.
+/* The density of the medium, in a sparse grid: trilinear between voxel centres, 0 outside.
+   The grid is padded with one zero voxel on each side, so that the density falls to 0 over one voxel. Its cells (the
+   cubes between 8 voxels) are grouped into bricks of 4x4x4, the unit of skipping, and blocks of 2x2x2 bricks, the unit
+   of storage. A block with any density has a record of all the voxels that its cells touch, so that a sample reads a
+   single record; other blocks have none. The densities of several volumes, each with its own transform, add up; the
+   volumes share the table and the records.
    Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; TFM_VOLUMES, the number
    of volumes; Params. */
 #ifndef TFM_VOLUME_H
@@ -11,7 +11,7 @@
 
 #include "ray.h"
 
-/* Vectors in memory need only their elements' alignment (only where TFM_LANES > 1: there vload2 is a call). */
+/* Vectors in memory are aligned like their elements only. Used if TFM_LANES > 1, where vload2 would be a call. */
 typedef float2 UnalignedFloat2 __attribute__((aligned(4)));
 typedef uint UnalignedUint __attribute__((aligned(2)));
 typedef ushort UnalignedUshort __attribute__((aligned(1)));
@@ -19,20 +19,20 @@ typedef ushort UnalignedUshort __attribute__((aligned(1)));
 #define BRICK_SHIFT 2
 #define BRICK_EDGE 4
 #define BLOCK_EDGE 8
-/* Lanes of a tile share what they read where they lie in MOST_SHARED cells along each axis; a brick or a block is
-   that of the lowest one, and has to know what the others need. */
+/* The lanes of a tile share their reads if they lie within MOST_SHARED cells along each axis. They then use the brick
+   and the block of the lowest cell, which must also cover the cells of the others. */
 #if TFM_LANES == 1
 #define MOST_SHARED 1
 #else
 #define MOST_SHARED 3
 #endif
 #define RECORD_EDGE (BLOCK_EDGE + MOST_SHARED)
-#define RECORD_ROW RECORD_EDGE                   /* voxels to the next y */
-#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* voxels to the next z */
-/* A multiple of 4: 8 bits are followed by the float that 255 stands for. */
+#define RECORD_ROW RECORD_EDGE                   /* stride of y, in voxels */
+#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* stride of z, in voxels */
+/* A multiple of 4, since 8-bit voxels are followed by a float. */
 #define RECORD_VOXELS ((RECORD_EDGE * RECORD_LAYER + 3) / 4 * 4)
 
-/* Records are RECORD_SIZE voxels apart. 8 bits are followed by the float that 255 stands for. */
+/* Records are RECORD_SIZE voxels apart. 8-bit voxels are followed by the density, a float, that 255 stands for. */
 #if TFM_VOXEL_BITS == 32
 typedef float Voxel;
 #define RECORD_SIZE RECORD_VOXELS
@@ -46,9 +46,9 @@ typedef uchar Voxel;
 #error "TFM_VOXEL_BITS must be 32, 16 or 8"
 #endif
 
-/* bricks: for every brick (x fastest) that has density the number of its block's record, from 1; for others -d,
-   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's
-   size: a large volume's records are spread over several. */
+/* bricks: one entry per brick, x fastest. For a brick with density, the number of its block's record, counted from 1;
+   for other bricks -d, where d is a chessboard distance below which no brick has density. Record 0 is all zeros.
+   Devices limit the size of a buffer, so the records of a large volume are spread over several. */
 #if TFM_POOLS == 1
 #define GRID_ARGUMENTS __global const int *bricks, __global const Voxel *pool0
 #define GRID_POOLS {pool0}
@@ -62,24 +62,24 @@ typedef uchar Voxel;
 #error "TFM_POOLS must be 1 or 8"
 #endif
 
-/* What is each volume's own. */
+/* The data of a single volume. */
 typedef struct {
   __global const int *bricks;
-  int row;   /* bricks to the next y */
-  int layer; /* bricks to the next z */
+  int row;   /* stride of y, in bricks */
+  int layer; /* stride of z, in bricks */
   float upper[3];
   float density_scale;
 } Extent;
 
-/* The volumes with all that a sample needs of them, read once before a loop. */
+/* All the volumes, with everything that sampling needs, read once before a loop. */
 typedef struct {
   __global const Voxel *pools[TFM_POOLS];
-  int pool_size; /* records a pool */
-  int skip;      /* 0: sample empty bricks too */
+  int pool_size; /* records per pool */
+  int skip;      /* 0: empty bricks are sampled too */
   Extent of[TFM_VOLUMES];
 } Grid;
 
-/* A ray in the padded grid of every volume. */
+/* A ray in the index space of every volume's padded grid. */
 typedef struct {
   Ray of[TFM_VOLUMES];
 } GridRay;
@@ -106,7 +106,7 @@ TFM_INLINE void describe_grid(PARAMS params, __global const int *bricks, Grid *g
   }
 }
 
-/* A world ray in the padded grids' index spaces. */
+/* Transform a world ray to the index spaces of the padded grids. */
 TFM_INLINE GridRay index_ray(PARAMS params, Ray world_ray)
 {
   GridRay ray;
@@ -115,7 +115,8 @@ TFM_INLINE GridRay index_ray(PARAMS params, Ray world_ray)
   return ray;
 }
 
-/* The part of a ray from the first to the last of the volumes' bounds; the lanes in which there is one. */
+/* Clip a ray to the part between the first and the last bounds of the volumes; the result is the mask of lanes that
+   meet any. */
 TFM_INLINE Ints medium_clip(PARAMS params, const GridRay *ray, Interval *interval)
 {
   const Interval whole = *interval;
@@ -137,10 +138,10 @@ TFM_INLINE Ints medium_clip(PARAMS params, const GridRay *ray, Interval *interva
   return joined.begin < joined.end;
 }
 
-/* The number of a brick in a volume's table. */
+/* Index of a brick in a volume's table. */
 #define BRICK_AT(extent, bx, by, bz) ((bz) * (extent)->layer + (by) * (extent)->row + (bx))
 
-/* Two voxels that are neighbours in x, in every lane. i: from the start of the lane's pool. */
+/* Two voxels that are neighbours in x, in every lane. i: offset from the start of the lane's pool. */
 TFM_INLINE void gather_voxel_pairs(const Grid *grid, Ints pool, Ints i, int offset, Floats *low_x, Floats *high_x)
 {
 #if TFM_POOLS == 1
@@ -160,7 +161,7 @@ TFM_INLINE void gather_voxel_pairs(const Grid *grid, Ints pool, Ints i, int offs
 #define VOXEL_PAIR(s) (*(__global const UnalignedFloat2 *)VOXELS(s))
   SPLIT_PAIRS(VOXEL_PAIR, *low_x, *high_x);
 #elif TFM_VOXEL_BITS == 16
-  /* Halves are >= 0 and finite: shifted into place they are floats 2^112 too small. */
+  /* Halves are >= 0 and finite; their bits, shifted into place, are floats that are too small by a factor of 2^112. */
 #define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUint *)VOXELS(s))
   const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
   *low_x = 0x1p112f * AS_FLOATS((pair & 0x7fff) << 13);
@@ -178,7 +179,7 @@ TFM_INLINE void gather_voxel_pairs(const Grid *grid, Ints pool, Ints i, int offs
 }
 
 #if TFM_LANES > 1
-/* A voxel as stored, for all lanes. */
+/* One voxel as stored, shared by all lanes. */
 TFM_INLINE float voxel_value(__global const Voxel *voxel)
 {
 #if TFM_VOXEL_BITS == 16
@@ -188,7 +189,8 @@ TFM_INLINE float voxel_value(__global const Voxel *voxel)
 #endif
 }
 
-/* Weights of a row of voxels for points x, from the first one, that lie before the last: their tents. */
+/* Linear interpolation weights (tent functions) of a row of voxels. x: positions relative to the first voxel, before
+   the last one. */
 TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
 {
   weight[0] = greatest(1.0f - x, floats(0.0f));
@@ -198,14 +200,15 @@ TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
       weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
 }
 
-/* The voxels that a tile's samples lie between. */
+/* The voxels that surround the samples of a tile. */
 typedef struct {
-  int record;    /* of their block; 0: nothing to read */
-  int corner[3]; /* the lowest, in the padded grid */
+  int record;    /* record of their block; 0: nothing to read */
+  int corner[3]; /* the lowest voxel, in the padded grid */
   int voxels[3]; /* along each axis, 2 to MOST_SHARED + 1 */
 } Window;
 
-/* Density D of all lanes from one window: trilinear, as every voxel weighs the product of its tents. */
+/* Density D of all lanes from one window. Weighting each voxel by the product of its tents is trilinear
+   interpolation. */
 TFM_INLINE Floats density_together(const Grid *grid, const Window *window, Vec3 point)
 {
   const int record = window->record;
@@ -241,8 +244,8 @@ TFM_INLINE Floats density_together(const Grid *grid, const Window *window, Vec3 
 }
 #endif
 
-/* Density D of one volume where every lane reads for itself, at points in its grid; 0 where its brick has no record
-   (<= 0). */
+/* Density D of one volume at points in its grid, with separate reads in every lane; 0 where the brick has no record
+   (record <= 0). */
 TFM_INLINE Floats density_apart(const Grid *grid, int volume, Ints record, Vec3 point)
 {
   const Ints ix = TO_INTS(point.x), iy = TO_INTS(point.y), iz = TO_INTS(point.z);
@@ -280,7 +283,7 @@ TFM_INLINE Floats density_apart(const Grid *grid, int volume, Ints record, Vec3 
 #endif
 }
 
-/* Largest optical depth kept: products with a zero coefficient stay 0 instead of NaN. */
+/* The largest optical depth; it is finite so that its product with 0 is 0 instead of NaN. */
 #define TFM_MAX_OPTICAL_DEPTH 1e30f
 
 #endif
