@@ -1,6 +1,6 @@
-"""Lights: one module each.
+"""Lights, one module per kind.
 
-To add one, write a module with a `Light` subclass and its kernel header, and list the class in
+To add one, write a module with a `Light` subclass and its kernel header, and add the class to
 ``LIGHTS``.
 """
 
@@ -17,7 +17,7 @@ from tfm_cl.scene.lights.sun import SunLight
 LIGHTS: dict[str, type[Light]] = {
     cls.model_fields["type"].default: cls for cls in (SpotLight, SunLight, PointLight, EnvironmentLight)
 }
-"""Name in scene files -> class."""
+"""The light classes by their names in scene files."""
 
 __all__ = [
     "LIGHTS",
@@ -33,7 +33,7 @@ __all__ = [
 
 
 def parse_light(values: dict[str, Any]) -> Light:
-    """Make a light from a scene file's table; ``type`` is ``spot`` when left out.
+    """Make a light from a scene file's table; ``type`` defaults to ``spot``.
 
     Raises
     ------

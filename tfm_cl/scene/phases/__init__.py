@@ -1,6 +1,6 @@
-"""Phase functions: one module each.
+"""Phase functions, one module per kind.
 
-To add one, write a module with a `Phase` subclass and its kernel header, and list the class in
+To add one, write a module with a `Phase` subclass and its kernel header, and add the class to
 ``PHASES``.
 """
 
@@ -14,7 +14,7 @@ from tfm_cl.scene.phases.isotropic import Isotropic
 PHASES: dict[str, type[Phase]] = {
     cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein)
 }
-"""Name in scene files -> class."""
+"""The phase function classes by their names in scene files."""
 
 __all__ = ["PHASES", "HenyeyGreenstein", "Isotropic", "Phase", "parse_phase"]
 
