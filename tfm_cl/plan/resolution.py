@@ -1,13 +1,14 @@
-"""Map resolution and steps for ``"auto"``: as fine as the voxels, their optical depth and the image ask for.
+"""Map resolution and steps for ``"auto"``: as fine as the voxels, their optical depth and the image require.
 
-Between voxel centres a density is trilinear: half a voxel a texel and 1.5 voxels a step follow it, unless a
-voxel is optically thick. Then light falls within it, and texels and steps become shorter with its optical
-depth. What is much smaller than a pixel is not seen.
+Between voxel centres a density is trilinear. Texels of half a voxel and steps of 1.5 voxels resolve it,
+unless the voxels are optically thick: the light then changes within a voxel, and texels and steps become
+shorter with its optical depth. Details much smaller than a pixel are not visible.
 
-Measured with 8 numbers of the basis ``klt`` over the lit pixels of 160×90, with the numbers for 640×360,
-against the dual march in three times the steps or more, on volumes at the density that ``density_scale =
-"auto"`` gives them and at four times that density. τ is that along a typical voxel's edge; "before" had
-half a voxel a texel and 1.5 voxels a step whatever their optical depth.
+The table gives errors with 8 coefficients of the basis ``klt``, over the lit pixels of 160×90, with the
+resolution and steps chosen for 640×360, against the dual march in at least three times the steps. The volumes
+have the density that ``density_scale = "auto"`` gives them, and four times that density. τ is the optical
+depth along the edge of a typical voxel. "before" used texels of half a voxel and steps of 1.5 voxels
+regardless of the optical depth.
 
 ==================  =====  ======  =====  ==================  =====  ======  =====
 at its density      τ      before  now    at four times that  τ      before  now
@@ -22,7 +23,7 @@ voxels of 1×1×2     0.12   1.0 %   1.0 %                      0.47   3.1 %   1
 a cube              0.24   1.6 %   0.7 %                      0.95   9.7 %   0.3 %
 ==================  =====  ======  =====  ==================  =====  ======  =====
 
-What is left is mostly that of 8 numbers. The camera's steps alone err by at most 0.7 %.
+Most of the remaining error is due to the 8 coefficients; that of the camera's steps alone is at most 0.7 %.
 """
 
 from __future__ import annotations
@@ -45,46 +46,49 @@ if TYPE_CHECKING:
     from tfm_cl.scene.settings import MapSettings
 
 VOXELS_PER_TEXEL = 0.5
-"""Width of a texel where the light's rays cross the medium: two samples a voxel follow what is trilinear."""
+"""Width of a texel in voxels, where the light's rays cross the medium: two samples per voxel resolve a
+trilinear density."""
 PIXELS_PER_TEXEL = 0.25
-"""The least width of a texel there. A pixel is one ray: at half a pixel the error grows to 4 % (64×36)."""
+"""Smallest width of a texel in pixels, where the light's rays cross the medium. A pixel is a single ray; at
+half a pixel the error grows to 4 % (64×36)."""
 VOXELS_PER_STEP = 1.5
-"""Length of a step along the grid's longest diagonal; along any other ray steps are shorter."""
+"""Length of a step in voxels along the grid's longest diagonal; along any other ray steps are shorter."""
 DEPTH_PER_TEXEL = 0.1
-"""Optical depth, across the light, that a texel may hold."""
+"""Largest optical depth across a texel, perpendicular to the light."""
 DEPTH_PER_STEP = 0.25
-"""Optical depth that a step along a camera ray may hold."""
+"""Largest optical depth of a step along a camera ray."""
 TEXEL_POWER, LIGHT_STEP_POWER = 0.75, 0.5
-"""Of the ratio by which texels and the light's steps become shorter where they would hold too much. The
-camera's follow the ratio itself: of the three they err most, and cost least."""
+"""Exponent of the ratio by which texels and the light's steps become shorter if their optical depth would be
+too large. The camera's steps follow the ratio itself: of the three they cause the largest error and cost
+least."""
 TEXELS = (64, 2048)
-"""Range of the resolution, which is a multiple of `TEXELS_MULTIPLE`."""
+"""Smallest and largest resolution of a map; it is a multiple of `TEXELS_MULTIPLE`."""
 TEXELS_MULTIPLE = 32
 HOMOGENEOUS_STEPS = 100
-"""Along a camera ray through a medium of constant density."""
+"""Steps along a camera ray through a medium of constant density."""
 STEPS = (16, 1024)
-"""Range of the number of steps."""
+"""Smallest and largest number of steps."""
 
 
 def voxel_depth(volume: Volume | Volumes, sigma_t: float) -> float:
-    """Optical depth along the smallest edge of a typical voxel of the thickest volume.
+    """Optical depth along the shortest edge of a typical voxel of the thickest volume.
 
     Parameters
     ----------
     sigma_t
-        Extinction at density 1 of the colour that sees least far.
+        Extinction at density 1 of the colour with the largest extinction.
     """
     return sigma_t * max(part.typical_density * float(part.voxel_size.min()) for part in volume.parts)
 
 
 def texels_for(volume: Volume | Volumes, light: Light, camera: Camera, sigma_t: float) -> float:
-    """Return the texels along a side that a light's map should have.
+    """Return the number of texels along each side that a light's map should have.
 
-    A texel is `VOXELS_PER_TEXEL` of the smallest edge of a voxel wide, halfway between the nearest and the
-    farthest point of the occupied bounds as the light sees them: for a light outside that is near their
-    centre, for one inside it is half of the farthest. It is not narrower than `PIXELS_PER_TEXEL` of the
-    pixel's footprint at the point of the bounds nearest to the camera. Where it would hold more than
-    `DEPTH_PER_TEXEL` of optical depth it is narrower, by that ratio to the power of `TEXEL_POWER`.
+    The width of a texel is `VOXELS_PER_TEXEL` times the shortest edge of a voxel, at the mean of the light's
+    distances to the nearest and the farthest point of the occupied bounds. For a light outside, that is near
+    their centre; for one inside it is half the farthest distance. A texel is at least `PIXELS_PER_TEXEL`
+    times as wide as the footprint of a pixel at the point of the bounds nearest to the camera. If its optical
+    depth would exceed `DEPTH_PER_TEXEL`, it is narrower by that ratio to the power of `TEXEL_POWER`.
     """
     near, far = _distances(volume, light.frame().world_from_light[:3, 3])
     width = light.footprint((near + far) / 2)
@@ -96,12 +100,12 @@ def texels_for(volume: Volume | Volumes, light: Light, camera: Camera, sigma_t: 
 
 
 def steps_for(volume: Volume | Volumes, sigma_t: float, power: float = 1.0) -> float:
-    """Return the steps that a ray should take, of the light or of the camera.
+    """Return the number of steps that a ray of the light or the camera should take.
 
-    The longest ray through the grid, its diagonal, takes steps of `VOXELS_PER_STEP` of the voxel's smallest
-    edge; or shorter ones, where these would hold more than `DEPTH_PER_STEP` of optical depth, by that ratio
-    to a ``power``. Steps spread over the part of a ray inside the grid, so that all other rays take shorter
-    ones. Several volumes' longest ray is the diagonal of the box around them.
+    Along the longest ray through the grid, its diagonal, a step is `VOXELS_PER_STEP` times the shortest edge
+    of a voxel. If its optical depth would exceed `DEPTH_PER_STEP`, it is shorter by that ratio to the power
+    ``power``. Steps are spread over the part of a ray inside the grid, so that they are shorter along all
+    other rays. With several volumes the longest ray is the diagonal of their common box.
     """
     if len(volume.parts) > 1:
         diagonal = float(np.linalg.norm(volume.bounds[1] - volume.bounds[0]))
@@ -123,15 +127,15 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     Parameters
     ----------
     scene
-        Returned itself when there is nothing to replace. All its maps get the resolution that the most
+        Returned itself if there is nothing to replace. All its maps get the resolution that the most
         demanding light needs.
     maps
-        Settings of maps that are there already: ``"auto"`` of the map then means their numbers.
+        Settings of existing maps: ``"auto"`` in the settings of the map then means their values.
     """
     of_map: dict[str, int] = {}
     of_march: dict[str, int] = {}
     if isinstance(scene.volume, Homogeneous):
-        # Nothing varies along a ray but the light.
+        # Only the light varies along a ray.
         auto = {"steps": HOMOGENEOUS_STEPS} if is_auto(scene.march.steps) else {}
         return scene.replace(march=scene.march.replace(**auto)) if auto else scene
     wanted = _wanted(scene, scene.volume)
@@ -146,19 +150,19 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
 
 
 def limited(scene: Scene) -> tuple[str, ...]:
-    """Say where ``"auto"`` asks for more than it may take, one line each."""
+    """Report each ``"auto"`` that would need more than its limit, one line each."""
     if isinstance(scene.volume, Homogeneous):
         return ()
     return tuple(
-        f'{section}.{key} = "auto": {high} is the most it takes, {number:.0f} would follow the voxels; give '
-        f"{section}.{key} to take more"
+        f'{section}.{key} = "auto": {high} is its upper limit, resolving the voxels takes {number:.0f}; set '
+        f"{section}.{key} to use more"
         for (section, key), number in _wanted(scene, scene.volume).items()
         if number > (high := (TEXELS if key == "res" else STEPS)[1])
     )
 
 
 def _wanted(scene: Scene, volume: Volume | Volumes) -> dict[tuple[str, str], float]:
-    """Numbers for what is ``"auto"``, by section and key; they may be more than there can be."""
+    """Values for each ``"auto"``, by section and key; they may exceed the limits."""
     sigma_t = float(scene.medium.sigma_t.max())
     wanted: dict[tuple[str, str], float] = {}
     if is_auto(scene.map.res):
@@ -171,7 +175,7 @@ def _wanted(scene: Scene, volume: Volume | Volumes) -> dict[tuple[str, str], flo
 
 
 def wanted_res(scene: Scene, volume: Volume | Volumes) -> float:
-    """Return the texels along a side that some light's map needs; they may be more than there can be."""
+    """Return the largest number of texels per side that any light's map needs; it may exceed the limit."""
     bounds, sigma_t = volume.occupied_bounds, float(scene.medium.sigma_t.max())
     lights = (part.fitted(bounds) for light in scene.lights for part in light.parts())
     return max((texels_for(volume, light, scene.camera, sigma_t) for light in lights), default=0.0)
@@ -186,7 +190,7 @@ def _distances(volume: Volume | Volumes, point: np.ndarray) -> tuple[float, floa
 
 
 def _whole(number: float, limits: tuple[int, int], multiple: int) -> int:
-    """Round up to a multiple, within limits; what is not finite becomes the upper one."""
+    """Round up to a multiple, within limits; a value that is not finite becomes the upper limit."""
     low, high = limits
     if not number < high:
         return high

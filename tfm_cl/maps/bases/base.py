@@ -1,4 +1,4 @@
-"""What a basis is to the rest of the project."""
+"""The interface of a basis."""
 
 from __future__ import annotations
 
@@ -20,44 +20,46 @@ Range = Literal["box", "trimmed", "visible", "global"]
 Lookup = Literal["interpolate", "reconstruct", "stochastic"]
 
 TARGETS: dict[Target, int] = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
-"""What a basis approximates, f = T^{1/α}, τ or σ, and its number in the kernels."""
+"""Functions that a basis may approximate, f = T^{1/α}, τ or σ, and their numbers in the kernels."""
 FITS: dict[Fit, int] = {"l2": 0, "visibility": 1}
-"""How its numbers are found, and the number of that in the kernels."""
+"""Methods of finding the coefficients, and their numbers in the kernels."""
 RANGES: tuple[Range, ...] = ("box", "trimmed", "visible", "global")
 LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 2}
 UNIFORM_SHARE = 0.02
-"""Of the visibility-weighted fit: keeps what no light reaches from going anywhere. Of 0.01, 0.02, 0.03, 0.1
-and 0.3 the first three differ by a few per cent on six volumes, the last two are worse by 10 and 20 %."""
+"""Uniform share of the weight of the visibility fit; it constrains the function where no light arrives. On
+six volumes, the values 0.01, 0.02 and 0.03 differ by a few per cent, while 0.1 and 0.3 are worse by 10 and 20
+%."""
 
 
 RIDGE = 1e-6
-"""Of normal equations, as a part of their mean diagonal; ``TFM_RIDGE`` of ``kernels/projection.h``."""
+"""Ridge added to the normal equations, as a fraction of their mean diagonal; ``TFM_RIDGE`` of
+``kernels/projection.h``."""
 
 
 class Functions(Protocol):
     """The functions B_j(v) of one map, v in [0, 1] along the range of a light ray.
 
-    The target's approximation is Σ_j c_j B_j(v); for the extinction, τ(v) = Σ_j c_j ∫_0^v B_j.
+    The target is approximated by Σ_j c_j B_j(v); for the extinction, τ(v) = Σ_j c_j ∫_0^v B_j.
     """
 
     @property
     def modes(self) -> NDArray[np.float32]:
-        """What the kernel header needs to evaluate them, besides the numbers of a texel; may be empty."""
+        """Data that the kernel header needs to evaluate them, besides the coefficients; may be empty."""
 
     def values(self, v: Floats) -> Floats:
-        """B_j of the target at v: [len(v), n]; the integrals where the target is the extinction."""
+        """B_j of the target at v, [len(v), n]; if the target is the extinction, their integrals."""
 
     def analysis(self, steps: int) -> Floats:
-        """L2: the linear functionals that give the numbers, [steps, n].
+        """L2: the linear functionals that give the coefficients, [steps, n].
 
-        c_j = Σ_k f_k a_jk over the steps' middles, or, for the extinction, Σ_k d_k a_jk with the optical
-        depth d_k of every step.
+        c_j = Σ_k f_k a_jk over the midpoints of the steps or, for the extinction, Σ_k d_k a_jk with the
+        optical depth d_k of every step.
         """
 
 
 @dataclass(frozen=True)
 class Defaults:
-    """What a basis does where the settings say ``auto``."""
+    """The choices of a basis for settings that are ``auto``."""
 
     target: Target
     fit: Fit
@@ -67,36 +69,37 @@ class Defaults:
 
 @dataclass(frozen=True)
 class Basis:
-    """A way to keep the transmittance along a light ray in a few numbers."""
+    """A representation of the transmittance along a light ray by a few coefficients."""
 
     name: str
     """Name in scene files and on the command line."""
     header: str
-    """Kernel header, below ``kernels/``, with the functions that ``kernels/basis/README.md`` names."""
+    """Kernel header, relative to ``kernels/``; ``kernels/basis/README.md`` lists the functions it
+    provides."""
     summary: str
-    """One line for ``--help``."""
+    """One-line description for ``--help``."""
     defaults: Defaults
     functions: Callable[[MapSettings, Curves | None], Functions] | None
-    """Makes the functions for resolved settings; None where the kernel header accumulates in its own way.
-    `Curves`, light rays of the map itself, are given where `needs_curves` says so."""
+    """Makes the functions for resolved settings; None if the kernel header accumulates in its own way.
+    `Curves` of the map's own light rays are passed if `needs_curves` is set."""
     targets: tuple[Target, ...] = ("transmittance", "optical-depth", "extinction")
-    """That make sense for it."""
+    """The targets that the basis can approximate."""
     fits: tuple[Fit, ...] = ("l2", "visibility")
     needs_curves: bool = False
     lerps: bool = True
-    """Whether numbers of neighbouring texels may be interpolated."""
+    """Whether the coefficients of neighbouring texels may be interpolated."""
     counts: tuple[int, ...] = field(default=tuple(range(1, 33)))
-    """Numbers a texel that it can have."""
+    """Numbers of coefficients per texel that the basis supports."""
 
     def table(self, functions: Functions, settings: MapSettings, steps: int) -> NDArray[np.float32]:
-        """Make what ``kernels/projection.h`` wants for every step of a march.
+        """Make the table that ``kernels/projection.h`` needs for every step of a march.
 
         Parameters
         ----------
         settings
-            Resolved.
+            Resolved settings of the map.
         steps
-            Along a ray's range.
+            Number of steps along the range of a ray.
         """
         n = settings.coeffs
         if settings.fit == "l2":
@@ -111,15 +114,16 @@ class Basis:
 
 
 def middles(steps: int) -> Floats:
-    """Middles of equal steps in [0, 1]."""
+    """Midpoints of equal steps in [0, 1]."""
     return (np.arange(steps) + 0.5) / steps
 
 
 def least_squares(values: Floats) -> Floats:
-    """Functionals of the plain least-squares fit to values at the steps' middles, [steps, n].
+    """Functionals of the plain least-squares fit to values at the steps' midpoints, [steps, n].
 
-    ``values`` are [steps, n]. For cosines on the middles they are TFM's eq. 10, normalised: the cosines are
-    orthogonal there too. M middles determine M numbers, and those beyond are 0: they would only alias.
+    ``values`` holds the functions, [steps, n]. For cosines at the midpoints the result is TFM's eq. 10,
+    normalised, since the cosines are orthogonal there too. M midpoints determine M coefficients; further ones
+    would only alias and are 0.
     """
     found = np.zeros_like(values)
     found[:, : len(values)] = np.linalg.pinv(values[:, : len(values)]).T
@@ -127,10 +131,10 @@ def least_squares(values: Floats) -> Floats:
 
 
 def weighted_fit(weight: Floats, target: Floats, functions: Floats) -> Floats:
-    """Weighted least squares of every row of ``target`` [rows, points] in functions: [rows, n]."""
+    """Weighted least-squares coefficients [rows, n] of every row of ``target`` [rows, points]."""
     n = functions.shape[1]
     products = (functions[:, :, None] * functions[:, None, :]).reshape(len(functions), -1)
-    # In float32: it is the largest part of the work, and needs no more digits than the ridge leaves.
+    # In float32: this is most of the work, and the ridge limits the useful precision anyway.
     gram = (weight.astype(np.float32) @ products.astype(np.float32)).astype(np.float64).reshape(-1, n, n)
     ridge = RIDGE / n * np.trace(gram, axis1=1, axis2=2) + 1e-300
     right = ((weight * target) @ functions)[:, :, None]
