@@ -11,8 +11,8 @@ The description of ``NAME.raw`` is ``NAME.raw.json``, else ``NAME.json``::
      "origin": [0, 0, 0],         // world position of the low corner of voxel 0, 0, 0
      "name": "density"}
 
-Only ``shape`` and ``dtype`` are required (JSON has no comments: leave them out). The file must be of
-exactly the size that follows.
+Only ``shape`` and ``dtype`` are required. (JSON has no comments: leave them out.) The file must have exactly
+the size that follows from the description.
 """
 
 import difflib
@@ -36,12 +36,12 @@ _DTYPES = (
     *("float16", "float32", "float64"),
 )
 _MAX_SIDECAR_BYTES = 1 << 20
-_LARGEST = 2**63  # of any number of a description
+_LARGEST = 2**63  # limit of every number in a description
 _VOXELS_PER_STEP = 1 << 20
 
 
 class ByteSource(Protocol):
-    """Anything voxels can be decoded from: a file, a member of an archive, a decompressor."""
+    """A source from which voxels are decoded: a file, a member of an archive, a decompressor."""
 
     def read(self, size: int, /) -> bytes:
         """Return ``size`` bytes, fewer only at the end."""
@@ -54,7 +54,7 @@ def open_grids(path: Path) -> list[Grid]:
     Raises
     ------
     VolumeError
-        No or a wrong description, or one that does not fit the size of the file.
+        The description is missing, invalid, or does not match the size of the file.
     """
     sidecar, keys = _read_sidecar(path)
     shape = _shape(keys.get("shape"), sidecar)
@@ -106,23 +106,23 @@ def read_voxels(
 ) -> NDArray[np.float32]:
     """Decode one channel of an array of numbers.
 
-    The memory grows with what has really been read, so that a small file cannot have a large array
-    allocated by declaring one.
+    Memory grows with the data actually read, so that a small file cannot cause a large allocation by
+    declaring a large array.
 
     Parameters
     ----------
     source
-        Stands at the first value.
+        Positioned at the first value.
     dtype
         Type of a value: real, integer or bool, of either byte order.
     shape
         (z, y, x).
     path
-        For the message.
+        File name for messages.
     order
         ``C``: x varies fastest in the file; ``F``: z does.
     channels, channel
-        Number of interleaved values of a voxel, and the one wanted.
+        Number of interleaved values per voxel, and the index of the one to decode.
 
     Returns
     -------
