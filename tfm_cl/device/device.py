@@ -28,7 +28,7 @@ class DeviceInfo:
     kind: str
     compute_units: int
     global_memory: int
-    """Bytes."""
+    """Size of the global memory, bytes."""
     max_allocation: int
     """Largest size of a single buffer, bytes."""
     max_work_group: int

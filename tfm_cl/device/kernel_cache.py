@@ -23,7 +23,7 @@ from tfm_cl.device.scratch import Scratch, make_scratch
 from tfm_cl.errors import DeviceError
 
 KEPT_DAYS = 90
-"""Age at which unused programs are removed."""
+"""Age in days at which unused programs are removed."""
 
 MOST_BYTES = 64 << 20
 """Largest number of bytes of a kept program; typical programs have a few hundred KiB."""

@@ -20,7 +20,7 @@ from tfm_cl.device.launch import Launcher
 Axis = Literal["row", "column"]
 
 GAUSSIAN_BOXES = 3
-"""Boxes in a row that make a Gaussian."""
+"""Number of successive boxes that make a Gaussian."""
 
 WIDEST = 2.0**40
 """Largest width of the filter, in texels: a wider window gives the same result in float32."""

@@ -15,7 +15,7 @@ from tfm_cl.render.tracing.triangles import MAX_CORNERS, MAX_FACES
 
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 WIDEST = 4
-"""Bytes of a component, by glTF's component type."""
+"""Bytes of the widest component type."""
 MAX_ENTRIES = 1_000_000
 """Largest number of entries in any of the file's lists."""
 

@@ -16,7 +16,7 @@ from tfm_cl.model import LARGEST_COLOUR
 from tfm_cl.scene.bodies.leaves import Index
 
 ColourSource = str | Path | Sequence[str] | Literal[False] | None
-"""See `tfm_cl.scene.bodies.volume.Volume.load`."""
+"""The source of a colour, as for `tfm_cl.scene.bodies.volume.Volume.load`."""
 
 USUAL_NAMES = ("Cd", "colour", "color")
 """Names of the vector grid that is used as the colour if another file has several."""

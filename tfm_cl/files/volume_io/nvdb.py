@@ -119,7 +119,7 @@ class Layout:
     value: np.dtype[Any]
     """Type of a value; for quantised types, that of background and tiles."""
     statistic: int = 4
-    """Bytes of a mean."""
+    """Size of a mean in bytes."""
     form: _Form = "values"
     """Kind of data in the leaves."""
     code_bits: int = 0
@@ -236,7 +236,7 @@ class Topology:
     leaves_at: NDArray[np.int64]
     """[n], byte of the grid where each leaf begins."""
     background: NDArray[Any]
-    """[1], of the type of the tree's values."""
+    """[1], background, of the type of the tree's values."""
     channel: NDArray[Any] | None = None
     """Values that the indices of an index grid refer to."""
 

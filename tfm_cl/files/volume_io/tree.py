@@ -26,7 +26,7 @@ ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
 LEAF_VOXELS = LOWER_EDGE**3
 LEAVES_PER_BATCH = 256
 COMPONENTS = ("x", "y", "z")
-"""Fields of a vector."""
+"""Names of the fields of a vector."""
 VECTORS = "vectors are no densities; as the colour of another grid: --set volume.colour=NAME"
 """Reason why a tree of vectors is refused as a density."""
 
@@ -40,7 +40,7 @@ class Tiles:
     origins: NDArray[np.int64]
     """[n, 3], index coordinates (x, y, z) of each cube's low voxel."""
     values: NDArray[Any]
-    """[n]."""
+    """[n], the value of each cube."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class ValueMap(NamedTuple):
 
     offset: float = 0.0
     window: tuple[float, float] | None = None
-    """(low, high), low < high."""
+    """Values (low, high), low < high, that become 0 and 1."""
 
     def check(self, label: str) -> None:
         """Raise `VolumeError` if the numbers are not finite or too large, or do not form a window."""

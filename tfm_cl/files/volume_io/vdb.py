@@ -152,7 +152,7 @@ class Topology:
 
     tree: Tree
     background: NDArray[Any]
-    """[1], of the type of the tree's values."""
+    """[1], background, of the type of the tree's values."""
     leaf_masks: NDArray[np.uint8]
     """[n, 64], bits of the active voxels."""
     leaves_at: int

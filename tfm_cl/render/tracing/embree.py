@@ -35,7 +35,7 @@ class MeshHits:
     normals: NDArray[np.float64]
     """[M, 3], unit normals, on either side."""
     albedo: NDArray[np.float32]
-    """[M, 3]."""
+    """[M, 3], linear albedo."""
 
 
 class Meshes:

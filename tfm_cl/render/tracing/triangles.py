@@ -28,7 +28,7 @@ class Triangles:
     """Triangles in object space; none is degenerate."""
 
     vertices: NDArray[np.float64]
-    """[V, 3]."""
+    """[V, 3], object units."""
     faces: NDArray[np.int32]
     """[F, 3], indices of rows of ``vertices``."""
     colours: NDArray[np.float32]
