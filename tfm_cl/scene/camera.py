@@ -39,7 +39,7 @@ class Camera(Model):
     to: Vec3 = Field(description="point that the camera looks at, world units")
     up: Vec3 = Field(
         (0.0, 1.0, 0.0),
-        description="direction that is up in the image, and for a camera and light that are placed "
+        description="direction that is up in the image and for a camera and light that are placed "
         "automatically",
     )
     fov: float = Field(40.0, gt=0, lt=180, description="vertical field of view, the full angle, degrees")

@@ -70,12 +70,12 @@ class MapSettings(Model):
     bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
         None,
         alias="bytes",
-        description="largest number of bytes per texel, including its range; chooses coeffs = auto",
+        description="limit of the bytes per texel, including its range; determines coeffs if that is auto",
     )
     max_error: Annotated[float | None, number_or_none(1e-4, 1)] = Field(
         None,
         description="largest relative RMSE of the picture's lit pixels against the converged dual march: "
-        "coeffs, res and both steps are chosen to keep it, by measuring, unless they are given",
+        "coeffs, res and both steps are chosen by measuring, unless they are given",
     )
     density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
         "auto",
