@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Measure how fast the renderer is, against the device's own limit, the dual march and other programs.
+"""Measure the renderer's speed, compared with the device's own limit, the dual march and other programs.
 
-Everything is measured in one run, in turn, round after round: what else a shared machine does hits all
-figures alike, so that their ratios mean something. Writes ``bench.json`` with every figure of every round and
+Everything is measured in one run, in turn, round after round. Other load on a shared machine then affects all
+figures alike, so that their ratios are meaningful. Writes ``bench.json`` with every figure of every round and
 its median, tables on stdout, and plots of the cost against each parameter.
 
-*Nominal* samples are those that a march without any skipping would take: in the light pass texels whose
-ray meets the medium's bounds × light steps; in the view pass pixels whose ray meets them × view steps ×
-lights; in the dual march such pixels × view steps × (1 + light steps) × lights. *Reads* are the densities
-really read; the view pass also reads those of the transmittance, which are not nominal. The *roofline* is the
+*Nominal* samples are those that a march without any skipping would take: in the light pass, texels whose ray
+meets the medium's bounds × light steps; in the view pass, pixels whose ray meets them × view steps × lights;
+in the dual march, such pixels × view steps × (1 + light steps) × lights. *Reads* are the densities actually
+read; in the view pass they include those for the transmittance, which are not nominal. The *roofline* is the
 rate of plain trilinear samples (``bench_kernels.cl``) by eight gathers (``gather``) or four loads of pairs
 (``pairs``); ``best`` is the larger of the two.
 """
@@ -57,28 +57,29 @@ SCRIPTS = Path(__file__).resolve().parent
 REPOSITORY = SCRIPTS.parent
 SAMPLE_VOLUMES = ("plume.npz", "cumulus.npz", "figure.npz")
 REAL_VOLUMES = ("wdas_cloud_sixteenth.vdb", "cortex_smoke.vdb", "teapot_cloud.nvdb")
-"""Where present, in ``$TFM_VOLUMES`` or in ``shared/volumes`` beside the repository."""
+"""Real volumes, used if present in ``$TFM_VOLUMES`` or in ``shared/volumes`` beside the repository."""
 
 BASELINE_RES = (1280, 720)
 BASELINE_MAP = tfm.MapSettings(res=1024, steps=100, coeffs=8, density_weighting=10.0, storage="f32")
 BASELINE_MARCH = tfm.MarchSettings(steps=100, voxels="f32", skip_empty=True, cutoff=1e-4)
 TRUTH_RES, TRUTH_STEPS = (320, 180), 400
-"""Of the dual march that errors are taken against; twice the steps move it by less than a hundredth."""
+"""Steps of the dual march that is the reference for errors; twice as many change it by less than a
+hundredth."""
 
 GRID_EDGE = 129
-"""Voxels along the roofline's grid, as ``bench_kernels.cl`` expects."""
+"""Voxels along each edge of the roofline's grid, as ``bench_kernels.cl`` expects."""
 ROOFLINE_RAYS, ROOFLINE_STEPS = 640, 110
 FORMS = {"gather": "trilinear_gather", "pairs": "trilinear_pairs"}
 
 DUAL_EVERY, PEER_EVERY, START_UP_EVERY = 2, 3, 4
-"""Slow measurements take part in one of so many rounds: the dual march, other programs, starting up."""
+"""Number of rounds per slow measurement: the dual march, other programs, starting up."""
 
 MITSUBA_SAMPLES = 4
-"""A pixel. Mitsuba's error falls with their square root, its time grows with their number."""
+"""Mitsuba's samples per pixel: its error falls with their square root, its time grows with their number."""
 DISTANT = 1000.0
-"""Radii of the medium between it and a spot that stands for vdb_render's directional light."""
+"""Distance, in radii of the medium, of a spot that stands for vdb_render's directional light."""
 TINY_RES = (16, 9)
-"""vdb_render's time for it is starting up and reading the file."""
+"""Size of an image for which vdb_render only needs the time for starting up and reading the file."""
 
 Figures = dict[str, float]
 Colours = NDArray[np.float32]
@@ -89,15 +90,15 @@ Colours = NDArray[np.float32]
 
 @dataclass
 class Measurement:
-    """Something that is measured again and again."""
+    """A measurement that is repeated."""
 
     name: str
     measure: Callable[[], Figures]
     prepare: Callable[[], object] = lambda: None
     every: int = 1
-    """It takes part in one of so many rounds."""
+    """The measurement takes part in one of this many rounds."""
     facts: dict[str, Any] = field(default_factory=dict)
-    """What does not vary, for the JSON."""
+    """Constant facts, for the JSON."""
     samples: dict[str, list[float]] = field(default_factory=dict)
 
     def take(self) -> None:
@@ -118,7 +119,7 @@ class Measurement:
 
 
 def measure_in_turn(order: list[Measurement], repeats: int, deadline: float) -> int:
-    """Measure round after round; begin none that would end after the deadline. Returns the rounds done."""
+    """Measure round after round, beginning none that would end too late; returns the rounds done."""
     for number, measurement in enumerate({id(item): item for item in order}.values()):
         progress(f"preparing {number + 1}: {measurement.name}")
         measurement.prepare()
@@ -138,7 +139,7 @@ def measure_in_turn(order: list[Measurement], repeats: int, deadline: float) -> 
 
 
 def progress(text: str) -> None:
-    """Tell on stderr what is going on."""
+    """Report progress on stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -160,7 +161,7 @@ class Roofline:
         self._grid = launcher.upload("the roofline's grid", grid)
         self._sums = launcher.empty("the roofline's sums", 4 * rays * rays)
         self.latest: dict[str, float] = {}
-        """Form -> samples a second, when they were last measured."""
+        """Samples per second by form, as last measured."""
 
     def run(self, form: str, steps: int = ROOFLINE_STEPS) -> float:
         """Seconds on the device."""
@@ -177,14 +178,14 @@ class Roofline:
         return self._launcher.download(self._sums, (self._rays, self._rays), np.float32)
 
     def measure(self) -> Figures:
-        """Seconds and samples a second of each form."""
+        """Seconds and samples per second of each form."""
         seconds = {form: self.run(form) for form in FORMS}
         self.latest = {form: self._rays**2 * ROOFLINE_STEPS / spent for form, spent in seconds.items()}
         figures = {f"{form}_seconds": spent for form, spent in seconds.items()}
         return figures | {f"{form}_rate": rate for form, rate in self.latest.items()}
 
     def shares(self, name: str, rate: float) -> Figures:
-        """Parts of the latest rooflines that a rate of samples is."""
+        """Compare a rate of samples with the latest rooflines."""
         best = max(self.latest.values())
         return {
             f"{name}_share_of_gather": rate / self.latest["gather"],
@@ -204,7 +205,7 @@ def roofline_grid(volume: tfm.Volume) -> NDArray[np.float32]:
 
 
 class Frame:
-    """A scene rendered through maps, and now and then by the dual march."""
+    """A scene rendered through maps and, in some rounds, by the dual march."""
 
     def __init__(
         self, renderer: tfm.Renderer, scene: tfm.Scene, roofline: Roofline, *, with_dual: bool = False
@@ -217,7 +218,7 @@ class Frame:
         self._pixels = pixels_that_meet(scene)
 
     def prepare(self) -> None:
-        """Compile: resolution and steps are no part of a program."""
+        """Compile the kernels; programs do not depend on resolution and steps."""
         coarse = with_map(self._scene, res=32)
         self._renderer.render(coarse, crop=(0, 0, 1, 1))
         if self._with_dual:
@@ -280,14 +281,14 @@ def pixels_that_meet(scene: tfm.Scene) -> int:
         direction = right * x + (up * y + forward)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             low, high = (-1 - origin) / direction, (count - origin) / direction
-        # A NaN, of a ray within a side of the box, clips nothing.
+        # A NaN, from a ray within a face of the box, does not clip.
         begin = np.fmax(begin, np.fmin(low, high))
         end = np.fmin(end, np.fmax(low, high))
     return int(np.count_nonzero(begin < end))
 
 
 def baseline_scene(volume: tfm.Volume, res: tuple[int, int]) -> tfm.Scene:
-    """One light, all placed by itself."""
+    """Return a scene with one light, placed automatically."""
     placed = tfm.Scene(volume, map=BASELINE_MAP, march=BASELINE_MARCH)
     return with_res(placed, res)
 
@@ -346,16 +347,16 @@ PARAMETERS: dict[str, tuple[str, Callable[[Any], float] | None]] = {
     "resolution": ("pixels", lambda res: res[0] * res[1]),
     "view_steps": ("view steps", float),
     "light_steps": ("light steps", float),
-    "coeffs": ("coefficients a texel", float),
+    "coeffs": ("coefficients per texel", float),
     "map_res": ("texels of the map", lambda res: res * res),
     "storage": ("bits of a coefficient", lambda kind: int(kind[1:])),
     "voxels": ("bits of a voxel", lambda kind: int(kind[1:])),
-    "lanes": ("rays a work-item", float),
+    "lanes": ("rays per work-item", float),
     "skip_empty": ("skip_empty", None),
     "cutoff": ("cutoff", None),
     "lights": ("lights", float),
 }
-"""Parameter -> label and place on a logarithmic axis (None: values side by side)."""
+"""Label of each parameter and position on a logarithmic axis (None: values side by side)."""
 
 
 def baseline_values(scene: tfm.Scene, lanes: int) -> dict[str, Any]:
@@ -376,7 +377,7 @@ def baseline_values(scene: tfm.Scene, lanes: int) -> dict[str, Any]:
 
 
 def variations(scene: tfm.Scene, lanes: int, possible: Iterable[int]) -> Iterator[Variation]:
-    """Change each parameter of the baseline by itself; the baseline's own values are left out."""
+    """Change each parameter of the baseline separately; the baseline's own values are left out."""
     width, height = scene.camera.res
     for part in (0.25, 0.5, 1.5, 2.0):
         res = (max(1, round(width * part)), max(1, round(height * part)))
@@ -400,11 +401,11 @@ def variations(scene: tfm.Scene, lanes: int, possible: Iterable[int]) -> Iterato
         yield Variation("lights", count, with_lights(scene, count))
 
 
-# What the host does.
+# The work of the host.
 
 
 class Host:
-    """Seconds, by the clock on the wall, of what comes before, between and after the kernels."""
+    """Wall-clock seconds of the work before, between and after the kernels."""
 
     def __init__(self, renderer: tfm.Renderer, launcher: Launcher, scene: tfm.Scene) -> None:
         self._renderer, self._launcher, self._scene = renderer, launcher, scene
@@ -423,14 +424,14 @@ class Host:
 
 
 def seconds_of(work: Callable[[], object]) -> float:
-    """Run something and return its seconds by the clock on the wall."""
+    """Run something and return its wall-clock seconds."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
 
 
 def start_up(device: str | None, path: Path) -> Figures:
-    """In a fresh process: make the context, compile what the baseline needs."""
+    """In a new process: make the context and compile the kernels of the baseline."""
     volume = load(path)
     began = time.perf_counter()
     with tfm.Renderer(device) as renderer:
@@ -441,7 +442,7 @@ def start_up(device: str | None, path: Path) -> Figures:
 
 
 def measure_start_up(device: str | None, path: Path) -> Figures:
-    """Start twice in processes of their own: with an empty cache of PoCL's, and with what that left there."""
+    """Start two processes in turn: with an empty PoCL cache, and with what the first left there."""
     figures: Figures = {}
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, str(Path(__file__).resolve()), "--start-up", str(path)]
@@ -481,7 +482,7 @@ def errors(renderer: tfm.Renderer, scene: tfm.Scene) -> Figures:
         "tfm": error_of(renderer.render(small).image, truth),
         "dual": error_of(renderer.render(small, method="dual").image, truth),
     }
-    auto = with_auto(scene)  # what it chooses for the baseline's resolution
+    auto = with_auto(scene)  # the values chosen for the baseline's resolution
     if auto is not None:
         found["auto"] = error_of(renderer.render(with_res(auto, TRUTH_RES)).image, truth)
     return found
@@ -491,7 +492,7 @@ def errors(renderer: tfm.Renderer, scene: tfm.Scene) -> Figures:
 
 
 class AbsentError(Exception):
-    """A program that would be compared with does not take part; the message says why."""
+    """A program for comparison is not available; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -503,7 +504,7 @@ class Peer:
     note: str
     seconds: Callable[[], Figures]
     image: Callable[[], Colours]
-    """At `TRUTH_RES`."""
+    """Picture at `TRUTH_RES`."""
 
 
 def spot_of(scene: tfm.Scene) -> tuple[tfm.SpotLight, NDArray[np.float64], float]:
@@ -515,14 +516,14 @@ def spot_of(scene: tfm.Scene) -> tuple[tfm.SpotLight, NDArray[np.float64], float
 
 
 def near_light(scene: tfm.Scene) -> tfm.Scene:
-    """Let the light fall off with the square of the distance, as Mitsuba's does; the same at its target."""
+    """Use inverse-square falloff, as Mitsuba does, with the same irradiance at the light's target."""
     light, _, distance = spot_of(scene)
     intensity = tuple(float(value) * distance**2 for value in light.intensity)
     return scene.replace(lights=(light.replace(falloff="inverse-square", intensity=intensity),))
 
 
 def distant_light(scene: tfm.Scene) -> tfm.Scene:
-    """Move the light so far away that its rays are all but parallel, as vdb_render's are."""
+    """Move the light so far away that its rays are almost parallel, like those of vdb_render."""
     light, axis, distance = spot_of(scene)
     low, high = scene.grids[0].occupied_bounds
     away = DISTANT * float(np.linalg.norm(high - low)) / 2
@@ -693,12 +694,12 @@ class Mitsuba:
 
     def peer(self, light: str) -> Peer:
         """Return it as a peer."""
-        note = f"{self._variant}, volpath, {MITSUBA_SAMPLES} samples a pixel; rendering only"
+        note = f"{self._variant}, volpath, {MITSUBA_SAMPLES} samples per pixel; rendering only"
         return Peer("Mitsuba 3", light, note, self.seconds, self.image)
 
 
 def complaint(text: str) -> str:
-    """Return the line of a program's messages that says most, not too long."""
+    """Return the most informative line of a program's messages, shortened."""
     lines = text.strip().splitlines() or ["no message"]
     return next((line for line in lines if "error" in line), lines[0])[:200]
 
@@ -706,7 +707,7 @@ def complaint(text: str) -> str:
 def find_peers(
     renderer: tfm.Renderer, scene: tfm.Scene, path: Path, stack: ExitStack
 ) -> tuple[list[Peer], dict[str, tfm.Scene], dict[str, str]]:
-    """Return the peers that are there, the scenes of their lights, and what the others miss."""
+    """Return the available peers, the scenes of their lights, and why the others are missing."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     scenes = {"near": near_light(scene)}
     builders: dict[str, Callable[[], Peer]] = {
@@ -734,7 +735,7 @@ def find_peers(
 def peer_measurements(
     renderer: tfm.Renderer, scene: tfm.Scene, path: Path, stack: ExitStack
 ) -> tuple[list[Measurement], dict[str, str]]:
-    """Return what the peers' rows are made of; their errors are measured here, once."""
+    """Return the data of the peers' rows; their errors are measured here, once."""
     peers, scenes, absent = find_peers(renderer, scene, path, stack)
     truths = {light: truth_of(renderer, lit) for light, lit in scenes.items()}
     rows = []
@@ -764,20 +765,20 @@ def peer_measurements(
 
 @cache
 def load(path: Path) -> tfm.Volume:
-    """Read a volume; its density is scaled to show body and detail."""
+    """Read a volume; its density is scaled so that both body and detail are visible."""
     volume = tfm.Volume.load(path)
     return volume.with_density_scale(density_scale_for(volume))
 
 
 def find_volumes() -> list[Path]:
-    """Return the sample volumes, and those of the real ones that are there."""
+    """Return the sample volumes, and the real ones that exist."""
     real = Path(os.environ.get("TFM_VOLUMES", REPOSITORY.parent / "shared" / "volumes"))
     samples = [REPOSITORY / "volumes" / name for name in SAMPLE_VOLUMES]
     return samples + [real / name for name in REAL_VOLUMES if (real / name).is_file()]
 
 
 def describe_machine(launcher: Launcher) -> dict[str, Any]:
-    """Return what the figures depend on."""
+    """Return the facts that the figures depend on."""
     device = launcher.device
     versions = {"python": platform.python_version()}
     for name in ("tfm_cl", "numpy", "pyopencl", "pocl-binary-distribution", "mitsuba"):
@@ -853,7 +854,7 @@ class Bench:
         order: list[Measurement] = []
         group = None
         for frame in self.frames:
-            # Next to what they are compared with, as the machine's speed drifts.
+            # Next to the measurement they are compared with, since the machine's speed drifts.
             if frame.facts["varied"] is None or frame.facts["varied"] != group:
                 order.append(self.rooflines[self.lanes])
             group = frame.facts["varied"]
@@ -983,7 +984,7 @@ def seconds_table(report: dict[str, Any]) -> str:
 
 
 def rate_table(report: dict[str, Any]) -> str:
-    """Rates of nominal samples, what was read, and shares of the roofline, of every frame."""
+    """Rates of nominal samples, reads, and fractions of the roofline, for every frame."""
     rows = [
         ["light, view, dual", *("nominal M/s",) * 3, *("read M",) * 3, *("% gather",) * 3, *("% best",) * 3]
     ]
@@ -993,7 +994,7 @@ def rate_table(report: dict[str, Any]) -> str:
         for roof in ("gather", "best"):
             cells += [_median(row, f"{name}_nominal_share_of_{roof}", "{:.0f}", 100) for name in PASSES]
         rows.append([row["name"], *cells])
-    return f"{table(rows)}\n(%: nominal samples a second over the roofline's)"
+    return f"{table(rows)}\n(%: nominal samples per second over those of the roofline)"
 
 
 def host_table(report: dict[str, Any]) -> str:
@@ -1042,7 +1043,7 @@ def peer_table(report: dict[str, Any]) -> str:
 
 
 def tables(report: dict[str, Any]) -> str:
-    """All tables, for people."""
+    """All tables as text."""
     machine = report["machine"]
     head = (
         f"{machine['cpu']}, {machine['cores']} cores; {machine['device']}, {machine['driver']}; "

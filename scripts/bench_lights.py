@@ -1,12 +1,12 @@
-"""How fast shadow mapping and many lights are: ``python scripts/bench_lights.py -o out/bench_lights``.
+"""Measure shadow mapping and many lights: ``python scripts/bench_lights.py -o out/bench_lights``.
 
 - The frame of TFM Fig. 9: 1280×720, 200 steps, a shadow map of 1024², one light, 100,000 triangles, in fog of
-  constant density: seconds of the view pass and of tracing, beside the time that plain trilinear samples
-  would take for as many samples.
-- TFM Fig. 5: ten samples in projective space against ten in the world, SSIM against 1000.
-- Many small spots in fog: seconds and memory against their number, and against one frame a light.
+  constant density: seconds of the view pass and of tracing, beside the time for the same number of plain
+  trilinear samples.
+- TFM Fig. 5: ten samples in projective space and ten in the world, SSIM compared with 1000 samples.
+- Many small spots in fog: seconds and memory against their number, and against one frame per light.
 
-Medians of interleaved rounds; the figures go to ``lights.json`` and to the screen.
+Medians of interleaved rounds; the figures are written to ``lights.json`` and to stdout.
 """
 
 import argparse
@@ -41,13 +41,13 @@ FIG5_SAMPLES, FIG5_TRUTH = 10, 1000
 COUNTS = (1, 10, 100, 1000, 3000)
 LAMPS_FRAME, LAMPS_STEPS = (960, 540), 50
 AREA = 30.0
-"""Edge of the square that the lamps stand in, world units."""
+"""Edge of the square in which the lamps stand, world units."""
 
 Figures = dict[str, Any]
 
 
 def median_of(work: Callable[[], float], rounds: int) -> float:
-    """Run once to warm up, then ``rounds`` times; the median of what it returns."""
+    """Run once to warm up, then ``rounds`` times; returns the median of the results."""
     work()
     return statistics.median(work() for _ in range(rounds))
 
@@ -58,14 +58,14 @@ def seconds_of(renderer: tfm.Renderer, scene: tfm.Scene, what: str) -> float:
 
 
 def knot_of(triangles: int) -> tfm.MeshSolid:
-    """Return the sample knot with at least so many triangles."""
+    """Return the sample knot with at least this many triangles."""
     props.ALONG = -(-triangles // (2 * props.AROUND))
     vertices, faces = props.knot()
     return tfm.MeshSolid.from_arrays(1.6 * vertices + (0, 1, 0), faces, albedo=0.7)
 
 
 def shadow_mapping(renderer: tfm.Renderer, rate: float, rounds: int) -> Figures:
-    """Measure the frame of Fig. 9, `rate` being that of trilinear samples, a second."""
+    """Measure the frame of Fig. 9; `rate` is that of trilinear samples per second."""
     figures: Figures = {}
     scene = tfm.Scene(
         tfm.BoxVolume(from_=(-3, 0, -3), to=(3, 3.4, 3), density=0.2),
@@ -134,7 +134,7 @@ def lamps(count: int) -> tfm.Scene:
 
 
 def many_lights(renderer: tfm.Renderer, rounds: int) -> Figures:
-    """Measure frames of more and more lights, and of one light each."""
+    """Measure frames with more and more lights, and one frame per light."""
     figures: Figures = {}
     for count in COUNTS:
         scene = lamps(count)

@@ -1,4 +1,4 @@
-"""Let OpenVDB itself write the test files of ``tests/files/volume_io/data``, or say what a ``.vdb`` holds.
+"""Write the test files of ``tests/files/volume_io/data`` with OpenVDB, or describe a ``.vdb`` file.
 
 Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)::
 
@@ -8,8 +8,8 @@ Needs OpenVDB's Python module (Debian: python3-openvdb, for the system's Python)
 ``write`` describes its files as well. The description ``cloud.npz`` beside ``cloud.vdb`` holds ``grids``
 (JSON: name, class, background, active voxels of each grid) and per grid N ``N_matrix`` (4×4 world-from-index,
 column vectors) and, for grids that are not empty, ``N_low`` (index x, y, z) and ``N_values`` (float32
-[z, y, x], of vectors [z, y, x, 3]): all leaves and active values and a margin of 24 voxels, as OpenVDB reads
-them.
+[z, y, x], for vectors [z, y, x, 3]): all leaves and active values with a margin of 24 voxels, as OpenVDB
+reads them.
 """
 
 import json
@@ -56,7 +56,7 @@ def negative() -> Any:
     grid.name = "density"
     grid.gridClass = vdb.GridClass.FOG_VOLUME
     values = np.random.default_rng(1).random((5, 6, 7), dtype=np.float32)
-    values[values < 0.4] = 0  # noqa: PLR2004 - most voxels, so that zero ones lie between
+    values[values < 0.4] = 0  # noqa: PLR2004 - most voxels, with zeros in between
     grid.copyFromArray(values, ijk=(-13, -30, -9))
     grid.getAccessor().setValueOn((3, 4, 5), 0.75)
     grid.transform.scale((0.5, 0.25, 2.0))
@@ -66,7 +66,7 @@ def negative() -> Any:
 
 
 def tiles() -> Any:
-    """Return active tiles, and inactive values of every number and kind that a node can have."""
+    """Return active tiles, and inactive values in every number and kind that a node can have."""
     grid = vdb.FloatGrid(0.5)
     grid.name = "tiles"
     grid.fill((0, 0, 0), (23, 15, 7), 2.0)
@@ -87,7 +87,7 @@ def tiles() -> Any:
 
 
 def half() -> Any:
-    """Return values that half floats round, with a background that they round as well."""
+    """Return values that half floats round, with a background that is rounded as well."""
     grid = vdb.FloatGrid(0.1)
     grid.name = "density"
     grid.saveFloatAsHalf = True
@@ -106,7 +106,7 @@ def sphere() -> Any:
 
 
 def several() -> list[Any]:
-    """Return grids of several types, two of one name, one without a name, one that shares another's tree."""
+    """Return grids of several types: two share a name, one has none, one shares the tree of another."""
     first = vdb.FloatGrid()
     first.name = "density"
     first.fill((0, 0, 0), (3, 3, 3), 1.0)
@@ -129,7 +129,7 @@ def several() -> list[Any]:
 
 
 def describe(path: Path, save: Callable[..., None] = np.savez) -> None:
-    """Write what OpenVDB reads from a file, beside it."""
+    """Write what OpenVDB reads from a file to a description beside it."""
     grids, _ = vdb.readAll(str(path))
     facts = []
     arrays: dict[str, Any] = {}

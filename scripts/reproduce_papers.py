@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Make the figures and tables of the papers this project builds on, beside the papers' numbers.
+"""Reproduce the figures and tables of the papers that this project builds on, beside their numbers.
 
 TFM: Delalandre et al., "Transmittance Function Mapping", I3D 2011. FOM: Jansen and Bavoil, "Fourier
 Opacity Mapping", I3D 2010. OSM: Kim and Neumann, "Opacity Shadow Maps", Eurographics Workshop on
 Rendering 2001.
 
-Each claim of theirs becomes one line, ``holds``, ``holds when …`` or ``does not hold``, which is computed
-from what was measured. What the papers draw with particles, hair or a bunny is drawn with the sample
-volumes: ``plume`` is smoke, ``cumulus`` a cloud, ``figure`` hard-edged and so the pathological case. Speeds
-are ratios within one run, of device seconds measured in turn. Writes ``papers.md``, ``papers.json`` and a
-picture a study.
+Each of their claims gives one line, ``holds``, ``holds when …`` or ``does not hold``, which is computed from
+the measurements. Where the papers show particles, hair or a bunny, the sample volumes are used instead:
+``plume`` is smoke, ``cumulus`` a cloud, and ``figure``, with hard edges, the pathological case. Speeds are
+ratios within one run, of device seconds measured in turn. Writes ``papers.md``, ``papers.json`` and one
+picture per study.
 """
 
 from __future__ import annotations
@@ -45,32 +45,35 @@ SMOKE, CLOUD, HARD = "plume", "cumulus", "figure"
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-# What decides. Where a paper gives a number, that is the bound; where it gives a word, this is what we take
-# it for.
+# The criteria. If a paper gives a number, that is the bound; if it gives a word, this is our reading of it.
 INDISTINGUISHABLE = 0.99
-"""SSIM: the least that TFM's table 1 has at 8 numbers is 0.9903."""
+"""Smallest SSIM that counts as 'almost indistinguishable': the least in TFM's table 1 with 8 coefficients is
+0.9903."""
 PLAUSIBLE = 0.9868
-"""SSIM of the worse of the paper's pictures with 2 numbers."""
+"""Smallest SSIM that counts as 'plausible': that of the worse of the paper's pictures with 2 coefficients."""
 DRASTIC = 2.0
-"""Times less error: 'drastically reduces'."""
+"""Factor by which the error falls if it is 'drastically reduced'."""
 STEADY = 0.8
-"""Frames a second with 16 numbers over those with 2: the worse of the paper's two volumes has 0.81."""
+"""Smallest ratio of the frame rates with 16 and with 2 coefficients: the worse of the paper's two volumes has
+0.81."""
 COINCIDES = 0.02
-"""Of the full transmittance: two curves in a plot of a few hundred pixels 'coincide almost exactly'."""
+"""Largest difference, as a fraction of full transmittance, at which two curves in a plot of a few hundred
+pixels 'coincide almost exactly'."""
 NEGLIGIBLE = 0.01
-"""Of the full transmittance: what an outlier may change; what does not count as ringing."""
+"""Largest change due to an outlier, and largest overshoot that is not ringing, as a fraction of full
+transmittance."""
 SAME_SIZE = 1.25
-"""Ratio of two critical sizes, or of two costs, that are 'the same' or 'comparable'."""
+"""Largest ratio of two critical sizes, or of two costs, that are 'the same' or 'comparable'."""
 MAP_PRICE = 1.5
-"""'At a disadvantage by as much as 1.5x'."""
+"""Largest ratio of costs in 'at a disadvantage by as much as 1.5x'."""
 FOURFOLD = (1.8, 5.0)
-"""Times the cost of four times the texels that is 'approximately proportional': the paper's own tables have
-1.9 to 4.0."""
+"""Factors of cost for four times the texels that are 'approximately proportional': the paper's own tables
+have 1.9 to 4.0."""
 LINEAR = 0.99
-"""R² of a straight line."""
+"""Smallest R² of a relation that is 'linear'."""
 
 
-# What a study says.
+# The results of a study.
 
 
 @dataclass(frozen=True)
@@ -84,11 +87,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper says, and what was measured."""
+    """A claim of a paper, and the measurements."""
 
     text: str
     paper: str
-    """The paper's number, or its word."""
+    """The paper's number or wording."""
     cases: tuple[Case, ...]
 
     @property
@@ -108,7 +111,7 @@ class Claim:
 
     @property
     def measured(self) -> str:
-        """All numbers."""
+        """The measured values, in words."""
         return "; ".join(
             " ".join([f"{case.where}:" if case.where else "", ", ".join(_named(case.measured))]).strip()
             for case in self.cases
@@ -120,60 +123,60 @@ def _named(values: dict[str, float]) -> Iterable[str]:
 
 
 def at_least(where: str, value: float, bound: float, what: str = "") -> Case:
-    """Make a case that holds from a bound on."""
+    """Make a case that holds if a number is at least a bound."""
     return Case(where, {what: value}, value >= bound)
 
 
 def at_most(where: str, value: float, bound: float, what: str = "") -> Case:
-    """Make a case that holds up to a bound."""
+    """Make a case that holds if a number is at most a bound."""
     return Case(where, {what: value}, value <= bound)
 
 
 def smaller(where: str, **values: float) -> Case:
-    """Make a case that holds when the first of two numbers is smaller than the second."""
+    """Make a case that holds if the first of two numbers is smaller than the second."""
     first, second = values.values()
     return Case(where, {name.replace("_", " "): value for name, value in values.items()}, first < second)
 
 
 @dataclass(frozen=True)
 class Study:
-    """A figure or table of a paper, made anew."""
+    """A reproduced figure or table of a paper."""
 
     title: str
     how: str
-    """What differs from the paper's."""
+    """The differences from the paper's setup."""
     claims: list[Claim]
     rows: list[list[str]]
-    """A table, its head first."""
+    """Rows of a table, the header first."""
     figure: Figure | None = None
 
 
-# Where it is measured.
+# The measurements.
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is computed."""
+    """The amount of computation."""
 
     map_res: int = 1024
     steps: int = 100
     picture: float = 1.0
-    """Of the scene files' resolutions."""
+    """Fraction of the scene files' resolutions."""
     fine_steps: int = 1000
-    """Along a camera ray, of the reference of TFM figure 5."""
+    """Steps along a camera ray in the reference of TFM figure 5."""
     rounds: int = 5
-    """Of measurements of speed, taken in turn."""
+    """Rounds of the speed measurements, which are taken in turn."""
     map_sizes: tuple[int, ...] = (256, 512, 1024)
-    """FOM tables 1 and 2."""
+    """Sizes for FOM tables 1 and 2."""
     screens: tuple[tuple[int, int], ...] = ((1680, 1050), (1280, 800))
     frame: tuple[int, int] = (1280, 720)
-    """TFM figure 10, of its speed."""
+    """Frame size for the speeds in TFM figure 10."""
     coarse_and_fine: tuple[int, int] = (32, 512)
-    """Maps of FOM figure 4."""
+    """Sizes of the maps in FOM figure 4."""
     slice_counts: tuple[int, ...] = (4, 8, 16, 24, 32)
-    """OSM figure 4."""
+    """Numbers of planes in OSM figure 4."""
     rays: int = 24
-    """Along a side of the map, of the studies of single rays."""
+    """Texels along each side of the map in studies of single rays."""
 
 
 QUICK = Sizes(
@@ -195,11 +198,11 @@ Seconds = dict[str, float]
 
 @dataclass(frozen=True)
 class Timings:
-    """Device seconds, of which only ratios mean something."""
+    """Device seconds, of which only ratios are meaningful."""
 
     least: dict[Any, Seconds]
     noise: float
-    """Median of the rounds over the least, typically."""
+    """Typical ratio of the median of the rounds to the smallest."""
 
     @property
     def note(self) -> str:
@@ -212,7 +215,7 @@ def _least(samples: Sequence[Seconds]) -> Seconds:
 
 
 class Lab:
-    """A renderer, sizes, and what several studies need."""
+    """A renderer, sizes, and data shared by several studies."""
 
     def __init__(self, renderer: tfm.Renderer, sizes: Sizes) -> None:
         self.renderer = renderer
@@ -252,7 +255,7 @@ class Lab:
         return float(10 ** (-lit.psnr / 20)) if lit else float("nan")
 
     def least(self, measurements: dict[Any, Callable[[], Seconds]]) -> Timings:
-        """Measure all in turn, round after round; the least of each counts: others may compute too."""
+        """Measure all in turn, round after round, and take the smallest, as the machine may be shared."""
         found: dict[Any, list[Seconds]] = {key: [] for key in measurements}
         for _ in range(self.sizes.rounds):
             for key, measure in measurements.items():
@@ -267,7 +270,7 @@ class Lab:
         return Timings(least, float(np.median(noise)))
 
     def frame_seconds(self, scene: tfm.Scene, method: str = "tfm", times: int = 1) -> Seconds:
-        """Device seconds of both passes, the least of some times."""
+        """Device seconds of both passes, the smallest of several measurements."""
         samples = []
         for _ in range(times):
             spent = self.renderer.render(scene, method=method).stats.seconds
@@ -280,9 +283,9 @@ class Lab:
 
 
 SIDE_DISTANCE = 5.0
-"""Radii of the medium between its centre and the light of `Lab.side`."""
+"""Distance from the centre of the medium to the light of `Lab.side`, in radii of the medium."""
 WHITE = (10.0, 10.0, 10.0)
-"""Intensity of lights placed here."""
+"""Intensity of the lights placed by this script."""
 
 
 def with_map(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
@@ -298,15 +301,15 @@ def with_march(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
 # Single light rays, with the library's own functions.
 
 CELLS = 512
-"""Steps along a ray."""
+"""Number of steps along a ray."""
 EDGES: Floats = np.arange(CELLS + 1) / CELLS
 MIDDLES: Floats = (np.arange(CELLS) + 0.5) / CELLS
 DEPTHS = (0.5, 12.0)
-"""Optical depths of the rays that are looked at: neither nothing nor night."""
+"""Range of the optical depths of the rays studied: neither nearly transparent nor opaque."""
 
 
 def reconstructed(basis: str, n: int, steps: Floats) -> Floats:
-    """Optical depth that n numbers give, not clamped, [rays, `CELLS` + 1] at the steps' edges.
+    """Optical depth from n coefficients, not clamped, [rays, `CELLS` + 1], at the edges of the steps.
 
     ``steps`` are optical depths of equal steps, [rays, `CELLS`].
     """
@@ -318,7 +321,7 @@ def reconstructed(basis: str, n: int, steps: Floats) -> Floats:
 
 
 def accumulated(steps: Floats) -> Floats:
-    """Exact optical depth at the steps' edges."""
+    """Exact optical depth at the edges of the steps."""
     depth: Floats = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
     return depth
 
@@ -326,7 +329,7 @@ def accumulated(steps: Floats) -> Floats:
 def profiles(lab: Lab, name: str, *, per_ray: bool = False) -> Floats:
     """Optical depths of the steps of some of the light's rays, [rays, `CELLS`].
 
-    All rays share one range, from the nearest to the farthest density; or each has that of the medium's box.
+    All rays share one range, from the nearest to the farthest density, or each has that of the medium's box.
     """
     scene = lab.side(name)
     light, volume = scene.lights[0], scene.grids[0]
@@ -354,7 +357,7 @@ def _steps(scene: tfm.Scene, rays: reference.Rays, begin: Floats, end: Floats) -
 
 
 def most_features(steps: Floats) -> int:
-    """Return the ray whose density rises most often: the one to draw."""
+    """Return the ray whose density rises most often, which is drawn."""
     smooth = np.apply_along_axis(lambda row: np.convolve(row, np.ones(25) / 25, "same"), 1, steps)
     high = smooth > 0.25 * smooth.max(axis=1, keepdims=True)
     return int((np.diff(high.astype(int), axis=1) > 0).sum(axis=1).argmax())
@@ -373,7 +376,7 @@ def plots(count: int, height: float = 3.0) -> tuple[Figure, list[Axes]]:
 
 
 def pictures(rows: Sequence[Sequence[tuple[str, Image | Floats, float]]], width: float = 2.4) -> Figure:
-    """Return a figure with rows of pictures: caption, linear RGB, and what is shown as white."""
+    """Return a figure with rows of pictures: caption, linear RGB, and the value shown as white."""
     columns = max(map(len, rows))
     heights = [width * row[0][1].shape[0] / row[0][1].shape[1] + 0.3 for row in rows]
     figure = Figure(figsize=(width * columns, sum(heights)), dpi=100, layout="constrained")
@@ -407,10 +410,10 @@ def curves(axes: Axes, title: str, exact: Floats, found: dict[str, Floats]) -> N
 
 
 def shown(value: float) -> str:
-    """Write a number with three digits that matter; near 1, those of what is missing."""
+    """Format a number with three significant digits; near 1, those of the difference from 1."""
     if not np.isfinite(value):
         return str(value)
-    if 0.9 <= value < 1:  # noqa: PLR2004 - SSIM and R² live here
+    if 0.9 <= value < 1:  # noqa: PLR2004 - the range of SSIM and R²
         return f"{value:.4f}"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"  # noqa: PLR2004 - not 1e+03
 
@@ -432,19 +435,21 @@ PAPER_PSNR = {
     (HARD, 10.0): (35.61, 43.27, 46.19),
     (HARD, 1.0): (16.74, 15.07, 14.30),
 }
-"""TFM table 1: of volume and α, for 2, 8 and 16 numbers."""
+"""PSNR in TFM table 1 by volume and α, with 2, 8 and 16 coefficients."""
 PAPER_SPEEDUP = (14.61 / 1.6, 14.20 / 1.6, 13.90 / 1.6)
-"""TFM figure 10."""
+"""Speed-ups over the dual march in TFM figure 10, with 2, 8 and 16 coefficients."""
 PLAIN_MARCH = {"skip_empty": False, "cutoff": 0.0}
-"""As the papers march: every step of every ray."""
+"""March as in the papers: every step of every ray."""
 SETTINGS = ("every step marched", "empty space skipped", "scene file")
-"""Of measurements of speed: one light and a medium that fills the frame, twice; two lights, as pictured."""
+"""Settings of the speed measurements: twice one light and a medium that fills the frame; then two lights, as
+pictured."""
 HAZE = 1e-5
-"""Of the largest density, in every voxel: no sample goes without its light, as in the papers' marches."""
+"""Density added to every voxel, as a fraction of the largest, so that every sample needs its light, as in the
+papers' marches."""
 
 
 def hazy(scene: tfm.Scene) -> tfm.Scene:
-    """Return the scene without empty space, and otherwise as it is."""
+    """Return the scene without empty space, otherwise unchanged."""
     volume = scene.grids[0]
     data = np.maximum(volume.data, np.float32(HAZE) * volume.data.max())
     return scene.replace(
@@ -453,7 +458,7 @@ def hazy(scene: tfm.Scene) -> tfm.Scene:
 
 
 class Table1:
-    """What TFM's table 1 and figure 10 share."""
+    """Data shared by TFM's table 1 and figure 10."""
 
     def __init__(self, lab: Lab, scene: tfm.Scene) -> None:
         self._lab, self.scene = lab, scene
@@ -517,7 +522,7 @@ def tfm_table1(lab: Lab) -> Study:
         steady.append(at_least(name, fps[16] / fps[2], STEADY))
     claims = [
         Claim(
-            "TFM 7.2.1: with 8 or more numbers and α = 10 almost indistinguishable from the dual march",
+            "TFM 7.2.1: with 8 or more coefficients and α = 10 almost indistinguishable from the dual march",
             "SSIM 0.9974 (smoke), 0.9903 and 0.9905 (hard edges)",
             tuple(enough),
         ),
@@ -533,12 +538,12 @@ def tfm_table1(lab: Lab) -> Study:
             tuple(psnr_paper),
         ),
         Claim(
-            "TFM table 1: without density weighting hard edges get worse with more numbers",
+            "TFM table 1: without density weighting hard edges get worse with more coefficients",
             "PSNR 16.7, 15.1, 14.3 dB (hard edges only)",
             tuple(case for case in falls if case.where == HARD),
         ),
         Claim(
-            "TFM table 1: 16 numbers cost little more than 2 (fps at 16 over fps at 2)",
+            "TFM table 1: 16 coefficients cost little more than 2 (fps at 16 over fps at 2)",
             "0.81 (smoke), 0.97 (hard edges)",
             tuple(steady),
         ),
@@ -551,7 +556,7 @@ def tfm_table1(lab: Lab) -> Study:
             label = f"α = {alpha:g}, paper"
             plot.plot(NUMBERS, PAPER_PSNR[name, alpha], color=colour, linestyle=":", marker="s", label=label)
         plot.set_title(f"{name}: PSNR against the dual march", fontsize=9)
-        plot.set_xlabel("numbers a texel")
+        plot.set_xlabel("coefficients per texel")
         plot.set_ylabel("dB")
         plot.legend(fontsize=7)
     how = (
@@ -565,7 +570,7 @@ def tfm_table1(lab: Lab) -> Study:
 
 
 def tfm_fig5(lab: Lab) -> Study:
-    """Few samples, uniform in the light's projective space and in the world."""
+    """Compare few samples, uniform in the light's projective space and in the world."""
     smoke = with_map(lab.scene(SMOKE), density_weighting=10.0)
     collinear, across = gobo_scenes(lab)
     views = {
@@ -609,9 +614,9 @@ def tfm_fig5(lab: Lab) -> Study:
 
 GOBO_VOXEL = (0.0125, 0.0125, 0.025)
 GOBO_PERIOD = 8
-"""Voxels from hole to hole: the cone meets five."""
+"""Distance between holes in voxels; the cone meets five holes."""
 GOBO_SHEET = (2, 5)
-"""First voxel along the light of the sheet, and the first one behind it."""
+"""Indices along the light of the first voxel of the sheet, and of the first one behind it."""
 
 
 def gobo_scenes(lab: Lab) -> tuple[tfm.Scene, tfm.Scene]:
@@ -625,7 +630,7 @@ def gobo_scenes(lab: Lab) -> tuple[tfm.Scene, tfm.Scene]:
     volume = tfm.Volume(density, voxel_size=GOBO_VOXEL, origin=corner)
     light = tfm.SpotLight(from_=(0, 0, -0.7), to=(0, 0, 4), cone=18, intensity=(30, 30, 30))
     width, height = (max(16, round(lab.sizes.picture * pixels)) for pixels in (480, 360))
-    # Behind the sheet, so that it does not hide what is lit.
+    # Behind the sheet, so that it does not hide the lit fog.
     along = tfm.Camera(from_=(0.33, 0.12, 0.16), to=(-0.1, 0, 4), fov=50, res=(width, height))
     across = tfm.Camera(from_=(4.8, 0.8, 2.6), to=(0, 0, 2.6), fov=32, res=(width, height))
     steps = 4 * length
@@ -634,7 +639,7 @@ def gobo_scenes(lab: Lab) -> tuple[tfm.Scene, tfm.Scene]:
         tfm.Medium(sigma_s=(1, 1, 1), sigma_a=(0, 0, 0)),
         along,
         [light],
-        # Numbers whose interpolation follows the sheet: what is compared is the sampling.
+        # Coefficients whose interpolation resolves the sheet, since the sampling is to be compared.
         tfm.MapSettings(
             basis="slices", coeffs=32, slicing="gamma", range="box", res=lab.sizes.map_res, steps=steps
         ),
@@ -644,7 +649,7 @@ def gobo_scenes(lab: Lab) -> tuple[tfm.Scene, tfm.Scene]:
 
 
 def tfm_fig7(lab: Lab) -> Study:
-    """Ringing with 16 numbers, with and without density weighting."""
+    """Ringing with 16 coefficients, with and without density weighting."""
     cases, shown_rows = [], []
     rows = [["volume", "α = 1, visible error", "α = 10", "ratio"]]
     for name in (CLOUD, SMOKE, HARD):
@@ -663,12 +668,13 @@ def tfm_fig7(lab: Lab) -> Study:
         if name == CLOUD:
             shown_rows.append([("dual march", truth[part], white), *captioned, *difference])
     claim = Claim(
-        "TFM 6.2: density weighting drastically reduces ringing in dense media (16 numbers: error with α = "
+        "TFM 6.2: density weighting drastically reduces ringing in dense media (16 coefficients: error with "
+        "α = "
         f"1 over error with α = 10, at least {DRASTIC:g})",
         "pictures only",
         tuple(cases),
     )
-    title = "TFM figure 7: 16 numbers with α = 1 and α = 10"
+    title = "TFM figure 7: 16 coefficients with α = 1 and α = 10"
     return Study(
         title,
         "Visible error: RMS of sRGB luma over the lit pixels.",
@@ -679,7 +685,7 @@ def tfm_fig7(lab: Lab) -> Study:
 
 
 def tfm_fig8(lab: Lab) -> Study:
-    """Follow the transmittance along a ray, and how fast its series converges."""
+    """Show the transmittance along a ray, and how fast its series converges."""
     counts = (2, 4, 8, 16, 32)
     rows = [["volume", "α", *(f"median L2 error, n = {n}" for n in counts), "rays with falling error"]]
     monotone, rapid = [], []
@@ -712,7 +718,7 @@ def tfm_fig8(lab: Lab) -> Study:
             axes[2].plot(counts, median, style, color=colour, marker="o", markersize=3, label=where)
     axes[2].set_xscale("log", base=2)
     axes[2].set_yscale("log")
-    axes[2].set_xlabel("numbers n")
+    axes[2].set_xlabel("coefficients n")
     axes[2].set_title("median L2 error of T", fontsize=9)
     axes[2].legend(fontsize=6)
     claims = [
@@ -732,7 +738,7 @@ def tfm_fig8(lab: Lab) -> Study:
 
 
 def cosines(exact: Floats, n: int, alpha: float) -> Floats:
-    """T̂ of TFM eq. 8–10, 19 and 20 at the steps' middles, clamped."""
+    """T̂ of TFM eq. 8–10, 19 and 20 at the steps' midpoints, clamped."""
     make = BASES["dct"].functions
     assert make is not None  # noqa: S101 - it has
     functions = make(resolve(tfm.MapSettings(basis="dct", coeffs=n)), None)
@@ -742,7 +748,7 @@ def cosines(exact: Floats, n: int, alpha: float) -> Floats:
 
 
 def tfm_fig10(lab: Lab) -> Study:
-    """Pictures and speed of 2, 8 and 16 numbers against the dual march."""
+    """Pictures and speed of 2, 8 and 16 coefficients against the dual march."""
     rows = [["volume", "march", *(f"dual / TFM, n = {n}" for n in NUMBERS)]]
     rows.append(["paper", "hard edges, GTX 480", *map(shown, PAPER_SPEEDUP)])
     faster, plausible, shown_rows = [], [], []
@@ -777,7 +783,7 @@ def tfm_fig10(lab: Lab) -> Study:
             tuple(faster),
         ),
         Claim(
-            "TFM 7.2.1: 2 numbers are visually plausible (SSIM with α = 10, at least the paper's)",
+            "TFM 7.2.1: 2 coefficients are visually plausible (SSIM with α = 10, at least the paper's)",
             "0.9973 (smoke), 0.9868 (hard edges)",
             tuple(plausible),
         ),
@@ -797,7 +803,7 @@ def tfm_fig10(lab: Lab) -> Study:
 
 
 def fom_fig1(lab: Lab) -> Study:
-    """Fifteen numbers in one dimension."""
+    """Fifteen coefficients in one dimension."""
     rows = [["volume", "density", "largest |T̂ - T|, median of the rays", "worst ray"]]
     cases = []
     figure, axes = plots(3)
@@ -813,20 +819,21 @@ def fom_fig1(lab: Lab) -> Study:
                 ray = most_features(steps)
                 curves(plot, f"{name}: the ray with most features", exact[ray], {"FOM, n = 15": found[ray]})
     claim = Claim(
-        "FOM figure 1(c): with 15 numbers exact and reconstructed T coincide almost exactly, in spite of "
+        "FOM figure 1(c): with 15 coefficients exact and reconstructed T coincide almost exactly, in spite "
+        "of "
         f"several features (median over rays of the largest difference, at most {COINCIDES:g})",
         "plot only",
         tuple(cases),
     )
     how = "Rays of a light from the left; one range for all, from the nearest to the farthest density."
-    return Study("FOM figure 1(c): reconstruction with 15 numbers", how, [claim], rows, figure)
+    return Study("FOM figure 1(c): reconstruction with 15 coefficients", how, [claim], rows, figure)
 
 
 METHODS = {"FOM": "fourier", "OSM": "slices"}
 
 
 def roughness(image: Image, truth: Image) -> float:
-    """RMS over the lit pixels of the Laplacian of the error's luminance, over the truth's mean there."""
+    """RMS of the Laplacian of the error's luminance over the lit pixels, over the reference's mean there."""
     error = (image - truth)[..., :3].astype(np.float64) @ REC709
     laplacian = sum(np.roll(error, shift, axis) for shift in (1, -1) for axis in (0, 1)) - 4 * error
     lit = lit_mask(truth)
@@ -867,18 +874,19 @@ def fom_fig4(lab: Lab) -> Study:
         )
     claims = [
         Claim(
-            "FOM figure 4: 15 numbers give smoke without artefacts (SSIM at least 0.99)",
+            "FOM figure 4: 15 coefficients give smoke without artefacts (SSIM at least 0.99)",
             "pictures only",
             tuple(good),
         ),
         Claim(
             "FOM figure 4, section 1: no slice-like artefacts: FOM's error is smoother than OSM's with as "
-            "many numbers (RMS Laplacian)",
+            "many coefficients (RMS Laplacian)",
             "pictures only",
             tuple(smoother),
         ),
         Claim(
-            "FOM figure 4: FOM's picture is nearer to the truth than OSM's with as many numbers (visible "
+            "FOM figure 4: FOM's picture is nearer to the truth than OSM's with as many coefficients "
+            "(visible "
             "error)",
             "pictures only",
             tuple(nearer),
@@ -888,18 +896,18 @@ def fom_fig4(lab: Lab) -> Study:
         "The plume under one light from the left; one depth range for all rays, planes and series alike; "
         "against the dual march."
     )
-    title = f"FOM figure 4: 3 and 15 numbers, maps of {coarse}² and {fine}²"
+    title = f"FOM figure 4: 3 and 15 coefficients, maps of {coarse}² and {fine}²"
     return Study(title, how, claims, rows, pictures(shown_rows[:2] + shown_rows[3:], 2.2))
 
 
 PADDING = 36
-"""Empty voxels along the light before and behind the medium, with room for what marks a depth bound."""
+"""Empty voxels along the light before and behind the medium, with room for puffs that mark a depth bound."""
 MARK = 1e-6
-"""Of the largest density: enough to be a bound, far too little to be seen."""
+"""Density of a mark, as a fraction of the largest: enough to set a bound, far too little to be visible."""
 MARK_RADIUS = 3.0
-"""Voxels."""
+"""Radius of a marking puff in voxels."""
 RANGE_MARGIN = 0.02
-"""That the range ``global`` has at either end (`tfm_cl.maps.probe.GLOBAL_MARGIN`)."""
+"""Margin at either end of the range ``global`` (`tfm_cl.maps.probe.GLOBAL_MARGIN`)."""
 
 
 def padded(
@@ -937,7 +945,7 @@ def depth_range(maps: list[tfm.TransmittanceMap]) -> tuple[float, float]:
 
 
 def fom_fig5(lab: Lab) -> Study:
-    """Depth bounds that are inflated, and moved."""
+    """Measure the effect of inflated and moved depth bounds."""
     base = lab.side(SMOKE)
     light_x = base.lights[0].frame().world_from_light[0, 3]
     settings = {"coeffs": 7, "range": "global"}
@@ -946,7 +954,7 @@ def fom_fig5(lab: Lab) -> Study:
     density = MARK * float(base.grids[0].data.max())
 
     def bounded(low: float, high: float) -> tfm.Scene:
-        """Give the map the range from low to high beyond the medium, parts of its length."""
+        """Extend the map's range by low and high beyond the medium, as fractions of its length."""
         radius = MARK_RADIUS * float(base.grids[0].voxel_size[0])
         ends = (near - low * length + radius, far + high * length - radius)
         marks = [(light_x + at, MARK_RADIUS, density) for at in ends] if low or high else []
@@ -983,7 +991,8 @@ def fom_fig5(lab: Lab) -> Study:
         cases += [smaller(f"largest, {what}", **largest), smaller(f"RMS, {what}", **mean)]
         shown_rows.append(panels)
     claim = Claim(
-        "FOM 7.1, figure 5: pictures change less than OSM's when the depth bounds change (7 numbers, part "
+        "FOM 7.1, figure 5: pictures change less than OSM's when the depth bounds change (7 coefficients, "
+        "part "
         "of the picture's white)",
         "pictures only",
         tuple(cases),
@@ -999,7 +1008,7 @@ def fom_fig5(lab: Lab) -> Study:
 
 
 def fom_fig6(lab: Lab) -> Study:
-    """Move a density in depth, in one dimension."""
+    """Measure the effect of a shift in depth, in one dimension."""
     n, room = 7, CELLS // 4
     shifts = range(0, CELLS // n + 1, 4)
     rows = [
@@ -1029,7 +1038,7 @@ def fom_fig6(lab: Lab) -> Study:
                     plot.plot(
                         EDGES[: stack.shape[2]], stack[i, ray], color=colour, linewidth=1.1, label=label
                     )
-                plot.set_title(f"{name}: {method}, {n} numbers", fontsize=9)
+                plot.set_title(f"{name}: {method}, {n} coefficients", fontsize=9)
                 plot.set_xlabel("depth")
                 plot.set_ylabel("transmittance")
                 plot.legend(fontsize=7)
@@ -1037,7 +1046,7 @@ def fom_fig6(lab: Lab) -> Study:
         place.append(smaller(name, **spread))
     claims = [
         Claim(
-            "FOM 7.1, figure 6: T̂ changes less than OSM's when the density moves in depth (7 numbers, "
+            "FOM 7.1, figure 6: T̂ changes less than OSM's when the density moves in depth (7 coefficients, "
             "largest change of T̂ over shifts of up to a slice)",
             "plot only",
             tuple(shape),
@@ -1065,7 +1074,7 @@ PUFF = {"voxels": 8.0, "away": 75, "behind": 95}
 
 
 def fom_fig7(lab: Lab) -> Study:
-    """Add a far, faint outlier."""
+    """Measure the effect of a far, faint outlier."""
     n = 7
     centre = MIDDLES - 0.3
     body = 2.0 * np.exp(-np.square(centre / 0.09)) + 1.2 * np.exp(-np.square((centre - 0.14) / 0.05))
@@ -1094,7 +1103,8 @@ def fom_fig7(lab: Lab) -> Study:
     cases.append(at_most("3-D, opacity 0.05, fixed range", changes["FOM", "fixed"][0], NEGLIGIBLE))
     claims = [
         Claim(
-            "FOM 7.2, figure 7: an outlier has negligible effect on the reconstruction (7 numbers, at most "
+            "FOM 7.2, figure 7: an outlier has negligible effect on the reconstruction (7 coefficients, at "
+            "most "
             f"{NEGLIGIBLE:g})",
             "negligible",
             tuple(cases),
@@ -1123,7 +1133,7 @@ def _rms(values: Floats) -> float:
 
 
 def _outlier_changes(lab: Lab, n: int) -> dict[tuple[str, str], tuple[float, float]]:
-    """Largest and RMS change of T̂ at the plume's voxels that a puff behind it makes."""
+    """Largest and RMS change of T̂ at the plume's voxels due to a puff behind it."""
     scene = lab.side(SMOKE)
     volume, light = scene.grids[0], scene.lights[0]
     assert isinstance(light, tfm.SpotLight)  # noqa: S101 - as `Lab.side` makes it
@@ -1164,14 +1174,14 @@ def ringing(n: int, steps: Floats) -> float:
 
 
 def critical_width(n: int, depth: float, *, hard: bool) -> float:
-    """Return the widest feature that rings by more than is negligible, parts of the range; 0 if none."""
+    """Return the widest feature with noticeable ringing, as a fraction of the range; 0 if none."""
     widths = np.arange(0.02, 1.0, 0.01)
     rings = [ringing(n, slab(float(width), depth, hard=hard)) > NEGLIGIBLE for width in widths]
     return float(widths[np.flatnonzero(rings)[-1]]) if any(rings) else 0.0
 
 
 def fom_fig8(lab: Lab) -> Study:
-    """Ringing by the feature's size and opacity."""
+    """Measure ringing by the feature's size and opacity."""
     del lab
     width, thin, dense = 0.12, 0.7, 2.8
     rows = [["feature", "n", "optical depth", "ringing", "widest that rings"]]
@@ -1212,10 +1222,13 @@ def fom_fig8(lab: Lab) -> Study:
         curves(plot, title, np.exp(-accumulated(steps)[0]), {f"FOM, n = {n}, not clamped": raw})
         plot.set_ylim(-0.05, 1.45)
     claims = [
-        Claim("FOM figure 8(a, b): more numbers ring less (largest rise of T̂)", "plot only", tuple(fewer)),
+        Claim(
+            "FOM figure 8(a, b): more coefficients ring less (largest rise of T̂)", "plot only", tuple(fewer)
+        ),
         Claim("FOM figure 8(b, c): four times the opacity rings more", "plot only", tuple(opacity)),
         Claim(
-            "FOM 7.3: with more numbers only smaller features ring (widest that rings, part of the range)",
+            "FOM 7.3: with more coefficients only smaller features ring (widest that rings, part of the "
+            "range)",
             "–",
             tuple(sizes),
         ),
@@ -1235,11 +1248,11 @@ def fom_fig8(lab: Lab) -> Study:
 
 
 PAPER_FOM_MAP = {1024: (15.5 / 10.1, 15.9 / 11.1), 512: (4.3 / 3.0, 4.2 / 2.8), 256: (1.7 / 1.5, 1.6 / 1.5)}
-"""FOM tables 1 and 2: time of FOM's map over that of OSM's."""
+"""Time of FOM's map over that of OSM's, from FOM tables 1 and 2."""
 
 
 def fom_tables(lab: Lab) -> Study:
-    """Measure what maps and views cost."""
+    """Measure the cost of maps and views."""
     bases = {"FOM": "fourier", "OSM (slices)": "slices", "OSM (piecewise)": "piecewise"}
     volume_scene = lab.side(SMOKE)
     measurements: dict[Any, Callable[[], Seconds]] = {}
@@ -1291,7 +1304,7 @@ def fom_tables(lab: Lab) -> Study:
             area.append(Case(f"{method}, {small}² to {large}²", {"×": per_four}, low <= per_four <= high))
     claims = [
         Claim(
-            "FOM section 8: FOM's map costs at most 1.5 times OSM's (7 numbers)",
+            "FOM section 8: FOM's map costs at most 1.5 times OSM's (7 coefficients)",
             "1.53 and 1.43 at 1024², 1.43 and 1.50 at 512², 1.13 and 1.07 at 256²",
             tuple(price),
         ),
@@ -1317,7 +1330,7 @@ def fom_tables(lab: Lab) -> Study:
 
 
 BRIEF = 4
-"""Times that what takes a tenth of a second is measured in a round."""
+"""Number of times that a measurement of a tenth of a second is repeated in a round."""
 
 
 def _costs(lab: Lab, scene: tfm.Scene) -> Seconds:
@@ -1339,7 +1352,7 @@ SLICINGS = ("uniform", "density", "gamma")
 
 
 def osm_fig3(lab: Lab) -> Study:
-    """Three ways to place the planes."""
+    """Compare three ways of placing the planes."""
     cube = tfm.Volume(
         np.ones((48, 48, 48), np.float32), voxel_size=2 / 48, origin=(-1, -1, -1), density_scale=2.5
     )
@@ -1404,13 +1417,13 @@ def osm_fig3(lab: Lab) -> Study:
 
 
 def _of_others(by_density: Case, by_gamma: Case) -> tuple[float, float, str]:
-    """Uniform planes' error over the least of the others', the bound, and what it is."""
+    """Ratio of the error of uniform planes to the smallest of the others, its bound, and its name."""
     least = min(by_density.measured["density"], by_gamma.measured["gamma"])
     return by_density.measured["uniform"] / least, SAME_SIZE, "uniform / best other"
 
 
 def osm_fig4(lab: Lab) -> Study:
-    """Time against the number of planes."""
+    """Measure time against the number of planes."""
     counts = lab.sizes.slice_counts
     base = lab.side(SMOKE)
     scenes = {n: with_map(base, basis="slices", coeffs=n, range="global") for n in counts}
@@ -1459,7 +1472,7 @@ STUDIES: dict[str, Callable[[Lab], Study]] = {
         *(osm_fig3, osm_fig4),
     )
 }
-"""Name for ``--only`` and of the picture -> study."""
+"""Studies by the name used for ``--only`` and for the picture."""
 
 
 # Output.
@@ -1468,11 +1481,11 @@ STUDIES: dict[str, Callable[[Lab], Study]] = {
 def markdown(studies: dict[str, Study], facts: dict[str, Any]) -> str:
     """Write the report."""
     lines = [
-        "# The papers' figures and tables, made anew",
+        "# The papers' figures and tables, reproduced",
         "",
         f"By `scripts/reproduce_papers.py` on {facts['device']}; sizes: "
         + ", ".join(f"{name} {value}" for name, value in facts["sizes"].items())
-        + ". Every verdict is computed from what was measured; speeds are ratios within this run.",
+        + ". Every verdict is computed from the measurements; speeds are ratios within this run.",
         "",
         "| where | claim | verdict | measured | paper |",
         "|---|---|---|---|---|",
@@ -1508,7 +1521,7 @@ def numbers(studies: dict[str, Study], facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """Replace what JSON cannot hold by None, and NumPy's numbers by Python's."""
+    """Replace values that JSON cannot hold by None, and NumPy's numbers by Python's."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -1553,7 +1566,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    parser.add_argument("--quick", action="store_true", help="smaller maps and pictures, for a try")
+    parser.add_argument("--quick", action="store_true", help="smaller maps and pictures, for a quick trial")
     parser.add_argument(
         "--only", type=_names, default=list(STUDIES), metavar="NAME[,NAME]", help=", ".join(STUDIES)
     )

@@ -1,9 +1,10 @@
-"""How far one image is from another: SSIM, PSNR and RMSE, each over the frame and over the lit pixels.
+"""Differences between images: SSIM, PSNR and RMSE, each over the frame and over the lit pixels.
 
-SSIM and PSNR are taken on what a viewer sees, the *display luma*: the image divided by the reference's
-white (99.9th percentile of its Rec. 709 luminance), clipped to [0, 1], sRGB-encoded, weighted to luma.
-RMSE is taken on the linear RGB values and is relative to the reference's mean. An empty background is
-right in every method and flatters, so the same is given over the *lit mask*: reference alpha > 0.001.
+SSIM and PSNR compare what a viewer sees, the *display luma*: the image is divided by the reference's white
+(99.9th percentile of its Rec. 709 luminance), clipped to [0, 1], sRGB-encoded, and weighted to luma. RMSE
+compares the linear RGB values and is relative to the reference's mean. Every method gets an empty background
+right, which makes these values look better than they are. All three are therefore also given over the *lit
+mask*: reference alpha > 0.001.
 """
 
 from __future__ import annotations
@@ -19,19 +20,21 @@ from numpy.typing import ArrayLike, NDArray
 from tfm_cl.errors import ImageError, InputError
 
 REC709 = np.array([0.2126, 0.7152, 0.0722])
-"""Weights of luminance (linear RGB) and of luma (encoded RGB)."""
+"""Rec. 709 weights of R, G and B, for luminance (of linear RGB) and for luma (of encoded RGB)."""
 WHITE_PERCENTILE = 99.9
-"""Of the reference's luminance: a few very bright pixels must not darken the display image."""
+"""Percentile of the reference's luminance that is displayed as white: a few very bright pixels must not
+darken the display image."""
 LIT_ALPHA = 0.001
 SSIM_RADIUS = 5
-"""Pixels: the 11×11 Gaussian window of Wang et al. 2004, as scikit-image makes it for sigma = 1.5."""
+"""Width in pixels of the SSIM window: the 11×11 Gaussian of Wang et al. 2004, as in scikit-image for sigma =
+1.5."""
 FLIP_EXPOSURES = 5
-"""Exposures of HDR-FLIP, one stop apart; the first shows the reference's white as 1."""
+"""Number of exposures of HDR-FLIP, one stop apart; the first shows the reference's white as 1."""
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """The three numbers over one set of pixels."""
+    """SSIM, PSNR and RMSE over one set of pixels."""
 
     ssim: float
     """Structural similarity of display luma, ≤ 1; 1 is identical."""
@@ -41,16 +44,16 @@ class Metrics:
     """Root mean square error of linear RGB over the reference's mean; infinite if only that mean is 0."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON can hold: an infinite value becomes None (JSON ``null``)."""
+        """Return a dictionary for JSON; infinite values become None (JSON ``null``)."""
         return {key: value if np.isfinite(value) else None for key, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
 class Comparison(Metrics):
-    """The three numbers over the whole frame, and over the lit pixels."""
+    """SSIM, PSNR and RMSE over the whole frame and over the lit pixels."""
 
     lit: Metrics | None
-    """Over the lit mask; None when the reference has no lit pixel."""
+    """The values over the lit mask; None if the reference has no lit pixels."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return ``{"ssim", "psnr", "rmse", "lit": {…}}`` for JSON; see `Metrics.to_dict`."""
@@ -62,19 +65,19 @@ def compare(test: ArrayLike, reference: ArrayLike) -> Comparison:
     """Measure ``test`` against ``reference``.
 
     SSIM over the frame leaves out a border of five pixels, as scikit-image does; over the lit mask it is
-    the mean of the SSIM map. In an image with a side below 11 pixels, where nothing would be left, the
-    map is taken of the image mirrored at its borders, and nothing is left out.
+    the mean of the SSIM map. If a side of the image is shorter than 11 pixels, nothing would be left; the
+    image is then mirrored at its borders, and nothing is left out.
 
     Parameters
     ----------
     test, reference
         Scene-linear, premultiplied images [H, W, 3 or 4] of floating-point type. Only the reference's
-        alpha is used, so the two may differ in having one; without it, lit is luminance > 0.
+        alpha is used, so only one of the two may have one; without it, lit means luminance > 0.
 
     Raises
     ------
     ImageError
-        When an array is not such an image, or is empty, or holds NaN or infinity, or when the sizes differ.
+        When an array is not such an image, is empty, or holds NaN or infinity, or when the sizes differ.
     """
     shown, truth = _checked_pair(test, reference)
     white = white_of(truth)
@@ -102,8 +105,8 @@ def compare(test: ArrayLike, reference: ArrayLike) -> Comparison:
 def flip(test: ArrayLike, reference: ArrayLike) -> float:
     """Mean HDR-FLIP error (Andersson et al. 2021), 0 to 1; 0 is identical.
 
-    The exposures are fixed by the reference (`FLIP_EXPOSURES` from its white upwards), so the numbers of
-    different tests against one reference can be compared.
+    The reference determines the exposures (`FLIP_EXPOSURES` of them, from its white upwards), so values of
+    different images against the same reference can be compared.
 
     Parameters
     ----------
@@ -134,12 +137,12 @@ def flip(test: ArrayLike, reference: ArrayLike) -> float:
 
 
 def flip_is_installed() -> bool:
-    """Tell whether `flip` can be asked for."""
+    """Tell whether `flip` is available."""
     return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def white_of(reference: NDArray[np.floating[Any]]) -> float:
-    """Luminance shown as white: the 99.9th percentile, or the maximum where that is 0, or 1 if black."""
+    """Luminance shown as white: the 99.9th percentile, or the maximum if that is 0, or 1 if all is black."""
     luminance = reference[..., :3] @ REC709
     for white in (np.percentile(luminance, WHITE_PERCENTILE), luminance.max()):
         if white > 0:
@@ -149,7 +152,7 @@ def white_of(reference: NDArray[np.floating[Any]]) -> float:
 
 def display_rgb(image: NDArray[np.floating[Any]], white: float) -> NDArray[np.float64]:
     """Return linear RGB [H, W, 3] over ``white``, clipped to [0, 1] and sRGB-encoded (IEC 61966-2-1)."""
-    with np.errstate(over="ignore"):  # a tiny white makes infinities, which are clipped
+    with np.errstate(over="ignore"):  # a tiny white causes infinities, which are clipped
         linear = np.clip(image[..., :3].astype(np.float64) / white, 0.0, 1.0)
     encoded: NDArray[np.float64] = np.where(
         linear <= 0.0031308,  # noqa: PLR2004 - the standard's constants
@@ -191,7 +194,7 @@ def _checked(image: ArrayLike, what: str) -> NDArray[np.float64]:
         raise ImageError(
             f"{what}: expected scene-linear floating-point values; these are of type {array.dtype}"
         )
-    # The bound catches NaN and infinity at once, and keeps the squares finite.
+    # The bound catches NaN and infinity as well, and keeps the squares finite.
     wrong = ~(np.abs(array) <= np.finfo(np.float32).max)
     if wrong.any():
         y, x, channel = (int(i) for i in np.argwhere(wrong)[0])
@@ -208,7 +211,7 @@ def _ssim(test: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[fl
 
     structural_similarity: Callable[..., Any] = metrics.structural_similarity
     pad = SSIM_RADIUS if min(reference.shape) <= 2 * SSIM_RADIUS else 0
-    # The filter mirrors at the border too, so a mirrored margin changes no value of the map.
+    # The filter mirrors at the border too, so a mirrored margin does not change the map.
     images = (np.pad(image, pad, mode="symmetric") for image in (test, reference))
     mean, full = structural_similarity(
         *images, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1.0, full=True

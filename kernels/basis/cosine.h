@@ -1,6 +1,6 @@
-/* Cosines cos(j pi v): the discrete cosine transform of TFM eq. 8-10, normalised, or, where the target is the
-   extinction, their integrals v and sin(j pi v) / (j pi).
-   Requires: what projection.h does. */
+/* Cosines cos(j pi v): the normalised discrete cosine transform of TFM eq. 8-10. If the target is the extinction,
+   their integrals v and sin(j pi v) / (j pi).
+   Requires: the same as projection.h. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
@@ -11,7 +11,7 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
                                       Floats v)
 {
   (void)modes;
-  /* By the Chebyshev recurrence. */
+  /* Chebyshev recurrence. */
   const Floats cosine = cos_pi(v);
   const Floats twice = 2.0f * cosine;
 #if TFM_TARGET == TARGET_EXTINCTION

@@ -1,7 +1,7 @@
-/* Fourier series 1, cos(2 pi k v), sin(2 pi k v), k = 1, 2 ...: "Fourier Opacity Mapping" eq. 3 where the target is the
-   extinction, c_0 v + sum of (a_k sin(2 pi k v) + b_k (1 - cos(2 pi k v))) / (2 pi k). The numbers are c_0, a_1, b_1,
-   a_2, b_2 ...
-   Requires: what projection.h does. */
+/* Fourier series 1, cos(2 pi k v), sin(2 pi k v), k = 1, 2 ... If the target is the extinction, "Fourier Opacity
+   Mapping" eq. 3: c_0 v + sum of (a_k sin(2 pi k v) + b_k (1 - cos(2 pi k v))) / (2 pi k). The coefficients are stored
+   as c_0, a_1, b_1, a_2, b_2 ...
+   Requires: the same as projection.h. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
@@ -12,12 +12,12 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
                                       Floats v)
 {
   (void)modes;
-  /* About the middle, so that sines and 1 - cos are 0 at both ends but for rounding. */
+  /* Measured from the middle, so that the sines and 1 - cos vanish at both ends up to rounding. */
   const Floats from_middle = v < 0.5f ? 1.0f - 2.0f * v : 2.0f * v - 1.0f;
   const Floats cosine = -cos_pi(from_middle);
   const Floats sine_beyond = -sin_pi(from_middle);
   Floats sine = v < 0.5f ? -sine_beyond : sine_beyond;
-  /* By the Chebyshev recurrence. */
+  /* Chebyshev recurrence. */
   const Floats twice = 2.0f * cosine;
   Floats cosine_before = floats(1.0f), cosine_now = cosine, sine_before = floats(0.0f);
 #if TFM_TARGET == TARGET_EXTINCTION

@@ -1,6 +1,6 @@
-/* Shifted Legendre polynomials P_j(2 v - 1), or, where the target is the extinction, their integrals
+/* Shifted Legendre polynomials P_j(2 v - 1). If the target is the extinction, their integrals
    (P_(j+1) - P_(j-1)) / (2 (2 j + 1)).
-   Requires: what projection.h does. */
+   Requires: the same as projection.h. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 

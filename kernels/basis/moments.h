@@ -1,10 +1,11 @@
-/* Power moments of where a ray's optical depth lies: c_0, all of it, and c_j, the sum of x^j d tau with x = 2 v - 1.
-   What lies before a point is estimated as published for "Moment-Based Order-Independent Transparency" (Muenstermann,
-   Krumpen, Klein, Peters 2018), up to how roots are found and weighed: of all distributions with these moments, on
-   the whole line, the one with the fewest nodes of which one is the point (Hamburger's problem). The nodes before the
-   point are less than any such distribution has there, those up to it as much or more; a share of the point's own
-   weight lies in between.
-   Requires: what projection.h does, TFM_N_COEFF 5 or 7. */
+/* Power moments of the distribution of optical depth along a ray: c_0 is the total, and c_j the integral of x^j d tau
+   with x = 2 v - 1. The optical depth before a point is estimated as in "Moment-Based Order-Independent Transparency"
+   (Muenstermann, Krumpen, Klein, Peters 2018), except for the way in which roots are found and weighted. Of all
+   distributions on the whole line with these moments, we take the one with the fewest nodes that has a node at the
+   point (Hamburger's problem). The weight of the nodes before the point bounds that of every such distribution from
+   below; adding the point's own node bounds it from above. The estimate lies in between: it adds a share of the
+   point's own weight.
+   Requires: the same as projection.h; TFM_N_COEFF 5 or 7. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
@@ -16,14 +17,14 @@
 #elif TFM_N_COEFF == 7
 #define ORDER 3
 #else
-#error "moments are 5 or 7 numbers"
+#error "the basis of moments has 5 or 7 coefficients"
 #endif
 
-/* Of the point's own weight (moments.py tells why). */
+/* Share of the point's own weight that counts as lying before it (moments.py explains the value). */
 #define POINT_SHARE 0.4f
 
-/* The moments are mixed with so much of those of a distribution that is far from having fewer nodes, against what
-   rounding leaves of it. For float32 as published. */
+/* Share of a well-conditioned distribution that is mixed into the moments, so that rounding cannot make the Hankel
+   matrix singular. The values for float32 are the published ones. */
 #if TFM_STORAGE_BITS == 32
 #define BIAS (ORDER == 2 ? 5e-7f : 5e-6f)
 #elif TFM_STORAGE_BITS == 16
@@ -32,7 +33,7 @@
 #define BIAS (ORDER == 2 ? 2e-3f : 5e-3f)
 #endif
 
-/* Roots of what vanishes are put here, where they weigh nothing. */
+/* Place of the roots of degenerate polynomials: nodes this far away have no weight. */
 #define FAR_AWAY 1e4f
 
 typedef struct {
@@ -54,7 +55,7 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
     const Floats depth = steps->depth[k];
     const float begin = (float)(2 * steps->n[k] - most) / (float)most;
     const float end = (float)(2 * steps->n[k] + 2 - most) / (float)most;
-    /* The mean of x^j from begin to end is the sum of begin^i end^(j - i) over i, over j + 1. */
+    /* The mean of x^j from begin to end is the sum over i of begin^i end^(j - i), divided by j + 1. */
     float sum = 1.0f, power = 1.0f;
     state->sum[0] += depth;
     for (int j = 1; j < TFM_N_COEFF; ++j) {
@@ -75,7 +76,7 @@ TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
     c[j] = active ? state->sum[j] : floats(0.0f);
 }
 
-/* Hankel's matrix of the moments, b_(i + j), as L D L^T. */
+/* Factors L D L^T of the Hankel matrix of the moments, H_ij = b_(i + j). */
 typedef struct {
   Floats l[ORDER + 1][ORDER + 1]; /* below the diagonal */
   Floats inverse[ORDER + 1];      /* of D */
@@ -94,7 +95,7 @@ TFM_INLINE Hankel factors_of(const Floats *b)
       for (int k = 0; k < j; ++k)
         sum -= products[i][k] * h.l[j][k];
       if (i == j) {
-        /* What rounding made of 0 or less. */
+        /* Rounding may have made this 0 or negative. */
         h.inverse[j] = 1.0f / greatest(sum, floats(0.01f * BIAS));
       }
       else {
@@ -105,7 +106,7 @@ TFM_INLINE Hankel factors_of(const Floats *b)
   return h;
 }
 
-/* L^-1 (1, x, x^2 ...): values of the orthogonal polynomials, leading coefficient 1. */
+/* L^-1 (1, x, x^2 ...): values of the monic orthogonal polynomials. */
 TFM_INLINE void orthogonal(const Hankel *h, Floats x, Floats *p)
 {
   Floats power = floats(1.0f);
@@ -117,7 +118,7 @@ TFM_INLINE void orthogonal(const Hankel *h, Floats x, Floats *p)
   }
 }
 
-/* The weight of a node at x: the most that a distribution with these moments can have there. */
+/* Weight of a node at x: the largest that any distribution with these moments can have there. */
 TFM_INLINE Floats weight_at(const Hankel *h, Floats x)
 {
   Floats p[ORDER + 1];
@@ -133,7 +134,7 @@ TFM_INLINE Floats root_of(Floats x)
   return x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
 }
 
-/* x / y with y kept from 0, within reach. */
+/* x / y with y kept away from 0; the result is clamped to +-FAR_AWAY. */
 TFM_INLINE Floats quotient(Floats x, Floats y)
 {
   const Floats tiny = floats(1e-30f);
@@ -141,7 +142,7 @@ TFM_INLINE Floats quotient(Floats x, Floats y)
   return least(greatest(x / safe, floats(-FAR_AWAY)), floats(FAR_AWAY));
 }
 
-/* Both roots of a x^2 + b x + c, if they are real. */
+/* Both roots of a x^2 + b x + c, which must be real. */
 TFM_INLINE void quadratic_roots(Floats a, Floats b, Floats c, Floats *roots)
 {
   const Floats root = root_of(greatest(b * b - 4.0f * a * c, floats(0.0f)));
@@ -151,8 +152,8 @@ TFM_INLINE void quadratic_roots(Floats a, Floats b, Floats c, Floats *roots)
 }
 
 #if ORDER == 3
-/* The roots of a x^3 + b x^2 + c x + d, all real: the outermost one by t = cos(acos(y) / 3), the root above 1/2 of
-   4 t^3 - 3 t = y, then a quadratic. */
+/* Roots of a x^3 + b x^2 + c x + d, which must all be real. The outermost one comes from t = cos(acos(y) / 3), the
+   root above 1/2 of 4 t^3 - 3 t = y; the other two from the remaining quadratic. */
 TFM_INLINE void cubic_roots(Floats a, Floats b, Floats c, Floats d, Floats *roots)
 {
   Floats size = a < 0.0f ? -a : a;
@@ -173,13 +174,13 @@ TFM_INLINE void cubic_roots(Floats a, Floats b, Floats c, Floats d, Floats *root
   const Floats spread = root_of(p);
   const Floats y = quotient(q, p * spread);
   const Floats part = least(greatest(y, -y), floats(1.0f));
-  /* Newton's method from the tangent to a chord: t lies between sqrt(3)/2 and 1. */
+  /* Newton's method; t lies between sqrt(3)/2 and 1, and the first guess is close to linear interpolation. */
   Floats t = 0.866025404f + 0.15f * part;
   for (int i = 0; i < 3; ++i)
     t -= (t * (4.0f * t * t - 3.0f) - part) / (12.0f * t * t - 3.0f);
   const Floats outermost = centre + 2.0f * spread * (y < 0.0f ? -t : t);
   roots[0] = outermost;
-  /* Divide by x - outermost: from the highest power down where the root is small, else from the lowest one up. */
+  /* Divide by x - outermost: from the highest power downwards if the root is small, else from the lowest upwards. */
   const Floats far = outermost * outermost * outermost * a;
   const Ints large = (far < 0.0f ? -far : far) > (d < 0.0f ? -d : d);
   const Floats over = 1.0f / (large ? outermost : floats(1.0f));
@@ -193,7 +194,7 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
                                       Floats v)
 {
   (void)modes;
-  /* Moments of a distribution that sums to 1, biased as published. */
+  /* Moments of a normalised distribution, biased as published. */
 #if ORDER == 2
   const float apart[5] = {1.0f, 0.0f, 0.375f, 0.0f, 0.375f};
 #else
@@ -207,7 +208,7 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
     b[j] = BIAS * apart[j] + inverse * c[j];
   const Hankel h = factors_of(b);
 
-  /* The other nodes are the roots of the kernel (1, x, x^2 ...) H^-1 (1, z, z^2 ...)^T. */
+  /* The other nodes are the roots z of the kernel (1, x, x^2 ...) H^-1 (1, z, z^2 ...)^T. */
   const Floats x = 2.0f * v - 1.0f;
   Floats p[ORDER + 1], dual[ORDER + 1], roots[ORDER];
   orthogonal(&h, x, p);

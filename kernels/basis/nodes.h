@@ -1,9 +1,10 @@
-/* Optical depth as a line through k nodes, (v_1, tau_1, v_2, tau_2 ...) in order of v, from (0, 0) to the last density:
-   adaptive volumetric shadow maps (Salvi et al. 2010), which compress deep shadow maps (Lokovic and Veach 2000) to a
-   fixed size as the march goes on. Where a node is one too many, the one goes that bends the line the least: it leaves
-   a triangle, whose area times the transmittance at the node is, to first order, the integral of the error of T.
-   Requires: what projection.h does, TFM_N_COEFF even; NODES_LERP_T for lines of T instead, of which the area of the
-   triangle is the error itself. */
+/* Optical depth as a polyline through k nodes, (v_1, tau_1, v_2, tau_2 ...) in order of v, from (0, 0) to the last
+   density: adaptive volumetric shadow maps (Salvi et al. 2010), which compress deep shadow maps (Lokovic and Veach
+   2000) to a fixed size during the march. When there is one node too many, the node whose removal costs least is
+   dropped. Removing a node cuts off a triangle; its area times the transmittance at the node is, to first order, the
+   integral of the error of T.
+   Requires: the same as projection.h; TFM_N_COEFF even; NODES_LERP_T to interpolate T instead of the optical depth, in
+   which case the area of the triangle is the error itself. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
@@ -15,12 +16,12 @@
 typedef struct {
   Floats v[NODES + 1];
   Floats depth[NODES + 1];
-  Floats light[NODES + 1]; /* the transmittance there */
+  Floats light[NODES + 1]; /* transmittance at the node */
 } BasisState;
 
 TFM_INLINE void basis_begin(BasisState *state)
 {
-  /* Nodes at the begin cost nothing, and go first. */
+  /* Initial nodes lie at the beginning, where removing them costs nothing, so they are dropped first. */
   for (int j = 0; j <= NODES; ++j) {
     state->v[j] = state->depth[j] = floats(0.0f);
     state->light[j] = floats(1.0f);
@@ -32,7 +33,7 @@ TFM_INLINE Floats absolute(Floats x)
   return greatest(x, -x);
 }
 
-/* Puts a node behind the last one, in some lanes, and takes one away. */
+/* In the lanes of the mask `some`, appends a node and removes the cheapest one. */
 TFM_INLINE void add_node(MAP map, BasisState *state, Ints some, float v, Floats depth)
 {
   state->v[NODES] = floats(v);
@@ -81,7 +82,7 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
     const Ints dense = steps->depth[k] > 0.0f;
     if (!any_lane(dense))
       continue;
-    /* After a gap, or before the first density, the line is level up to here. */
+    /* After a gap, or before the first density, the polyline is horizontal up to here. */
     const Ints gap = dense & (state->v[NODES - 1] < begin);
     if (any_lane(gap))
       add_node(map, state, gap, begin, steps->before[k]);
@@ -105,7 +106,7 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
                                       Floats v)
 {
   (void)modes;
-  /* The last node up to v, and the first one beyond it. */
+  /* The last node at or before v, and the first one after it. */
   const float unit = map->number_unit;
   Floats low_v = floats(0.0f), low = floats(0.0f);
 #pragma unroll
@@ -125,7 +126,7 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
 #ifdef NODES_LERP_T
   const float extinction = map->reference_extinction;
   const Floats light = lerp(transmittance_of(extinction * low), transmittance_of(extinction * high), part);
-  /* Where no light is left, the line is one of the optical depth. */
+  /* Where no light is left, interpolate the optical depth instead. */
   const Floats depth = extinction * high < 80.0f ? log_of(light) * (-1.0f / extinction) : lerp(low, high, part);
 #else
   const Floats depth = lerp(low, high, part);

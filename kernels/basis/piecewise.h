@@ -1,6 +1,6 @@
-/* Extinction that is constant in n equal parts of the range ("Fourier Opacity Mapping", section 5.1): the numbers are
-   the optical depths of the parts.
-   Requires: what projection.h does. */
+/* Extinction that is constant in each of n equal parts of the range ("Fourier Opacity Mapping", section 5.1). The
+   coefficients are the optical depths of the parts.
+   Requires: the same as projection.h. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 

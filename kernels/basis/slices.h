@@ -1,6 +1,6 @@
-/* The optical depth at n planes across the light ("Opacity Shadow Maps"), 0 at v = 0, and what lies between them.
-   modes  [n][2], the n intervals that end at the planes: begin and 1 / width
-   Requires: what projection.h does; SLICES_CUBIC for cubic interpolation, else linear. */
+/* Optical depth at n planes across the light's rays ("Opacity Shadow Maps"), interpolated in between; it is 0 at v = 0.
+   modes  [n][2], for the interval that ends at each plane its beginning and 1 / width
+   Requires: the same as projection.h; SLICES_CUBIC for cubic instead of linear interpolation. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
@@ -10,15 +10,16 @@ TFM_INLINE Floats basis_optical_depth(MAP map, __global const float *modes, cons
                                       Floats v)
 {
 #ifdef SLICES_CUBIC
-  /* Hermite's cubics through the planes with the slope of the chord between their neighbours; the intervals at the
-     ends take their own. Intervals before v have part 1 and after it 0, where both bumps vanish. */
+  /* Cubic Hermite interpolation. The slope at a plane is that of the chord between its neighbours, and at either end
+     that of the interval itself. part is 1 for intervals before v and 0 for those after it; both correction terms
+     vanish there. */
   Floats sum = floats(0.0f), chord = floats(0.0f);
   for (int j = 0; j < TFM_N_COEFF; ++j) {
     const float rate = modes[2 * j + 1], width = 1.0f / rate;
     const Floats low = j > 0 ? c[j - (j > 0)] : floats(0.0f);
     const Floats rise = c[j] - low;
     const Floats part = clamp_to((v - modes[2 * j]) * rate, 1.0f);
-    /* Chords as they rise over this interval's width. */
+    /* Rise of the chords at both ends over the width of this interval. */
     Floats at_begin = rise, at_end = rise;
     if (j > 0)
       at_begin = (width / (width + 1.0f / modes[2 * j - 1])) * (rise + chord);

@@ -1,12 +1,13 @@
-/* Functions known by their values: modes[TABULATED_CELLS + 1][n] at equal distances over [0, 1], linear in between.
-   Requires: what projection.h does. */
+/* Tabulated functions: modes[TABULATED_CELLS + 1][n] holds their values at equidistant points of [0, 1], with linear
+   interpolation in between.
+   Requires: the same as projection.h. */
 #ifndef TFM_BASIS_H
 #define TFM_BASIS_H
 
 #define TFM_BASIS_TABULATED
 #include "../map/projection.h"
 
-/* Which values a position lies between. */
+/* The table cell that contains a position. */
 typedef struct {
   Ints row;
   Floats part;

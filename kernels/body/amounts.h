@@ -13,7 +13,7 @@
 #define GRID_ARGUMENTS GRID grids
 #endif
 
-/* Largest optical depth kept: products with a zero coefficient stay 0 instead of NaN. */
+/* The largest optical depth; it is finite so that its product with 0 is 0 instead of NaN. */
 #define TFM_MAX_OPTICAL_DEPTH 1e30f
 
 typedef struct {

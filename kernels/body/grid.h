@@ -12,20 +12,20 @@
 
 #include "body/amounts.h"
 
-/* Vectors in memory need only their elements' alignment (only where TFM_LANES > 1: there vload2 is a call). */
+/* Vectors in memory are aligned like their elements only. Used if TFM_LANES > 1, where vload2 would be a call. */
 typedef float2 UnalignedFloat2 __attribute__((aligned(4)));
 typedef uint UnalignedUint __attribute__((aligned(2)));
 typedef ushort UnalignedUshort __attribute__((aligned(1)));
 
-/* Lanes of a tile share what they read where they lie in MOST_SHARED cells along each axis; a brick or a block is
-   that of the lowest one, and has to know what the others need. */
+/* The lanes of a tile share their reads if they lie within MOST_SHARED cells along each axis. They then use the brick
+   and the block of the lowest cell, which must also cover the cells of the others. */
 #define RECORD_EDGE (BLOCK_EDGE + MOST_SHARED)
-#define RECORD_ROW RECORD_EDGE                   /* voxels to the next y */
-#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* voxels to the next z */
-/* A multiple of 4: 8 bits are followed by the float that 255 stands for. */
+#define RECORD_ROW RECORD_EDGE                   /* stride of y, in voxels */
+#define RECORD_LAYER (RECORD_EDGE * RECORD_EDGE) /* stride of z, in voxels */
+/* A multiple of 4, since 8-bit voxels are followed by a float. */
 #define RECORD_VOXELS ((RECORD_EDGE * RECORD_LAYER + 3) / 4 * 4)
 
-/* Records are RECORD_SIZE voxels apart. 8 bits are followed by the float that 255 stands for. */
+/* Records are RECORD_SIZE voxels apart. 8-bit voxels are followed by the density, a float, that 255 stands for. */
 #if TFM_VOXEL_BITS == 32
 typedef float Voxel;
 #define RECORD_SIZE RECORD_VOXELS
@@ -39,9 +39,9 @@ typedef uchar Voxel;
 #error "TFM_VOXEL_BITS must be 32, 16 or 8"
 #endif
 
-/* bricks: for every brick (x fastest) that has density the number of its block's record, from 1; for others -d,
-   where no brick nearer than the chessboard distance d has density. Record 0 is all zero. A device limits a buffer's
-   size: a large volume's records are spread over several. */
+/* bricks: one entry per brick, x fastest. For a brick with density, the number of its block's record, counted from 1;
+   for other bricks -d, where d is a chessboard distance below which no brick has density. Record 0 is all zeros.
+   Devices limit the size of a buffer, so the records of a large volume are spread over several. */
 #if TFM_POOLS == 1
 #define GRID_ARGUMENTS GRID grids, __global const int *bricks, __global const Voxel *pool0
 #define GRID_POOLS {pool0}
@@ -58,8 +58,8 @@ typedef uchar Voxel;
 /* What is each grid's own. */
 typedef struct {
   __global const int *bricks;
-  int row;   /* bricks to the next y */
-  int layer; /* bricks to the next z */
+  int row;   /* stride of y, in bricks */
+  int layer; /* stride of z, in bricks */
   float upper[3];
   int channel_records; /* from the record of a channel to that of the next; 0 without a colour */
   float density_scale[TFM_VOXEL_CHANNELS];
@@ -102,7 +102,7 @@ TFM_INLINE void describe_grids(GRID grids, __global const int *bricks, Grids *pa
   }
 }
 
-/* A world ray in the padded grids' index spaces. */
+/* Transform a world ray to the index spaces of the padded grids. */
 TFM_INLINE GridRay index_ray(GRID grids, Ray world_ray)
 {
   GridRay ray;
@@ -144,7 +144,7 @@ TFM_INLINE Ints light_medium_interval(GRID grids, const GridRay *ray, Interval *
 /* The number of a brick in a grid's table. */
 #define BRICK_AT(extent, bx, by, bz) ((bz) * (extent)->layer + (by) * (extent)->row + (bx))
 
-/* Two voxels that are neighbours in x, in every lane. i: from the start of the lane's pool. */
+/* Two voxels that are neighbours in x, in every lane. i: offset from the start of the lane's pool. */
 TFM_INLINE void gather_voxel_pairs(const Grids *grid, Ints pool, Ints i, int offset, Floats *low_x, Floats *high_x)
 {
 #if TFM_POOLS == 1
@@ -164,7 +164,7 @@ TFM_INLINE void gather_voxel_pairs(const Grids *grid, Ints pool, Ints i, int off
 #define VOXEL_PAIR(s) (*(__global const UnalignedFloat2 *)VOXELS(s))
   SPLIT_PAIRS(VOXEL_PAIR, *low_x, *high_x);
 #elif TFM_VOXEL_BITS == 16
-  /* Halves are >= 0 and finite: shifted into place they are floats 2^112 too small. */
+  /* Halves are >= 0 and finite; their bits, shifted into place, are floats that are too small by a factor of 2^112. */
 #define VOXEL_PAIR(p, i, s) (int)(*(__global const UnalignedUint *)VOXELS(s))
   const Ints pair = (Ints)FOR_LANES(VOXEL_PAIR, 0, 0);
   *low_x = 0x1p112f * AS_FLOATS((pair & 0x7fff) << 13);
@@ -182,7 +182,7 @@ TFM_INLINE void gather_voxel_pairs(const Grids *grid, Ints pool, Ints i, int off
 }
 
 #if TFM_LANES > 1
-/* A voxel as stored, for all lanes. */
+/* One voxel as stored, shared by all lanes. */
 TFM_INLINE float voxel_value(__global const Voxel *voxel)
 {
 #if TFM_VOXEL_BITS == 16
@@ -192,7 +192,8 @@ TFM_INLINE float voxel_value(__global const Voxel *voxel)
 #endif
 }
 
-/* Weights of a row of voxels for points x, from the first one, that lie before the last: their tents. */
+/* Linear interpolation weights (tent functions) of a row of voxels. x: positions relative to the first voxel, before
+   the last one. */
 TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
 {
   weight[0] = greatest(1.0f - x, floats(0.0f));
@@ -202,10 +203,10 @@ TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
       weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
 }
 
-/* The voxels that a tile's samples lie between. */
+/* The voxels that surround the samples of a tile. */
 typedef struct {
-  int record;    /* of their block; 0: nothing to read */
-  int corner[3]; /* the lowest, in the padded grid */
+  int record;    /* record of their block; 0: nothing to read */
+  int corner[3]; /* the lowest voxel, in the padded grid */
   int voxels[3]; /* along each axis, 2 to MOST_SHARED + 1 */
 } Window;
 

@@ -1,5 +1,5 @@
-/* Walking the rays of a tile through the bricks, from one step that has to be read to the next.
-   Samples stay where the march puts them; those in bricks without density are jumped over.
+/* Walks the rays of a tile through the bricks, from one step that has to be read to the next. Samples stay where the
+   march puts them; those in bricks without density are skipped.
 
    Rays of a tile are close together: if at both ends of the walk they lie within one or two voxels of each other,
    they do so in between, and the tile moves as one: a box around its samples says, in a few scalar operations, in
@@ -11,7 +11,7 @@
 #include "body/grid.h"
 #include "core/sampling.h"
 
-/* Added to a tile's box, voxels. */
+/* Margin around a tile's box, voxels. */
 #define TFM_ROUNDING 0.01f
 
 /* A tile moves as one through one grid; through several every lane looks for itself. */
@@ -19,9 +19,9 @@
 
 typedef struct {
   GridRay ray;
-  Floats begin;      /* ray parameter of the walk's begin */
+  Floats begin;      /* ray parameter where the walk begins */
   Floats length;
-  Floats step;       /* length of a step, where they are equal */
+  Floats step;       /* length of a step, if all are equal */
   Warp warp;
   int warped;        /* 0: steps of equal length */
   Ints steps;        /* of each ray */
@@ -35,15 +35,15 @@ typedef struct {
   int together; /* the samples of every step lie in at most 3 cells along each axis */
   /* The box of the samples at a fraction f of the walk: low + f * low_change to high + f * high_change. */
   float low[3], low_change[3], high[3], high_change[3];
-  float low_inverse[3], high_inverse[3]; /* 1 / change where the box moves down, or up; else 0 */
-  float width; /* of a step, as a part of the walk */
-  /* Ratio of the warp's depths: the fraction of a ray lies between those of the least and the greatest. */
+  float low_inverse[3], high_inverse[3]; /* 1 / change if the box moves down, or up; else 0 */
+  float width; /* of a step, as a fraction of the walk */
+  /* Ratios of the warp's depths. The fraction of any ray lies between those for the least and the greatest ratio. */
   float least_ratio, greatest_ratio;
 #endif
 } Walk;
 
-/* Steps are found, read and used in three loops over a few of them at a time: the first one branches as the volume
-   wants it, the others run straight on, so that a CPU works on several steps at once. */
+/* Steps are found, read and used in three loops over a few of them at a time. Only the first loop branches on the
+   volume's contents; the others are straight code, so that a CPU works on several steps at once. */
 #if TFM_LANES == 1
 #define MOST_STEPS 1
 #else
@@ -52,21 +52,21 @@ typedef struct {
 
 typedef struct {
   int count;
-  int next;                   /* where to look on */
-  int forced;                 /* the next step is listed whatever it holds */
-  int n[MOST_STEPS];          /* the steps' numbers */
+  int next;                   /* where to continue the search */
+  int forced;                 /* the next step is listed even if it is empty */
+  int n[MOST_STEPS];          /* indices of the steps */
 #if SHARES_WINDOWS
-  Window window[MOST_STEPS];  /* where the tile moves as one */
+  Window window[MOST_STEPS];  /* if the tile moves as one */
 #endif
   /* Where every lane looks for itself. */
   Vec3 point[MOST_STEPS][TFM_GRIDS];
   Ints records[MOST_STEPS][TFM_GRIDS];
 } Steps;
 
-/* Where a step's samples lie. */
+/* Where the samples of a step lie. */
 typedef struct {
   Floats t;      /* ray parameter of the middle */
-  Floats length; /* in ray parameters */
+  Floats length; /* in units of the ray parameter */
 } Place;
 
 TFM_INLINE float fraction_of(float s, float ratio)
@@ -89,7 +89,7 @@ TFM_INLINE float smaller(float a, float b)
   return a < b ? a : b;
 }
 
-/* The rays that are active, each from begin to begin + length in its own number of steps. */
+/* Walk the active rays, each from begin to begin + length in its own number of steps. */
 TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, Floats length, Warp warp, int warped, Ints steps, Ints active)
 {
   Walk walk;
@@ -115,7 +115,7 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
   }
   walk.inverse_length = inverse_of(length);
 #if SHARES_WINDOWS
-  /* A ray of fewer steps goes on beyond its end, where the caller leaves it out. */
+  /* A ray with fewer steps continues beyond its end; the caller ignores it there. */
   const Floats whole = warped ? walk.length : walk.step * (float)walk.most;
   const Vec3 first = ray_at(ray->of[0], walk.begin);
   const Vec3 last = ray_at(ray->of[0], walk.begin + whole);
@@ -142,7 +142,8 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
     const Floats ratio = warp.begin / warp.end;
     walk.least_ratio = least_float(active ? ratio : none);
     walk.greatest_ratio = greatest_float(active ? ratio : -none);
-    /* Fractions of two rays differ by at most (sqrt(q) - 1) / (sqrt(q) + 1) < (q - 1) / 4 for ratios q apart. */
+    /* For ratios that differ by a factor q, the fractions of two rays differ by at most
+     (sqrt(q) - 1) / (sqrt(q) + 1) < (q - 1) / 4. */
     spread += extent * 0.25f * (walk.greatest_ratio / walk.least_ratio - 1.0f);
   }
   walk.together = spread < (float)(MOST_SHARED - 1);
@@ -165,15 +166,15 @@ TFM_INLINE Place place_of(const Walk *walk, int n)
   return place;
 }
 
-/* In the grid, whatever the rounding: NaN and what lies outside come to its border. */
+/* Clamp a point to the grid: rounding may have moved it outside. A NaN becomes a point of the border. */
 TFM_INLINE Vec3 point_in_grid(const Extent *extent, Vec3 point)
 {
   return vec3(clamp_to(point.x, extent->upper[0]), clamp_to(point.y, extent->upper[1]),
               clamp_to(point.z, extent->upper[2]));
 }
 
-/* The step after n at which some lane comes near a brick with density, from the position, in steps, that all
-   lanes' samples are known to be empty before. Positions are rounded: a step up to a thousandth before it is kept. */
+/* The next step after n that may lie in a brick with density. position: in steps; before it the samples of all lanes
+   are known to be empty. As positions are rounded, a step up to a thousandth before it is kept. */
 TFM_INLINE int step_at(float position, int n, int most)
 {
   const float bounded = smaller(larger(position - 0.501f, (float)n), (float)most);
@@ -189,7 +190,7 @@ TFM_INLINE int clamped_cell(float x, float upper)
   return (int)(x < upper ? x : upper);
 }
 
-/* The tile as one. after: also list the step after one that is read. */
+/* Find steps for the tile as a whole. after: also list the step after each one that is read. */
 TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int after, Steps *steps)
 {
   const Extent *extent = &grid->of[0];
@@ -222,8 +223,8 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
       ++n;
       continue;
     }
-    /* Until the box leaves the cube of bricks around its corner's that are known to be empty, and the cells beyond
-       that they answer for. */
+    /* Continue until the box leaves the cube of bricks, around the brick of its corner, that are known to be empty
+       together with the cells beyond that they cover. */
     float until[3];
 #pragma unroll
     for (int axis = 0; axis < 3; ++axis) {
@@ -312,8 +313,8 @@ TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive
   steps->count = count;
 }
 
-/* List the next steps in which one of the lanes alive may find density; 0 at the walk's end. Begin with no_steps().
-   after: also list the step after each of them. */
+/* List the next steps in which any lane that is alive may find density; the result is their number, 0 at the end of the
+   walk. Start with no_steps(). after: also list the step after each of them. */
 TFM_INLINE int find_steps(const Grids *grid, const Walk *walk, Ints alive, int after, Steps *steps)
 {
 #if SHARES_WINDOWS
@@ -346,7 +347,7 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
 #endif
   for (int i = 0; i < TFM_GRIDS; ++i) {
     const Ints records = steps->records[k][i];
-    /* A mask's lanes are -1. */
+    /* Lanes of a true mask are -1. */
     *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
     for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
       if (COUNTS_CHANNEL(grid->of[i], c))

@@ -1,4 +1,4 @@
-/* Elementary functions of all lanes without calls: a few half-ulps, bounded in tests/kernels. */
+/* Elementary functions for all lanes without calls; errors of a few half-ulps, with bounds in tests/kernels. */
 #ifndef TFM_FAST_MATH_H
 #define TFM_FAST_MATH_H
 
@@ -10,10 +10,10 @@ typedef struct {
   Floats part;
 } Exp2;
 
-/* For x in [-126, 0]. part: Taylor series of 2^f - 1 in [-1/2, 1/2], to 5e-9. */
+/* For x in [-126, 0]. part is the Taylor series of 2^f - 1 for f in [-1/2, 1/2], with an error of 5e-9. */
 TFM_INLINE Exp2 exp2_split(Floats x)
 {
-  /* Adding 1.5 * 2^23 rounds to the nearest integer, left in the low bits. */
+  /* Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits. */
   const Floats shifted = x + 12582912.0f;
   const Floats f = x - (shifted - 12582912.0f);
   Exp2 e;
@@ -25,8 +25,8 @@ TFM_INLINE Exp2 exp2_split(Floats x)
 
 #define TFM_LOG2_E 1.44269504f
 
-/* e^-t and 1 - e^-t for t >= 0; beyond t = 87 they are 2^-126 and 1. As t is rounded, e^-t errs by about 1.2 t
-   half-ulps; 1 - e^-t by a few. */
+/* e^-t and 1 - e^-t for t >= 0; beyond t = 87 they are 2^-126 and 1. Since the multiple of t is rounded, the error of
+   e^-t is about 1.2 t half-ulps, and that of 1 - e^-t a few. */
 TFM_INLINE Exp2 exp_of_minus(Floats t)
 {
   return exp2_split(greatest(t * -TFM_LOG2_E, floats(-126.0f)));
@@ -44,10 +44,10 @@ TFM_INLINE Floats opacity_of(Floats optical_depth)
   return (1.0f - e.scale) - e.scale * e.part;
 }
 
-/* Natural logarithm of normal numbers > 0 (Cephes logf). */
+/* Natural logarithm of positive normal numbers (Cephes logf). */
 TFM_INLINE Floats log_of(Floats x)
 {
-  const Ints bits = AS_INTS(x) - 0x3f3504f3; /* the mantissa into [sqrt(1/2), sqrt(2)) */
+  const Ints bits = AS_INTS(x) - 0x3f3504f3; /* brings the mantissa into [sqrt(1/2), sqrt(2)) */
   const Floats exponent = TO_FLOATS(bits >> 23);
   const Floats r = AS_FLOATS((bits & 0x7fffff) + 0x3f3504f3) - 1.0f;
   const Floats r2 = r * r;
@@ -57,7 +57,7 @@ TFM_INLINE Floats log_of(Floats x)
   return exponent * 0.693147181f + (r + r2 * (series - 0.5f));
 }
 
-/* cos(pi u) for u in [0, 1]: the Taylor series of sin(pi (1/2 - u)), to 1e-9. */
+/* cos(pi u) for u in [0, 1]: Taylor series of sin(pi (1/2 - u)), with an error of 1e-9. */
 TFM_INLINE Floats cos_pi(Floats u)
 {
   const Floats x = 0.5f - u;
@@ -66,7 +66,7 @@ TFM_INLINE Floats cos_pi(Floats u)
          x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
 }
 
-/* sin(pi u) for u in [0, 1]: symmetric about 1/2, so that both ends are exactly 0 but for rounding; to 1e-9. */
+/* sin(pi u) for u in [0, 1], with an error of 1e-9; symmetric about 1/2, so that both ends are 0 up to rounding. */
 TFM_INLINE Floats sin_pi(Floats u)
 {
   const Floats x = u < 0.5f ? u : 1.0f - u;
@@ -75,7 +75,7 @@ TFM_INLINE Floats sin_pi(Floats u)
          x2 * (0.0821458866f + x2 * (-0.00737043094f + x2 * 0.000466302806f))))));
 }
 
-/* The angle whose tangent is x >= 0, to 3e-8 (Abramowitz and Stegun 4.4.49). */
+/* Arctangent of x >= 0, with an error of 3e-8 (Abramowitz and Stegun 4.4.49). */
 TFM_INLINE Floats arctangent_of(Floats x)
 {
   const Ints steep = x > 1.0f;
@@ -87,7 +87,7 @@ TFM_INLINE Floats arctangent_of(Floats x)
   return steep ? 1.57079633f - angle : angle;
 }
 
-/* 1 / sqrt(x) for x > 0; a large finite number for 0. */
+/* 1 / sqrt(x) for x > 0; a large finite number for x = 0. */
 TFM_INLINE Floats reciprocal_sqrt(Floats x)
 {
   Floats y = AS_FLOATS(0x5f375a86 - (AS_INTS(x) >> 1));

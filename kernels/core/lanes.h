@@ -1,9 +1,10 @@
-/* Explicit SIMD in plain OpenCL C: one work-item carries TFM_LANES rays, 1 on a GPU (whose hardware groups
-   work-items) and on a CPU as many as fit one of its registers: 4, 8 or 16. The same source serves all: operators,
-   ternaries and conversions mean the same on scalars and vectors. Functions neither take nor return a vector wider
-   than Floats: how it would be passed depends on what the compiler takes the processor for. Masks come from comparisons; combine them with & | !, choose with ?:.
-   Built-in functions stay out of the hot loops: CPU drivers call them, spilling every register.
-   Requires: TFM_LANES 1, 4, 8 or 16. TFM_NO_INLINE is for tools that interpret what the compiler makes. */
+/* Explicit SIMD in plain OpenCL C: one work-item carries TFM_LANES rays. That is one ray on a GPU, whose hardware
+   groups work-items, and on a CPU as many as fit one of its vector registers: 4, 8 or 16. The same source serves all
+   cases, since operators, ternaries and conversions mean the same for scalars and vectors. Functions neither take nor return a
+   vector wider than Floats, because how such a vector is passed depends on the processor that the compiler assumes.
+   Masks are the results of comparisons; combine them with & | ! and select with ?:. Hot loops call no built-in
+   functions: on a CPU, drivers compile these as real calls, which spill every register.
+   Requires: TFM_LANES 1, 4, 8 or 16. TFM_NO_INLINE is for tools that interpret the compiled code. */
 #ifndef TFM_LANES_H
 #define TFM_LANES_H
 
@@ -20,10 +21,10 @@ typedef int Ints;
 #define AS_INTS as_int
 #define TO_FLOATS convert_float
 #define TO_INTS convert_int
-/* One expression a lane: OP(a, b, component). */
+/* One expression per lane: OP(a, b, component). */
 #define FOR_LANES(OP, a, b) OP(a, b, )
 #define LANE(v, s) (v)
-/* Lanes of a tile, texels or pixels: TILE_WIDTH x TILE_HEIGHT. */
+/* The lanes form a tile of TILE_WIDTH x TILE_HEIGHT texels or pixels. */
 #define TILE_WIDTH 1
 #define TILE_HEIGHT 1
 #define LANE_X 0
@@ -74,7 +75,7 @@ typedef int16 Ints;
 #error "TFM_LANES must be 1, 4, 8 or 16"
 #endif
 
-/* The lanes as an array, for code outside the loops. */
+/* The lanes as an array, for code outside the hot loops. */
 typedef union {
   Floats lanes;
   float lane[TFM_LANES];
@@ -95,7 +96,7 @@ TFM_INLINE Ints ints(int x)
   return (Ints)(x);
 }
 
-/* A NaN in a becomes b. */
+/* If a is NaN, the result is b. */
 TFM_INLINE Floats least(Floats a, Floats b)
 {
   return a < b ? a : b;
@@ -111,14 +112,14 @@ TFM_INLINE Floats lerp(Floats a, Floats b, Floats t)
   return a + t * (b - a);
 }
 
-/* The least integer not below x, for 0 <= x < 2^31. */
+/* Ceiling: the least integer >= x, for 0 <= x < 2^31. */
 TFM_INLINE Ints rounded_up(Floats x)
 {
   const Ints down = TO_INTS(x);
   return TO_FLOATS(down) < x ? down + 1 : down;
 }
 
-/* All lanes folded into one number by OP, half by half. */
+/* Reduce all lanes to one number by OP, halving the vector at each step. */
 #if TFM_LANES == 1
 #define FOLD_LANES(name, lanes, type, OP) \
   TFM_INLINE type name(lanes v)           \
@@ -159,7 +160,7 @@ TFM_INLINE int any_lane(Ints mask)
   return or_of_lanes(mask) != 0;
 }
 
-/* pointer[index], a lane each. */
+/* pointer[index] in every lane. */
 #define GATHER_ONE(p, i, s) (p)[LANE(i, s)]
 TFM_INLINE Ints gather_ints(__global const int *p, Ints i)
 {
@@ -171,7 +172,7 @@ TFM_INLINE Floats gather_floats(__global const float *p, Ints i)
   return (Floats)FOR_LANES(GATHER_ONE, p, i);
 }
 
-/* Two floats a lane, from PAIR(component), to one vector of the first and one of the second. */
+/* Two floats per lane, PAIR(component), split into a vector of the first ones and a vector of the second ones. */
 #if TFM_LANES == 1
 #define SPLIT_PAIRS(PAIR, first, second) \
   do {                                   \

@@ -1,6 +1,6 @@
-/* Point light: everything around a point.
-   light_shape = 0, 0, 0, 1 / reach. Light space: the light at 0, the map's middle along +z.
-   Includes expected before: its chart. */
+/* Point light: light in all directions from a point.
+   light_shape = 0, 0, 0, 1 / reach. Light space: the light at the origin, the centre of the map along +z.
+   Requires: the header of its chart, included before. */
 #ifndef TFM_LIGHT_POINT_H
 #define TFM_LIGHT_POINT_H
 
@@ -20,7 +20,7 @@ TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
   return ray;
 }
 
-/* The light's ray through a point: its parameter is 0 at the light and 1 at the point. */
+/* The light's ray through a point; its parameter is 0 at the light and 1 at the point. */
 TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
   Ray ray;
@@ -58,7 +58,7 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   const Floats inverse = reciprocal_sqrt(square);
   const Ints apart = square > 0.0f;
   LightSample sample;
-  /* At the light itself any direction serves. */
+  /* At the light itself any direction will do. */
   sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
   sample.distance = square * inverse;
   chart_position(light, p, &sample.u, &sample.v);

@@ -1,12 +1,12 @@
-/* How light arrives at a point, whatever kind of light it is. Light space is the world moved and turned, so that angles
-   and distances are the world's.
+/* How light arrives at a point, for every kind of light. Light space is world space translated and rotated, so angles
+   and distances are the same in both.
    Requires: TFM_INVERSE_SQUARE 0 or 1. */
 #ifndef TFM_LIGHT_SAMPLE_H
 #define TFM_LIGHT_SAMPLE_H
 
 #include "../core/ray.h"
 
-/* A world point, and a world ray, in light space. */
+/* Transform a world point, or a world ray, to light space. */
 TFM_INLINE Vec3 point_in_light(LIGHT light, Vec3 point)
 {
   return transform_point(light->light_from_world, point);
@@ -18,14 +18,14 @@ TFM_INLINE Ray ray_in_light(LIGHT light, Ray ray)
 }
 
 typedef struct {
-  Vec3 direction;  /* light space, unit: of travel */
-  Floats distance; /* travelled, world */
-  Floats u, v;     /* the ray's position in the map, [0, 1]^2 */
-  Floats strength; /* falloff and edge: what the light's intensity is multiplied by, without the medium */
-  Floats texture_u, texture_v; /* position in the light's image, with TFM_TEXTURE */
+  Vec3 direction;  /* of travel: unit vector in light space */
+  Floats distance; /* travelled, world units */
+  Floats u, v;     /* position of the ray in the map, [0, 1]^2 */
+  Floats strength; /* factor of the intensity due to falloff and cone edge, without the medium */
+  Floats texture_u, texture_v; /* position in the light's texture (TFM_TEXTURE) */
 } LightSample;
 
-/* u of what the map cannot show. */
+/* The value of u for points outside the map. */
 #define CHART_OUTSIDE -1.0f
 
 TFM_INLINE Floats magnitude_of(Floats x)
@@ -45,8 +45,9 @@ TFM_INLINE Floats light_falloff(LIGHT light, Floats inverse_distance)
 #endif
 }
 
-/* Lights with a place may have an end: light_shape[3] is 1 / reach, 0 without one. They fade to it smoothly,
-   (1 - (d / reach)^4)^2 (Karis, "Real Shading in Unreal Engine 4", 2013). square: of the distance. */
+/* Lights with a position may have a finite reach: light_shape[3] is 1 / reach, or 0 if it is infinite. They fade out
+   smoothly by the factor (1 - (d / reach)^4)^2 (Karis, "Real Shading in Unreal Engine 4", 2013).
+   square: the distance squared. */
 TFM_INLINE Floats light_window(LIGHT light, Floats square)
 {
   const float inverse = light->shape[3];
@@ -63,7 +64,8 @@ TFM_INLINE Ints in_reach(LIGHT light, Floats square)
   return square * (inverse * inverse) < 1.0f;
 }
 
-/* Clip to the ball that a light with an end reaches. The ray's point `nearest` to the light, at parameter `shift`. */
+/* Clip a ray to the sphere that a light with a finite reach can light. nearest: the point of the ray nearest to the
+   light, at ray parameter shift. */
 TFM_INLINE void reach_clip(LIGHT light, Vec3 nearest, Floats shift, Interval *interval)
 {
   const float inverse = light->shape[3];

@@ -1,7 +1,7 @@
-/* Spot light: a cone from a point.
-   light_shape = tan(half angle), half angle (radians), blend, 1 / reach. Light space: apex at 0, the map's middle along
-   +z; the cone's axis is z of cone_from_light.
-   Includes expected before: its chart. */
+/* Spot light: a cone of light from a point.
+   light_shape = tan(half angle), half angle (radians), blend, 1 / reach. Light space: the apex at the origin, the
+   centre of the map along +z; cone_from_light rotates the axis of the cone to z.
+   Requires: the header of its chart, included before. */
 #ifndef TFM_LIGHT_SPOT_H
 #define TFM_LIGHT_SPOT_H
 
@@ -13,7 +13,7 @@ TFM_INLINE Vec3 spot_position(LIGHT light)
               floats(light->world_from_light[11]));
 }
 
-/* Where the axis is z. */
+/* Rotate to the space whose z is the axis of the cone. */
 TFM_INLINE Vec3 in_cone(LIGHT light, Vec3 light_space)
 {
   return transform_vector(light->cone_from_light, light_space);
@@ -27,7 +27,7 @@ TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
   return ray;
 }
 
-/* The light's ray through a point: its parameter is 0 at the light and 1 at the point. */
+/* The light's ray through a point; its parameter is 0 at the light and 1 at the point. */
 TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
   Ray ray;
@@ -48,32 +48,32 @@ TFM_INLINE Ints light_reaches(LIGHT light, Vec3 point)
          in_reach(light, dot3(p, p));
 }
 
-/* Intersection of a ray with the solid cone x^2 + y^2 <= k^2 z^2, z >= 0: one interval, as it is convex.
-   A t^2 + 2 B t + C <= 0 holds on both nappes; the sign of A and of the axis component pick ours. */
+/* Intersection of a ray with the solid cone x^2 + y^2 <= k^2 z^2, z >= 0. The cone is convex, so this is one interval.
+   A t^2 + 2 B t + C <= 0 holds on both nappes; the signs of A and of the axial component select ours. */
 TFM_INLINE Ints light_clip(LIGHT light, Ray world_ray, Interval *interval)
 {
   const float k2 = light->shape[0] * light->shape[0];
   const Ray light_space = transform_ray(light->light_from_world, world_ray);
   const Ray ray = {in_cone(light, light_space.origin), in_cone(light, light_space.direction)};
-  /* Measured from the point of the ray nearest to the apex, where the terms do not cancel. */
+  /* Measured from the point of the ray nearest to the apex, to avoid cancellation. */
   const Vec3 d = ray.direction;
   const Floats shift = -dot3(ray.origin, d);
   const Vec3 o = ray_at(ray, shift);
   const Floats a = d.x * d.x + d.y * d.y - k2 * d.z * d.z;
   const Floats b = o.x * d.x + o.y * d.y - k2 * o.z * d.z;
   const Floats c = o.x * o.x + o.y * o.y - k2 * o.z * o.z;
-  /* B^2 - A C, by Lagrange's identity for the form diag(1, 1, -k^2); n = o x d. */
+  /* B^2 - A C by Lagrange's identity for the quadratic form diag(1, 1, -k^2); n = o x d. */
   const Floats nx = o.y * d.z - o.z * d.y, ny = o.z * d.x - o.x * d.z, nz = o.x * d.y - o.y * d.x;
   const Floats discriminant = k2 * (nx * nx + ny * ny) - nz * nz;
-  const Ints shallow = a > 0.0f; /* the ray crosses the side twice, or not at all */
-  /* Both roots without cancellation; q = 0 only when they meet at t = 0. */
+  const Ints shallow = a > 0.0f; /* the ray crosses the surface of one nappe twice, or not at all */
+  /* Both roots without cancellation; q = 0 only if both are 0. */
   const Floats q = -(b + copysign(sqrt(greatest(discriminant, floats(0.0f))), b));
   const Ints meet = q == 0.0f;
   const Floats near_root = meet ? floats(0.0f) : c / q;
-  /* Parallel to the side (a = 0) one of the roots, ours or the other nappe's, has gone to infinity. */
+  /* If the ray is parallel to the surface (a = 0), one of the roots, on our nappe or the other, is infinite. */
   const Floats far_root = meet ? floats(0.0f) : a == 0.0f ? copysign(floats(INFINITY), -q) : q / a;
   const Floats first = least(near_root, far_root), last = greatest(near_root, far_root);
-  /* Steeper than the side: one root on each nappe; ours is the one further along +z. */
+  /* A ray steeper than the surface has one root on each nappe; ours is the one further along +z. */
   const Ints rising = d.z > 0.0f;
   const Floats begin = shallow ? first : rising ? last : floats(-INFINITY);
   const Floats end = shallow ? last : rising ? floats(INFINITY) : first;
@@ -84,8 +84,8 @@ TFM_INLINE Ints light_clip(LIGHT light, Ray world_ray, Interval *interval)
   return interval->begin < interval->end;
 }
 
-/* 1 inside the cone, falling to 0 at its side over the outer blend of the half angle. tangent: of the angle from the
-   axis. */
+/* 1 inside the cone, falling smoothly to 0 at its edge over the outer fraction `blend` of the half angle.
+   tangent: tangent of the angle to the axis. */
 TFM_INLINE Floats spot_edge(LIGHT light, Floats tangent)
 {
   const float cone = light->shape[1];
@@ -99,7 +99,7 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
 {
   const Floats square = dot3(p, p);
   const Floats inverse = reciprocal_sqrt(square);
-  /* At the apex itself any direction serves. */
+  /* At the apex itself any direction will do. */
   const Ints apart = square > 0.0f;
   LightSample sample;
   sample.direction = vec3(p.x * inverse, p.y * inverse, apart ? p.z * inverse : floats(1.0f));
@@ -114,7 +114,7 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
 #endif
   if (needs_angles) {
     const Vec3 q = in_cone(light, p);
-    /* Within the cone z is not much smaller than x and y. */
+    /* Inside the cone z is not much smaller than x and y. */
     const Floats away = 1.0f / (apart ? q.z : floats(1.0f));
     const float scale = 0.5f / light->shape[0];
     const Floats x = q.x * away, y = q.y * away;

@@ -1,6 +1,6 @@
-/* Sun: parallel light along +z, mapped on the rectangle around the medium as the light sees it.
-   light_shape = half width, half height. Light space: the rectangle's middle at 0, on the plane where distances begin,
-   which lies before all that the light meets. */
+/* Sun: parallel light along +z. Its map is the rectangle that bounds the medium as seen from the light.
+   light_shape = half width, half height. Light space: the origin is the centre of the rectangle, on the plane from
+   which distances are measured; the plane lies in front of everything that the light meets. */
 #ifndef TFM_LIGHT_SUN_H
 #define TFM_LIGHT_SUN_H
 
@@ -22,7 +22,7 @@ TFM_INLINE Ray light_texel_ray(LIGHT light, Floats u, Floats v)
   return ray;
 }
 
-/* The light's ray through a point: its parameter is 0 where it begins and 1 at the point. */
+/* The light's ray through a point; its parameter is 0 where the ray begins and 1 at the point. */
 TFM_INLINE Ray light_ray_to(LIGHT light, Vec3 point)
 {
   const Floats distance = transform_point(light->light_from_world, point).z;

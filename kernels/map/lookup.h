@@ -36,10 +36,10 @@ TFM_INLINE __global const MapStorage *numbers_of(const Maps *maps, MAP map)
   return maps->numbers + (size_t)map->first_number * NUMBERS_UNIT;
 }
 
-/* The part of a light ray that the map's numbers speak of, distances from the light. */
+/* The part of a light ray that the coefficients describe, as distances from the light. */
 typedef struct {
   Floats begin, end;
-  Floats slope; /* optical depth of the density per unit length from the end to the last density */
+  Floats slope; /* optical depth of the density per unit length between the end and the last density */
   Floats last;  /* where that is */
 } RayRange;
 
@@ -72,15 +72,16 @@ TFM_INLINE RayRange map_range(MAP map, __global const float4 *ranges, Floats u, 
 }
 #endif
 
-/* Where a point is looked up: between texels, at v in the range of its light ray. */
+/* Where a point is looked up: a position between texels, and v in the range of its light ray. */
 typedef struct {
   MapPosition position;
   Floats v;
-  Floats beyond; /* optical depth of the density from the range's end on */
+  Floats beyond; /* optical depth of the density beyond the end of the range */
   Ints hit;      /* mask: there may be density between the light and the point */
 } MapPlace;
 
-/* point: world. The range is that of the point's own ray, so that interpolated texels agree on what v means. */
+/* point: world. The range is that of the ray through the point itself, so that v means the same for all the texels that
+   are interpolated. */
 TFM_INLINE MapPlace map_place(GRID grids, LIGHT light, const Maps *maps, MAP map, Vec3 point, LightSample sample)
 {
   MapPlace place;
@@ -101,7 +102,7 @@ TFM_INLINE MapPlace map_place(GRID grids, LIGHT light, const Maps *maps, MAP map
   place.v = clamp_to((1.0f - k.begin) / (k.end - k.begin), 1.0f);
   place.beyond = floats(0.0f);
 #endif
-  /* What passes the map by meets no medium. */
+  /* Rays outside the map meet no medium. */
   place.hit &= (sample.u > -EDGE_MARGIN) & (sample.u < 1.0f + EDGE_MARGIN) & (sample.v > -EDGE_MARGIN) &
                (sample.v < 1.0f + EDGE_MARGIN);
   place.position = map_position(map->res, sample.u, sample.v);
@@ -130,7 +131,8 @@ TFM_INLINE MapPosition map_corner(int res, MapPosition at, Ints right, Ints uppe
   MapPosition corner;
   corner.texel = res > 1 ? at.texel + (right ? ints(1) : ints(0)) + (upper ? ints(res) : ints(0)) : at.texel;
   corner.fx = corner.fy = floats(0.0f);
-  /* Its neighbours are read too, and weigh nothing: the last texel is reached from the one before it. */
+  /* Its neighbours are read too, with weight 0. The last texel of a row or column has none, so it is addressed as the
+     neighbour of the one before it. */
   const Ints x = corner.texel % res, y = corner.texel / res;
   const Ints last_x = (x == res - 1) & (res > 1 ? -1 : 0), last_y = (y == res - 1) & (res > 1 ? -1 : 0);
   corner.texel -= (last_x ? ints(1) : ints(0)) + (last_y ? ints(res) : ints(0));
@@ -139,7 +141,7 @@ TFM_INLINE MapPosition map_corner(int res, MapPosition at, Ints right, Ints uppe
   return corner;
 }
 
-/* A number in [0, 1) from bits that differ from sample to sample (an integer hash, lowbias32). */
+/* A pseudo-random number in [0, 1) from bits that differ between samples (the integer hash lowbias32). */
 TFM_INLINE Floats noise_of(Ints bits)
 {
   bits ^= (bits >> 16) & 0xffff;

@@ -6,7 +6,7 @@
 
 #include "core/texels.h"
 
-/* Vectors of coefficients in memory need only their elements' alignment. */
+/* Vectors of coefficients in memory are aligned like their elements only. */
 #if TFM_STORAGE_BITS == 32
 typedef float MapStorage;
 typedef float2 Stored2 __attribute__((aligned(4)));
@@ -41,19 +41,20 @@ typedef float16 Unaligned16 __attribute__((aligned(4)));
 #if TFM_STORAGE_BITS == 32
 #define DECODE(k, stored) (stored)
 #elif TFM_STORAGE_BITS == 16
-/* A half's bits, shifted into place, are a float 2^112 too small; coefficients are finite. */
+/* The bits of a half, shifted into place, are a float that is too small by a factor of 2^112. Coefficients are
+   finite. */
 #define SHIFTED_(k, bits) as_float##k((((bits) & 0x7fff) << 13) | (((bits) & 0x8000) << 16))
 #define DECODE_(k, bits) (0x1p112f * SHIFTED_(k, bits))
 #define as_float1 as_float
 #define convert_uint1 convert_uint
 #define DECODE(k, stored) DECODE_(k, convert_uint##k(stored))
 #else
-/* In units of the coefficient's range. */
+/* As a fraction of the coefficient's range. */
 #define convert_float1 convert_float
 #define DECODE(k, stored) convert_float##k(stored)
 #endif
 
-/* k coefficients of a lane, interpolated between four texels. */
+/* k coefficients of one lane, interpolated between four texels. */
 #define BILINEAR(k)                                                                                           \
   TFM_INLINE Loaded##k bilinear##k(__global const MapStorage *low, int dx, int dy, float fx, float fy)        \
   {                                                                                                           \
@@ -72,7 +73,7 @@ BILINEAR(4)
 #endif
 #if TFM_LANES >= 8
 #if TFM_N_COEFF == 8
-/* Neighbours in x follow each other: both come in one load. */
+/* Neighbours in x are adjacent in memory, so one load reads both. */
 TFM_INLINE float8 bilinear8(__global const MapStorage *low, int dx, int dy, float fx, float fy)
 {
   const Stored16 lower = *(__global const Stored16 *)low;
@@ -88,7 +89,7 @@ BILINEAR(8)
 #endif
 #endif
 
-/* Lanes' rows of k coefficients joined to vectors, then sorted by splitting even from odd places. */
+/* The rows of k coefficients of all lanes are joined to vectors and transposed by splitting even from odd places. */
 #if TFM_LANES > 1
 #if TFM_LANES == 16
 #define ROWS8(R) {(Floats)(R(s0), R(s1)), (Floats)(R(s2), R(s3)), (Floats)(R(s4), R(s5)), (Floats)(R(s6), R(s7)), \
@@ -107,7 +108,7 @@ BILINEAR(8)
 #endif
 #define EVEN(a, b) ((Floats)((a).even, (b).even))
 #define ODD(a, b) ((Floats)((a).odd, (b).odd))
-/* Rows of four to one vector for each place. */
+/* Transpose rows of four: one vector for each place. */
 #define TRANSPOSE4(r, c0, c1, c2, c3)                                                                         \
   do {                                                                                                        \
     const Floats e0 = EVEN(r[0], r[1]), e1 = EVEN(r[2], r[3]), o0 = ODD(r[0], r[1]), o1 = ODD(r[2], r[3]);    \
@@ -116,7 +117,7 @@ BILINEAR(8)
     c2 = ODD(e0, e1);                                                                                         \
     c3 = ODD(o0, o1);                                                                                         \
   } while (0)
-/* The sum of every row from its even and its odd half. */
+/* The sum of every row, from its even and its odd places. */
 #define HALVED(a, b) (EVEN(a, b) + ODD(a, b))
 #endif
 
@@ -125,7 +126,7 @@ BILINEAR(8)
 TFM_INLINE void map_coefficients(__global const MapStorage *numbers, __global const float2 *limits, int res,
                                  MapPosition at, Floats *c)
 {
-  /* A map of one texel has no neighbours; they would weigh nothing. */
+  /* A map of one texel has no neighbours; their weight would be 0. */
   const int dx = res > 1 ? TFM_N_COEFF : 0;
   const int dy = res > 1 ? res * TFM_N_COEFF : 0;
   int j = 0;
@@ -195,7 +196,7 @@ TFM_INLINE void map_store(__global MapStorage *map, __global const float2 *limit
 }
 
 #ifdef TFM_BASIS_TABULATED
-/* k numbers of a lane, each times the function that it belongs to. */
+/* k coefficients of one lane, each multiplied by its function. */
 #if TFM_STORAGE_BITS == 8
 #define LOW1(limits) ((limits)[0].x)
 #define EXTENT1(limits) ((limits)[0].y)
@@ -228,7 +229,7 @@ TERMS(4)
 TERMS(8)
 #endif
 
-/* The sum of the numbers times the functions at place, without sorting the numbers by lanes. */
+/* The sum of the coefficients times the functions at place, without transposing the coefficients to lanes. */
 TFM_INLINE Floats map_series(__global const MapStorage *numbers, __global const float2 *limits, int res, MapPosition at,
                              __global const float *modes, TablePlace place)
 {

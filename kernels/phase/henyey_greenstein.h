@@ -1,11 +1,11 @@
 /* Henyey and Greenstein (1941): (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^(3/2)). medium->phase = g.
-   The base is written (1 - |g|)^2 + 2 |g| (1 -+ mu), which does not cancel at the peak. */
+   The base is written as (1 - |g|)^2 + 2 |g| (1 -+ mu) to avoid cancellation at the peak. */
 #ifndef TFM_PHASE_HENYEY_GREENSTEIN_H
 #define TFM_PHASE_HENYEY_GREENSTEIN_H
 
 #include "../core/fast_math.h"
 
-/* mu: cosine between the light's travel and the direction to the camera; 1 is forward. */
+/* mu: cosine between the light's direction of travel and the direction to the camera; 1 is forward scattering. */
 TFM_INLINE Floats henyey_greenstein(MEDIUM medium, Floats mu)
 {
   const float g = medium->phase[0];

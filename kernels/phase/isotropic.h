@@ -4,7 +4,7 @@
 
 #include "../core/fast_math.h"
 
-/* mu: cosine between the light's travel and the direction to the camera. */
+/* mu: cosine between the light's direction of travel and the direction to the camera. */
 TFM_INLINE Floats isotropic(MEDIUM medium, Floats mu)
 {
   (void)medium;

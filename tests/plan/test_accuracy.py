@@ -124,7 +124,7 @@ def test_what_cannot_be_is_one_line(renderer):
         renderer.render(scene.replace(march=tfm.MarchSettings(steps=16)))
     message = str(raised.value)
     assert message.startswith("map.max_error = 0.002: the picture reaches 0.")
-    assert "leave out map.res = 16, map.steps = 16, march.steps = 16, or ask for more" in message
+    assert "remove map.res = 16, map.steps = 16, march.steps = 16, or allow a larger error" in message
     assert "\n" not in message
 
 

@@ -205,8 +205,8 @@ def test_auto_tells_where_it_stops(renderer):
     scene = auto(tfm.Scene(thick, camera=camera, lights=[spot()]))
     found = [warning for warning in renderer.render(scene, method="dual").warnings if "auto" in warning]
     assert len(found) == 2
-    assert found[0].startswith('map.res = "auto": 2048 is the most it takes, ')
-    assert found[1].startswith('march.steps = "auto": 1024 is the most it takes, ')
+    assert found[0].startswith('map.res = "auto": 2048 is its upper limit, ')
+    assert found[1].startswith('march.steps = "auto": 1024 is its upper limit, ')
     thin = auto(tfm.Scene(thick.with_density_scale(1.0), camera=camera, lights=[spot()]))
     assert not renderer.render(thin, method="dual").warnings
 

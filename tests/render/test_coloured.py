@@ -492,7 +492,7 @@ def test_a_grid_of_vectors_of_a_tree():
     beside = Volume.load(SEVERAL, "density[1]", colour="velocity")
     np.testing.assert_array_equal(beside.colour, np.zeros((8, 8, 8, 3)))
     for name, message in (
-        ("mask", r"grid 'mask', of bool values, is no colour .*\['r', 'g', 'b'\]"),
+        ("mask", r"grid 'mask', of bool values, is not a colour .*\['r', 'g', 'b'\]"),
         ("Cd", "no grid named 'Cd'; it has 'density"),
     ):
         with pytest.raises(VolumeError, match=message):
@@ -541,7 +541,7 @@ def test_the_colour_may_be_a_file_of_any_format(tmp_path, data, rgb, kinds):
             "other.nrrd",
             r"other\.nrrd: grid 'colour', the colour, has the shape \[2, 2, 4\]; expected \[2, 3, 4\]",
         ),
-        ("grey.nrrd", "grey.nrrd: has no grid of three values a voxel .*its grids: 'density'"),
+        ("grey.nrrd", "grey.nrrd: has no grid with three values per voxel .*its grids: 'density'"),
     ):
         with pytest.raises(VolumeError, match=message):
             Volume.load(tmp_path / "a.npy", colour=tmp_path / name)

@@ -390,7 +390,7 @@ def test_tables_hold_every_row(out, rows):
     ]
     assert len(full) == len(rows)
     assert full[1]["target"] == "transmittance"
-    assert full[1]["bytes a texel"] == "16"
+    assert full[1]["bytes per texel"] == "16"
     assert full[1]["error of T / %"] == "2.50"
     assert full[1]["PSNR lit converged / dB"] == "28.0"
     assert full[1]["RMSE lit converged / %"] == "25.00"

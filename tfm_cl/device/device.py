@@ -1,4 +1,4 @@
-"""Choosing an OpenCL device by name, and describing what there is."""
+"""Selects an OpenCL device by name, and describes the available ones."""
 
 import contextlib
 import os
@@ -13,14 +13,14 @@ from tfm_cl.errors import DeviceError, NoDeviceError
 from tfm_cl.interrupts import interrupts_held
 
 DEFAULT_PLATFORM = "Portable Computing Language"
-"""PoCL, which pip installs with us: the device used when none is named."""
+"""Platform of PoCL, which is installed with the package: the default device."""
 
 HOW_TO_GET_ONE = "install the embedded CPU device with: pip install 'pyopencl[pocl]'"
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """One row of ``tfm devices``."""
+    """A device, as in one row of ``tfm devices``."""
 
     name: str
     platform: str
@@ -28,9 +28,9 @@ class DeviceInfo:
     kind: str
     compute_units: int
     global_memory: int
-    """Bytes."""
+    """Size of the global memory, bytes."""
     max_allocation: int
-    """Bytes of the largest single buffer."""
+    """Largest size of a single buffer, bytes."""
     max_work_group: int
     default: bool
 
@@ -40,7 +40,7 @@ class DeviceInfo:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Describe every OpenCL device of this machine; an empty list when there is none."""
+    """Describe every OpenCL device of this machine; the list is empty if there is none."""
     devices = _all_devices()
     default = _preferred(devices) if devices else None
     return [
@@ -70,7 +70,7 @@ def choose_device(name: str | None = None) -> cl.Device:
     Raises
     ------
     NoDeviceError
-        There is none (says how to get PoCL), or none of that name (lists the names).
+        If there is no device (the message says how to get PoCL), or none of that name (it lists the names).
     """
     devices = _all_devices()
     if not devices:
@@ -101,12 +101,12 @@ def was_forked() -> bool:
 
 
 def check_process() -> None:
-    """Refuse OpenCL to a process that was forked from one that used it: its first call would never return.
+    """Refuse OpenCL in a process that was forked from one that used it: its first call would hang.
 
     Raises
     ------
     DeviceError
-        In such a process.
+        If this is such a process.
     """
     if was_forked():
         raise DeviceError(
@@ -116,14 +116,14 @@ def check_process() -> None:
 
 
 _used_by: set[int] = set()
-"""The process that has used OpenCL, if any; a forked one inherits its number."""
+"""Number of the process that has used OpenCL, if any; a forked process inherits it."""
 
 
 def _all_devices() -> list[cl.Device]:
     check_process()
     _used_by.add(os.getpid())
     devices = []
-    with interrupts_held(), _own_caches() as refusal:  # drivers start threads, which begin compilers
+    with interrupts_held(), _own_caches() as refusal:  # drivers start threads, which start compilers
         try:
             platforms = cl.get_platforms()
         except cl.Error:  # the loader reports "no platform" as an error
@@ -138,9 +138,9 @@ def _all_devices() -> list[cl.Device]:
 
 @contextlib.contextmanager
 def _own_caches() -> Iterator[DeviceError | None]:
-    """Let PoCL and pyopencl start with caches of this process; yields why they cannot.
+    """Start PoCL and pyopencl with the caches of this process; yields the reason if that is impossible.
 
-    Each looks for its folder once, so the environment names them only while they start.
+    Each reads the name of its folder once, so the environment variables are set only while they start.
     """
     if os.name != "posix":
         yield None

@@ -1,8 +1,9 @@
-"""Keeping what PoCL compiled, so that no run can spoil a later one.
+"""Caches the kernels that PoCL compiles, in such a way that no run can break a later one.
 
-PoCL ends the whole process where its cache has no room or holds damaged files. So each process has a cache of
-its own, empty at first, in a folder with room (`tfm_cl.device.scratch`). What ran well there is kept for
-later processes in a folder of the user's: one file for each program, which begins with its digest.
+PoCL terminates the whole process if its cache has no room or holds damaged files. Each process therefore has
+a PoCL cache of its own, initially empty, in a folder with room (`tfm_cl.device.scratch`). Programs that ran
+successfully are kept for later processes in a folder of the user: one file per program, which begins with its
+digest.
 """
 
 import contextlib
@@ -22,21 +23,21 @@ from tfm_cl.device.scratch import Scratch, make_scratch
 from tfm_cl.errors import DeviceError
 
 KEPT_DAYS = 90
-"""Programs that were not used for so long are removed."""
+"""Age in days at which unused programs are removed."""
 
 MOST_BYTES = 64 << 20
-"""Of a kept program; they have a few hundred KiB."""
+"""Largest number of bytes of a kept program; typical programs have a few hundred KiB."""
 
 SUFFIX = ".kernels"
 
 
 class Store:
-    """The folder of the user's in which programs are kept.
+    """The user's folder in which programs are kept.
 
     Parameters
     ----------
     folder
-        Made if missing. Where it cannot be used nothing is kept, and `take_notes` says so.
+        Created if missing. If it cannot be used, nothing is kept, and `take_notes` says so.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -51,7 +52,7 @@ class Store:
             self._tell(error)
 
     def read(self, name: str) -> bytes | None:
-        """Return what was kept under a name, or None; a damaged file is thrown away."""
+        """Return what was kept under a name, or None; a damaged file is deleted."""
         path = self._folder / f"{name}{SUFFIX}"
         if not self._usable or not os.path.lexists(path):
             return None
@@ -69,7 +70,7 @@ class Store:
         return packed
 
     def write(self, name: str, packed: bytes) -> None:
-        """Keep something under a name, or take note of why it cannot be kept."""
+        """Keep data under a name, or note why they cannot be kept."""
         if not self._usable or not self._writable:
             return
         temporary = None
@@ -86,7 +87,7 @@ class Store:
         self._remove_old()
 
     def take_notes(self) -> tuple[str, ...]:
-        """Return what the user should know, once."""
+        """Return notes for the user, each once."""
         notes, self._notes = self._notes, []
         if self._damaged:
             files = "1 damaged file" if self._damaged == 1 else f"{self._damaged} damaged files"
@@ -100,7 +101,7 @@ class Store:
             "compiles them again; set POCL_CACHE_DIR to a folder of your own that has room"
         )
 
-    @functools.cache  # noqa: B019 - once for the one store of a process
+    @functools.cache  # noqa: B019 - once for the single store of a process
     def _remove_old(self) -> None:
         with contextlib.suppress(OSError):
             for path in self._folder.glob(f"*{SUFFIX}*"):
@@ -109,48 +110,48 @@ class Store:
 
 
 class KernelCache:
-    """PoCL's cache of this process, filled from a store and into it.
+    """The PoCL cache of this process, exchanging programs with a store.
 
     Parameters
     ----------
     scratch
-        Folder of this process.
+        The folder of this process.
     store
         Where programs are kept for other processes.
     """
 
     def __init__(self, scratch: Scratch, store: Store) -> None:
         self.folder = scratch.path / "pocl"
-        """PoCL's own, ``POCL_CACHE_DIR``."""
+        """Folder of PoCL's own cache, ``POCL_CACHE_DIR``."""
         self.others = scratch.path / "caches"
-        """``XDG_CACHE_HOME`` for the database of pyopencl: what it saves is made again in no time."""
+        """``XDG_CACHE_HOME`` for pyopencl's database, whose contents are quick to recreate."""
         for folder in (self.folder, self.others):
             folder.mkdir()
         self._scratch, self._store = scratch, store
         self._programs: dict[str, KeptProgram] = {}
         self.lock = threading.Lock()
-        """Held while a program is built, so that it is known which folders are its own."""
+        """Held while a program is built, so that the folders it creates can be identified."""
 
     def program(self, *key: str) -> "KeptProgram":
-        """Return the program that these texts tell from all others."""
+        """Return the program identified by these texts."""
         name = hashlib.sha256("\0".join(key).encode()).hexdigest()
         return self._programs.setdefault(name, KeptProgram(self, name))
 
     def take_notes(self) -> tuple[str, ...]:
-        """Return what the user should know, once."""
+        """Return notes for the user, each once."""
         return self._store.take_notes()
 
     def folders(self) -> set[Path]:
-        """Return PoCL's folders, one for each program."""
+        """Return PoCL's folders, one per program."""
         return {path for path in self.folder.glob("*/*") if path.is_dir()}
 
     def restore(self, name: str) -> None:
-        """Give PoCL what is kept of a program, or make sure that there is room to compile it.
+        """Give PoCL the kept copy of a program, or make sure that there is room to compile it.
 
         Raises
         ------
         DeviceError
-            When there is none.
+            If there is no room.
         """
         packed = self._store.read(name)
         try:
@@ -165,7 +166,7 @@ class KernelCache:
             ) from error
 
     def keep(self, name: str, folders: set[Path]) -> None:
-        """Keep what PoCL has of a program."""
+        """Keep PoCL's files of a program."""
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", strict_timestamps=False) as archive:
             for path in sorted(path for folder in folders for path in folder.rglob("*")):
@@ -179,9 +180,9 @@ class KeptProgram:
     Parameters
     ----------
     cache
-        Where it is built.
+        The cache in which it is built.
     name
-        What it is kept by.
+        The name under which it is kept.
     """
 
     def __init__(self, cache: KernelCache, name: str) -> None:
@@ -191,12 +192,12 @@ class KeptProgram:
 
     @contextlib.contextmanager
     def building(self) -> Iterator[None]:
-        """Build it in here, with what is kept of it, if anything.
+        """Build the program inside this context, from its kept copy if there is one.
 
         Raises
         ------
         DeviceError
-            When it is not kept and there is no room to compile it.
+            If it is not kept and there is no room to compile it.
         """
         with self._cache.lock:
             if self._folders:  # built before, in another context
@@ -211,12 +212,12 @@ class KeptProgram:
                 for folder in self._cache.folders() - before:
                     _remove(folder)
                 raise
-            # PoCL makes another one where what was kept is of another processor or another included file.
+            # PoCL creates another folder if the kept copy is for another processor or another included file.
             self._folders = self._cache.folders() - before - restored or restored
             self._kept = self._compiled(restored)
 
     def keep(self) -> None:
-        """Keep it with all that was compiled so far; call it when that has run."""
+        """Keep the program with everything compiled so far; call this after it has run."""
         compiled = self._compiled(self._folders)
         if not compiled <= self._kept:
             self._kept = compiled
@@ -224,18 +225,18 @@ class KeptProgram:
 
     @staticmethod
     def _compiled(folders: set[Path]) -> set[Path]:
-        """Return folders: a program's, and one for each work-group size of a kernel with machine code."""
+        """Return folders: the program's, and one for each work-group size for which a kernel was compiled."""
         return folders | {path for folder in folders for path in folder.glob("*/*")}
 
 
 @functools.cache
 def kernel_cache() -> KernelCache:
-    """Return this process's cache; it is made at the first call.
+    """Return the cache of this process; it is created at the first call.
 
     Raises
     ------
     DeviceError
-        There is no room for it anywhere.
+        If there is no room for it anywhere.
     """
     folder = store_folder()
     store = Store(folder)
@@ -243,12 +244,12 @@ def kernel_cache() -> KernelCache:
 
 
 def take_notes() -> tuple[str, ...]:
-    """Return what the user should know of this process's cache, if it has one; each line once."""
+    """Return notes for the user about this process's cache, if it has one; each line once."""
     return kernel_cache().take_notes() if kernel_cache.cache_info().currsize else ()
 
 
 def store_folder() -> Path:
-    """Where compiled kernels are kept: ``POCL_CACHE_DIR``, or else the user's cache folder."""
+    """Folder for compiled kernels: in ``POCL_CACHE_DIR``, or else in the user's cache folder."""
     if named := os.environ.get("POCL_CACHE_DIR"):
         return Path(named).absolute() / "tfm_cl" / "kernels"
     caches = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")  # noqa: PTH111
@@ -256,7 +257,7 @@ def store_folder() -> Path:
 
 
 def _make_own(folder: Path) -> None:
-    """Make a folder, or an OSError where it is not this user's alone: what is in there is run."""
+    """Make a folder; raise an OSError unless only this user can write there, since its files are executed."""
     if not folder.is_absolute():
         raise FileNotFoundError(0, "there is no home folder")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)

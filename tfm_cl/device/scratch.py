@@ -1,4 +1,4 @@
-"""Folders for what programs write while they run, with room in them; nothing of them stays."""
+"""Temporary folders with enough room, which are removed when the process ends."""
 
 import contextlib
 import os
@@ -14,26 +14,26 @@ from tfm_cl.locks import lock
 
 PREFIX = "tfm_cl-scratch-"
 ROOM = 32 << 20
-"""Bytes: what is compiled between two looks at the room takes a few MiB at most."""
+"""Bytes of room required: what is compiled between two checks takes a few MiB at most."""
 
 LOCKED_BY = 60.0
-"""Seconds after which a living process has long locked its folder."""
+"""Seconds after which a live process has certainly locked its folder."""
 
 
 class Scratch:
     """A folder that only this user may read, removed by `close` or when the process ends.
 
-    A process that is killed removes nothing: the next one to make such a folder in the same place does.
+    A killed process cannot remove its folder; the next process that makes one in the same place does.
 
     Parameters
     ----------
     parent
-        Where to make it.
+        The folder in which to make it.
 
     Raises
     ------
     OSError
-        Where it cannot be made, has no room, or holds nothing that can be executed.
+        If it cannot be made, has no room, or does not allow executing files.
     """
 
     path: Path
@@ -53,7 +53,7 @@ class Scratch:
             raise
 
     def check_room(self) -> None:
-        """Raise an OSError where `ROOM` bytes cannot be written: full disk, quota, limit of the process."""
+        """Raise an OSError if `ROOM` bytes cannot be written: full disk, quota, or a limit of the process."""
         with tempfile.TemporaryFile(dir=self.path) as file:
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, ROOM)
@@ -62,17 +62,17 @@ class Scratch:
 
 
 def make_scratch(others: Iterable[Path] = ()) -> Scratch:
-    """Make a folder where there is room for one.
+    """Make a folder in a place with enough room.
 
     Parameters
     ----------
     others
-        Where to look if none of the system's temporary folders will do.
+        Further places to try if none of the system's temporary folders will do.
 
     Raises
     ------
     DeviceError
-        There is no room anywhere; says where it was looked for.
+        If there is no room anywhere; the message lists the places tried.
     """
     refusals = []
     for parent in dict.fromkeys((*_temporary_folders(), *others)):
@@ -92,7 +92,7 @@ def _temporary_folders() -> Iterator[Path]:
     for name in ("TMPDIR", "TEMP", "TMP"):
         if folder := os.environ.get(name):
             yield Path(folder).absolute()
-    yield from map(Path, ("/tmp", "/var/tmp", "/dev/shm"))  # noqa: S108 - what is made there is ours alone
+    yield from map(Path, ("/tmp", "/var/tmp", "/dev/shm"))  # noqa: S108 - only this user can access what is made there
 
 
 def _remove_abandoned(parent: Path) -> None:

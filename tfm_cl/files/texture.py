@@ -1,4 +1,4 @@
-"""Images that colour a light: read, checked, reduced to what is needed, and kept."""
+"""Textures of lights: reads, checks, downsamples and caches them."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tfm_cl.files.paths import name_of, reason_of, source_of
 from tfm_cl.model import LARGEST_COLOUR
 
 TEXTURE_RES = 2048
-"""Most texels along a side; larger images are reduced to it."""
+"""Largest number of texels along each side; larger images are downsampled to it."""
 KEPT = 4
 """Images kept for the next render (50 MiB each at most), besides those that a scene holds."""
 
@@ -26,22 +26,22 @@ def _name(value: Any) -> str:
 
 
 ImagePath = Annotated[str, PlainValidator(_name)]
-"""Path of an image file; empty for none."""
+"""Path of an image file; empty if there is none."""
 
 
 def texture_for(path: str, intensity: tuple[float, float, float]) -> NDArray[np.float32] | None:
-    """Return the texture of a light of some intensity, or None without a path.
+    """Return the texture of a light with some intensity, or None without a path.
 
     Returns
     -------
     ndarray or None
-        Scene-linear [height, width, RGB], read-only, at most `TEXTURE_RES` a side. A PNG is decoded from
-        sRGB; of an image with alpha the premultiplied colours are taken: what is transparent is dark.
+        Scene-linear [height, width, RGB], read-only, at most `TEXTURE_RES` per side. A PNG is decoded from
+        sRGB. If the image has alpha, the premultiplied colours are used: transparent parts are dark.
 
     Raises
     ------
     SceneError
-        As `read`, or brighter together with the intensity than a light may be.
+        As `read`, or if texture times intensity is brighter than a light may be.
     """
     if not path:
         return None
@@ -56,7 +56,8 @@ def read(path: str) -> NDArray[np.float32]:
     Raises
     ------
     SceneError
-        No such file, not an image, or other values; one line that names the key and the file.
+        The file does not exist, is not an image or has other values; one line that names the key and the
+        file.
     """
     try:
         image = load_image(path)[..., :3]
@@ -72,7 +73,7 @@ def read(path: str) -> NDArray[np.float32]:
 
 
 def stamp(path: str) -> tuple[int, int]:
-    """Return what changes when a file does; raises `SceneError` when it is not there."""
+    """Return a value that changes with the file; raises `SceneError` if it does not exist."""
     try:
         status = source_of(path, error=SceneError).stat()
     except OSError as error:
@@ -81,7 +82,7 @@ def stamp(path: str) -> tuple[int, int]:
 
 
 def check_brightness(path: str, brightest: float, intensity: tuple[float, float, float]) -> None:
-    """Raise `SceneError` when intensity times ``brightest`` is more than a light may have."""
+    """Raise `SceneError` if intensity times ``brightest`` exceeds the limit of a light."""
     if brightest * max(intensity) > LARGEST_COLOUR:
         raise SceneError(
             f"light.texture: {path}: {brightest:g} times the intensity {max(intensity):g} should be at most "
@@ -90,7 +91,7 @@ def check_brightness(path: str, brightest: float, intensity: tuple[float, float,
 
 
 def reduced(image: NDArray[np.float32], most: int = TEXTURE_RES) -> NDArray[np.float32]:
-    """Average an image over areas, so that no side has more than ``most`` texels; its mean stays."""
+    """Average an image over areas, so that no side exceeds ``most`` texels; its mean is preserved."""
     for axis in (0, 1):
         if image.shape[axis] > most:
             image = np.moveaxis(_reduced_rows(np.moveaxis(image, axis, 0), most), 0, axis)
@@ -98,7 +99,7 @@ def reduced(image: NDArray[np.float32], most: int = TEXTURE_RES) -> NDArray[np.f
 
 
 def _reduced_rows(image: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Fewer rows, each the mean of those it covers, the first and the last of them in part."""
+    """Reduce the rows: each is the mean of those it covers, the first and last weighted partially."""
     rows = np.empty((count, *image.shape[1:]), np.float32)
     size = len(image) / count
     for row in range(count):

@@ -18,28 +18,29 @@ from tfm_cl.device.launch import Launcher
 Axis = Literal["row", "column"]
 
 GAUSSIAN_BOXES = 3
-"""Boxes in a row that make a Gaussian."""
+"""Number of successive boxes that make a Gaussian."""
 
 WIDEST = 2.0**40
-"""Texels. A wider window gives what this one does, to the last digit of float32."""
+"""Largest width of the filter, in texels: a wider window gives the same result in float32."""
 
 MOST_GROUP: dict[Axis, int] = {"row": 32, "column": 64}
-"""Floats, at most, that a CPU's work-item carries along a row and down a column: whole cache lines."""
+"""Largest number of floats that a CPU's work-item processes side by side, along rows and down columns: whole
+cache lines."""
 
 LAUNCH_FLOATS = 1 << 23
-"""Floats of a launch, at most: some hundredths of a second on a CPU."""
+"""Largest number of floats processed by one launch: a few hundredths of a second on a CPU."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """Weights of a discrete box: 1 for `reach` texels on either side of its centre, `part` for the next."""
+    """Weights of a discrete box: 1 up to `reach` texels on either side of its centre, `part` for the next."""
 
     reach: int
     part: float
 
     @classmethod
     def of_width(cls, width: float) -> "Window":
-        """Make the mean over a box so many texels wide; up to 1 it lies within its texel."""
+        """Make the mean over a box of this width in texels; up to 1 the box lies within its texel."""
         width = max(width, 1.0)
         reach = math.floor((width - 1) / 2)
         return cls(reach, (width - 1) / 2 - reach)
@@ -87,35 +88,36 @@ class Prefilter:
         width: float,
         kernel: Literal["box", "gaussian"],
     ) -> tuple[cl.Buffer, float]:
-        """Blur a map along its rows and columns; beyond the border its own texels go on, the nearest rays.
+        """Blur a map along its rows and columns; beyond the border, the texels of the border are repeated.
 
-        A box costs the same at every width. A Gaussian costs as its boxes do, and what they write beyond the
-        border for one another (`margins`): 1 + 0.6 width / res times as much, at most some 3 times.
+        The cost of a box does not depend on its width. A Gaussian costs as much as its boxes, plus what they
+        write beyond the border for one another (`margins`): 1 + 0.6 width / res times as much, up to about 3
+        times.
 
         Parameters
         ----------
         coefficients
-            float32 [res, res, n]; stays as it is.
+            float32 [res, res, n]; not modified.
         width
             Full width in texels, any number ≥ 0; 0 changes nothing.
         kernel
-            ``box``: the mean over a square of this side; of its outermost texels only a part may count.
-            ``gaussian``: of standard deviation width / √12, which is that of the box. It is three boxes in a
-            row whose variances add up to exactly this. From a width of 5 on, a step blurred along one axis is
-            within 1.2 % of its height, and any signal within 3.2 % of its range, of what a Gaussian makes of
-            it; for widths of more than four maps both are 6.5 %.
+            ``box``: the mean over a square of this side; its outermost texels may count partially.
+            ``gaussian``: standard deviation width / √12, the same as that of the box, as three successive
+            boxes whose variances add up to exactly that of the Gaussian. For widths of 5 or more, a step
+            blurred along one axis differs from the true Gaussian blur by at most 1.2 % of its height, and any
+            signal by at most 3.2 % of its range; for widths of more than four maps both are 6.5 %.
 
         Returns
         -------
         blurred
-            float32 [res, res, n] in device memory; ``coefficients`` itself when nothing changes.
+            float32 [res, res, n] in device memory; ``coefficients`` itself if nothing changes.
         seconds
             Device time.
 
         Raises
         ------
         DeviceMemoryError
-            When the device has no room for two more maps; for a Gaussian, with a margin (`margins`).
+            When the device has no room for two more maps; for a Gaussian, for two with margins (`margins`).
         """
         boxes = windows(width, kernel)
         if not boxes:
@@ -142,9 +144,9 @@ class Prefilter:
         size: tuple[int, int, int, int],
         window: Window,
     ) -> float:
-        """Apply a box to every row or column; size: res, n, margins of source and target along the axis."""
+        """Apply a box to every row or column. size: res, n, margins of source and target along the axis."""
         launcher, (res, n, before, after) = self._launcher, size
-        # Neighbouring floats that belong to different lines: of a texel, or of a row of texels.
+        # Neighbouring floats that belong to different lines: those of a texel, or of a row of texels.
         together = n if axis == "row" else res * n
         group = 1 if launcher.lanes == 1 else largest_divisor(together, MOST_GROUP[axis])
         kernel = launcher.kernels.kernel("blur_lines", "prefilter.cl", (), {"TFM_GROUP": group})
@@ -177,15 +179,15 @@ class Prefilter:
 
 
 def margins(boxes: list[Window], res: int) -> list[int]:
-    """Return the texels beyond each end of a line that every box has to write for the ones after it.
+    """Return the number of texels beyond each end of a line that every box has to write for the next ones.
 
-    Without them a border would be blurred to a constant only once. At most a map's width: what the rest costs
-    is in the errors that `Prefilter.blur` states.
+    Without them, only the first box would see a constant border. They are limited to the map's width; the
+    errors stated in `Prefilter.blur` include the effect of that limit.
     """
     reaches = [window.reach + 1 for window in boxes]
     return [min(sum(reaches[i + 1 :]), res) for i in range(len(boxes))]
 
 
 def largest_divisor(number: int, limit: int) -> int:
-    """Return the largest divisor of a number that is not above a limit."""
+    """Return the largest divisor of a number that does not exceed a limit."""
     return next(divisor for divisor in range(min(number, limit), 0, -1) if number % divisor == 0)

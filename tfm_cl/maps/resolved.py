@@ -14,7 +14,7 @@ from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
 
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
 FIELD_BYTES = 16
-"""Of an entry of the field of ranges: begin, end, slope beyond, last density."""
+"""Bytes of an entry of the field of ranges: begin, end, slope beyond the end, and last density."""
 
 
 class ResolvedMap(Model):
@@ -39,7 +39,7 @@ class ResolvedMap(Model):
 
     @property
     def bytes_per_texel(self) -> float:
-        """All numbers of a texel, with its share of the field of ranges."""
+        """Bytes of a texel: its coefficients, and its share of the field of ranges."""
         return _bytes_per_texel(self.coeffs, self.storage, self.range, self.res)
 
     def request(self) -> MapSettings:
@@ -98,7 +98,7 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
 
 
 def field_res(map_res: int) -> int:
-    """Entries along a side of the field of ranges of a map."""
+    """Entries along each side of a map's field of ranges."""
     return max(2, min(map_res, max(64, map_res // 4)))
 
 

@@ -1,9 +1,10 @@
-"""Numbers for ``map.max_error``: chosen by measuring some pixels against the converged dual march.
+"""Chooses settings for ``map.max_error`` by comparing some pixels with the converged dual march.
 
-The error asked for is that of the picture: the root mean square over its lit pixels, relative to their mean
-(`tfm_cl.metrics`). A pilot, the same camera with fewer pixels, is rendered by the dual march in ever more
-steps until it has converged, then with the camera's steps, and through maps with the numbers, until these
-agree with it. What is given is kept: only what is ``"auto"`` is chosen.
+The requested error is that of the picture: the root mean square over its lit pixels, relative to their mean
+(`tfm_cl.metrics`). A pilot, which is the same view with fewer pixels, is rendered by the dual march in more
+and more steps until it has converged. Then the camera's steps, and the resolution, steps and coefficients of
+the maps, are raised until the pilot agrees with that reference. Only settings that are ``"auto"`` are chosen;
+others are kept.
 """
 
 from __future__ import annotations
@@ -31,34 +32,37 @@ if TYPE_CHECKING:
 Crop = tuple[int, int, int, int]
 
 PIXELS, LEAST_PIXELS = 1 << 14, 1 << 11
-"""Lit pixels of a pilot, and how many there are at least where each is expensive. A picture with fewer is
-its own pilot: a few pixels at the edge of a shadow may hold most of the error."""
+"""Number of lit pixels of a pilot, and the smallest number if pixels are expensive. A picture with fewer is
+its own pilot: a few pixels at the edge of a shadow may carry most of the error."""
 SAMPLES = 2e10
-"""Of the converged dual march of a pilot, nominal: some seconds."""
+"""Nominal samples that the converged dual march of a pilot may take: some seconds."""
 SCOUT_PIXELS = 4096
-"""Of the picture in which the lit part is found."""
+"""Number of pixels of the picture in which the lit part is found."""
 CONVERGED = 4
-"""Times the steps of ``"auto"``, at least: the dual march that is taken for the truth."""
+"""Smallest number of steps of the dual march taken as the reference, as a multiple of the steps of
+``"auto"``."""
 OF_TRUTH = 0.4
-"""Of the error asked for: what half the truth's steps may differ by. A march's error falls with the square of
-its steps: a third of it is left."""
+"""Largest difference between the reference and a march with half its steps, as a fraction of the requested
+error. The error of a march falls with the square of its steps, so a third of that difference remains."""
 OF_CAMERA = 0.5
-"""Of the error asked for: what the camera's steps may take, a quarter of the squared error."""
+"""Share of the requested error that the camera's steps may cause: a quarter of the squared error."""
 ENOUGH, AIM = 0.5, 0.95
-"""Of the error asked for: below the first cheaper numbers are tried; the second is kept."""
+"""Fractions of the requested error: below the first, cheaper settings are tried; up to the second, they are
+kept."""
 MOST = {"steps": 8192, "light_steps": 2048, "res": 4096}
-"""Where the search ends."""
+"""Limits of the search."""
 LEAST = 16
-"""Steps, or texels along a side."""
+"""Smallest number of steps, or of texels along each side, that is tried."""
 FINER, FAR = 1.5, 2.0
-"""Times the texels along a side, or the steps, that are tried next; where the error is that many times what
-is asked for."""
+"""Factors by which texels along each side, or steps, are raised: the first, or the second if the error
+exceeds the requested one by that factor."""
 MUCH = 0.3
-"""Of the squared error that is too much: what takes so much off is taken without trying anything else."""
+"""Fraction of the excess squared error: a change that removes this much is accepted without trying others."""
 MOST_TRIALS = 30
-"""Pilots that are rendered for a choice."""
+"""Largest number of pilots that are rendered for a choice."""
 LADDER = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-"""Numbers a texel that are tried: each has kernels of its own, which take seconds to compile."""
+"""Numbers of coefficients per texel that are tried: each has kernels of its own, which take seconds to
+compile."""
 
 
 class Picture(Protocol):
@@ -71,23 +75,23 @@ class Picture(Protocol):
 
 @dataclass(frozen=True)
 class Numbers:
-    """What is chosen."""
+    """The settings that are chosen."""
 
     steps: int
-    """Of the camera's rays."""
+    """Steps along a camera ray."""
     light_steps: int
     res: int
     coeffs: int
 
     def of(self, scene: Scene) -> Scene:
-        """Return the scene with these numbers, and no other wish."""
+        """Return the scene with these values, and without ``max_error``."""
         of_map = {"res": self.res, "steps": self.light_steps, "coeffs": self.coeffs, "max_error": None}
         return scene.replace(map=scene.map.replace(**of_map), march=scene.march.replace(steps=self.steps))
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A scene with numbers for all that was asked of its error, and what it errs by."""
+    """A scene with the settings chosen for its error, and the error measured."""
 
     scene: Scene
     estimate: float
@@ -95,14 +99,14 @@ class Choice:
 
 
 class Chooser:
-    """Chooses the numbers with which a picture keeps ``map.max_error``.
+    """Chooses the settings with which a picture keeps ``map.max_error``.
 
     Parameters
     ----------
     render
         ``render(scene, method, crop)`` renders a scene without ``max_error``.
     scene
-        With it.
+        A scene with ``max_error``.
     method
         ``tfm`` or ``dual``.
     crop
@@ -125,7 +129,7 @@ class Chooser:
         self._marches_to_lights = bool(scene.grids and scene.lights)
         self._has_maps = method == "tfm" and self._marches_to_lights
         plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
-        # The truth follows the medium, whatever was given.
+        # The reference resolves the medium, whatever steps are given.
         auto = resolution.resolved(
             plain.replace(map=plain.map.replace(steps="auto"), march=plain.march.replace(steps="auto"))
         )
@@ -143,15 +147,15 @@ class Chooser:
         self._auto = decided(auto.march.steps), light_steps_of_auto
 
     def choice(self) -> Choice:
-        """Choose.
+        """Choose the settings.
 
         Raises
         ------
         SceneError
-            When no numbers do: says what was reached.
+            When no settings suffice; the message says what was reached.
         """
         pilot = self._choose_pilot()
-        if pilot is None:  # nothing is seen, whatever the numbers
+        if pilot is None:  # nothing is visible, whatever the settings
             return Choice(self._first.of(self._scene), 0.0)
         self._pilot = pilot
         numbers = self._camera_steps()
@@ -166,9 +170,9 @@ class Chooser:
     # ------------------------------------------------------------------------------------ the pilot
 
     def _choose_pilot(self) -> tuple[Camera, Crop] | None:
-        """Camera and crop of the pilot, with about `PIXELS` lit pixels; None where nothing is lit."""
+        """Camera and crop of the pilot, with about `PIXELS` lit pixels; None if nothing is lit."""
         camera, crop = self._reduced(SCOUT_PIXELS, self._crop)
-        # Light does not matter here.
+        # Light is irrelevant here.
         scout = replace(self._first, light_steps=1).of(self._scene.replace(camera=camera))
         lit = lit_mask(self._render(scout, "dual", crop).image)
         if not lit.any():
@@ -187,7 +191,7 @@ class Chooser:
         )
 
     def _reduced(self, pixels: float, crop: Crop) -> tuple[Camera, Crop]:
-        """Return the camera with fewer pixels, and a crop in these."""
+        """Return the camera with fewer pixels, and the crop in these pixels."""
         x0, y0, x1, y1 = crop
         width, height = self._scene.camera.res
         scale = min(1.0, math.sqrt(pixels / ((x1 - x0) * (y1 - y0))))
@@ -205,7 +209,7 @@ class Chooser:
 
     @cached_property
     def _truth(self) -> tuple[NDArray[np.float32], Numbers]:
-        """Pilot of the dual march in so many steps that half of them change little, and these steps."""
+        """Pilot by the dual march, converged so that half the steps change it little, and its steps."""
         factor, coarse = CONVERGED, self._image(self._times(CONVERGED / 2), "dual")
         while True:
             steps = self._times(factor)
@@ -219,7 +223,7 @@ class Chooser:
         return replace(self._first, steps=steps, light_steps=light_steps)
 
     def _error_of(self, numbers: Numbers, method: str | None = None) -> float:
-        """Measure an error; from a sample of the pixels with its standard error: few may hold most of it."""
+        """Measure an error; of a sample of pixels with its standard error: few may carry most of it."""
         truth, _ = self._truth
         image = self._image(numbers, method or self._method)
         return difference(image, truth, surely=self._pilot[0].res != self._scene.camera.res)
@@ -227,7 +231,7 @@ class Chooser:
     # ---------------------------------------------------------------------------------- the numbers
 
     def _camera_steps(self) -> Numbers:
-        """Choose the camera's steps, with the truth's towards the light."""
+        """Choose the camera's steps, with the reference's steps towards the light."""
         numbers, allowed = self._first, OF_CAMERA * self._error
         if self._scene.march.steps != "auto":
             return numbers
@@ -238,7 +242,7 @@ class Chooser:
         steps = numbers.steps
         found = error(steps)
         while found > allowed and steps < MOST["steps"]:
-            # It falls with the square of the steps, at edges less.
+            # The error falls with the square of the steps, more slowly at edges.
             factor = min(max(1.1 * math.sqrt(found / allowed), 1.2), 4)
             steps = min(math.ceil(factor * steps), MOST["steps"])
             found = error(steps)
@@ -251,7 +255,7 @@ class Chooser:
         return replace(numbers, steps=steps)
 
     def _free(self) -> Iterator[str]:
-        """Names of the numbers that may be chosen, what a map costs most by first."""
+        """Names of the settings that may be chosen, in the order of their effect on the cost of a map."""
         settings = self._scene.map
         if self._has_maps and settings.res == "auto":
             yield "res"
@@ -263,7 +267,7 @@ class Chooser:
             yield "steps"
 
     def _better(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
-        """Raise numbers until the error is what is asked for: the resolution, or where that is not it all."""
+        """Raise settings until the error is low enough: the resolution first, else all of them."""
         while error > AIM * self._error and self._trials < MOST_TRIALS:
             too_much = error**2 - (AIM * self._error) ** 2
             factor = FINER if error < FAR * self._error else FAR
@@ -280,7 +284,7 @@ class Chooser:
         return numbers, error
 
     def _more(self, numbers: Numbers, factor: float) -> Iterator[Numbers]:
-        """Yield what is tried next: a finer map, and more of all numbers."""
+        """Yield what is tried next: a finer map, and higher values of all settings."""
         together = numbers
         for name in self._free():
             more = self._changed(together, name, factor)
@@ -291,7 +295,7 @@ class Chooser:
             yield together
 
     def _cheaper(self, numbers: Numbers, error: float) -> tuple[Numbers, float]:
-        """Lower one number after the other as long as the error stays below what is asked for."""
+        """Lower one setting after another as long as the error stays below the requested one."""
         for name in self._free():
             while self._trials < MOST_TRIALS:
                 factor = 0.5 if error < ENOUGH * self._error else 1 / FINER
@@ -303,14 +307,14 @@ class Chooser:
         return numbers, error
 
     def _error_if_possible(self, numbers: Numbers) -> float:
-        """Infinite where a map is too large for the device."""
+        """Measure the error; it is infinite if a map is too large for the device."""
         try:
             return self._error_of(numbers)
         except DeviceMemoryError:
             return math.inf
 
     def _changed(self, numbers: Numbers, name: str, factor: float) -> Numbers | None:
-        """Multiply a number, or for coefficients take the next count; None beyond its limits."""
+        """Multiply a setting, or take the next number of coefficients; None beyond its limits."""
         now = getattr(numbers, name)
         if name == "coeffs":
             others = [n for n in self._coeffs if (n > now if factor > 1 else n < now)]
@@ -325,19 +329,19 @@ class Chooser:
         settings, march = self._scene.map, self._scene.march
         given = {"map.res": settings.res, "map.steps": settings.steps, "march.steps": march.steps}
         fixed = [f"{key} = {value}" for key, value in given.items() if value != "auto"]
-        advice = f"leave out {', '.join(fixed)}, or ask" if fixed else "ask"
-        of_map = f"{numbers.coeffs} numbers a texel, " if self._has_maps else ""
+        advice = f"remove {', '.join(fixed)}, or allow" if fixed else "allow"
+        of_map = f"{numbers.coeffs} coefficients per texel, " if self._has_maps else ""
         return (
             f"map.max_error = {self._error:g}: the picture reaches {error:.2g} with {of_map}map.res = "
             f"{numbers.res}, map.steps = {numbers.light_steps}, march.steps = {numbers.steps}; "
-            f"{advice} for more"
+            f"{advice} a larger error"
         )
 
 
 def difference(image: NDArray[np.float32], truth: NDArray[np.float32], *, surely: bool = False) -> float:
-    """RMSE of the truth's lit pixels relative to their mean; 0 where they are black.
+    """RMSE of the reference's lit pixels relative to their mean; 0 if they are black.
 
-    ``surely``: with one standard error added to the mean square.
+    ``surely``: one standard error is added to the mean square.
     """
     lit = lit_mask(truth)
     mean = float(truth[lit, :3].mean(dtype=np.float64)) if lit.any() else 0.0

@@ -1,13 +1,14 @@
-"""Map resolution and steps for ``"auto"``: as fine as the voxels, their optical depth and the image ask for.
+"""Map resolution and steps for ``"auto"``: as fine as the voxels, their optical depth and the image require.
 
-Between voxel centres a density is trilinear: half a voxel a texel and 1.5 voxels a step follow it, unless a
-voxel is optically thick. Then light falls within it, and texels and steps become shorter with its optical
-depth. What is much smaller than a pixel is not seen.
+Between voxel centres a density is trilinear. Texels of half a voxel and steps of 1.5 voxels resolve it,
+unless the voxels are optically thick: the light then changes within a voxel, and texels and steps become
+shorter with its optical depth. Details much smaller than a pixel are not visible.
 
-Measured with 8 numbers of the basis ``klt`` over the lit pixels of 160×90, with the numbers for 640×360,
-against the dual march in three times the steps or more, on volumes at the density that ``density_scale =
-"auto"`` gives them and at four times that density. τ is that along a typical voxel's edge; "before" had
-half a voxel a texel and 1.5 voxels a step whatever their optical depth.
+The table gives errors with 8 coefficients of the basis ``klt``, over the lit pixels of 160×90, with the
+resolution and steps chosen for 640×360, against the dual march in at least three times the steps. The volumes
+have the density that ``density_scale = "auto"`` gives them, and four times that density. τ is the optical
+depth along the edge of a typical voxel. "before" used texels of half a voxel and steps of 1.5 voxels
+regardless of the optical depth.
 
 ==================  =====  ======  =====  ==================  =====  ======  =====
 at its density      τ      before  now    at four times that  τ      before  now
@@ -22,7 +23,7 @@ voxels of 1×1×2     0.12   1.0 %   1.0 %                      0.47   3.1 %   1
 a cube              0.24   1.6 %   0.7 %                      0.95   9.7 %   0.3 %
 ==================  =====  ======  =====  ==================  =====  ======  =====
 
-What is left is mostly that of 8 numbers. The camera's steps alone err by at most 0.7 %.
+Most of the remaining error is due to the 8 coefficients; that of the camera's steps alone is at most 0.7 %.
 """
 
 from __future__ import annotations
@@ -44,25 +45,28 @@ from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.settings import MapSettings
 
 VOXELS_PER_TEXEL = 0.5
-"""Width of a texel where the light's rays cross the medium: two samples a voxel follow what is trilinear."""
+"""Width of a texel in voxels, where the light's rays cross the medium: two samples per voxel resolve a
+trilinear density."""
 PIXELS_PER_TEXEL = 0.25
-"""The least width of a texel there. A pixel is one ray: at half a pixel the error grows to 4 % (64×36)."""
+"""Smallest width of a texel in pixels, where the light's rays cross the medium. A pixel is a single ray; at
+half a pixel the error grows to 4 % (64×36)."""
 VOXELS_PER_STEP = 1.5
-"""Length of a step along the grid's longest diagonal; along any other ray steps are shorter."""
+"""Length of a step in voxels along the grid's longest diagonal; along any other ray steps are shorter."""
 DEPTH_PER_TEXEL = 0.1
-"""Optical depth, across the light, that a texel may hold."""
+"""Largest optical depth across a texel, perpendicular to the light."""
 DEPTH_PER_STEP = 0.25
-"""Optical depth that a step along a camera ray may hold."""
+"""Largest optical depth of a step along a camera ray."""
 TEXEL_POWER, LIGHT_STEP_POWER = 0.75, 0.5
-"""Of the ratio by which texels and the light's steps become shorter where they would hold too much. The
-camera's follow the ratio itself: of the three they err most, and cost least."""
+"""Exponent of the ratio by which texels and the light's steps become shorter if their optical depth would be
+too large. The camera's steps follow the ratio itself: of the three they cause the largest error and cost
+least."""
 TEXELS = (64, 2048)
-"""Range of the resolution, which is a multiple of `TEXELS_MULTIPLE`."""
+"""Smallest and largest resolution of a map; it is a multiple of `TEXELS_MULTIPLE`."""
 TEXELS_MULTIPLE = 32
 STEPS_WITHOUT_GRIDS = 100
 """Along a camera ray where nothing is marched but how light arrives."""
 STEPS = (16, 1024)
-"""Range of the number of steps."""
+"""Smallest and largest number of steps."""
 
 
 class Marched(NamedTuple):
@@ -99,11 +103,11 @@ def voxel_depth(grids: Sequence[Marched]) -> float:
 def texels_for(grids: Sequence[Marched], light: Light, camera: Camera) -> float:
     """Return the texels along a side that a light's map should have.
 
-    A texel is `VOXELS_PER_TEXEL` of the smallest edge of a voxel wide, halfway between the nearest and the
-    farthest point of the occupied bounds as the light sees them: for a light outside that is near their
-    centre, for one inside it is half of the farthest. It is not narrower than `PIXELS_PER_TEXEL` of the
-    pixel's footprint at the point of the bounds nearest to the camera. Where it would hold more than
-    `DEPTH_PER_TEXEL` of optical depth it is narrower, by that ratio to the power of `TEXEL_POWER`.
+    The width of a texel is `VOXELS_PER_TEXEL` times the shortest edge of a voxel, at the mean of the light's
+    distances to the nearest and the farthest point of the occupied bounds. For a light outside, that is near
+    their centre; for one inside it is half the farthest distance. A texel is at least `PIXELS_PER_TEXEL`
+    times as wide as the footprint of a pixel at the point of the bounds nearest to the camera. If its optical
+    depth would exceed `DEPTH_PER_TEXEL`, it is narrower by that ratio to the power of `TEXEL_POWER`.
     """
     bounds = occupied_bounds(grids)
     near, far = _distances(bounds, light.frame().world_from_light[:3, 3])
@@ -176,7 +180,7 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     scene
         Returned itself when there is nothing to replace. What there is no use for stays ``"auto"``.
     maps
-        Settings of maps that are there already: ``"auto"`` of the map then means their numbers.
+        Settings of existing maps: ``"auto"`` in the settings of the map then means their values.
     """
     return with_numbers(scene, {key: found.number for key, found in wanted(scene, maps).items()})
 
@@ -193,7 +197,7 @@ def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:
 
 
 def limited(scene: Scene) -> tuple[str, ...]:
-    """Say where ``"auto"`` asks for more than it may take, one line each."""
+    """Report each ``"auto"`` that would need more than its limit, one line each."""
     return tuple(
         f'{name} = "auto": {number} is the most it takes, {asked:.0f} would follow the voxels; '
         f"give {name} to take more"
@@ -241,7 +245,7 @@ def _distances(bounds: NDArray[np.float64], point: NDArray[np.float64]) -> tuple
 
 
 def _whole(number: float, limits: tuple[int, int], multiple: int) -> int:
-    """Round up to a multiple, within limits; what is not finite becomes the upper one."""
+    """Round up to a multiple, within limits; a value that is not finite becomes the upper limit."""
     low, high = limits
     if not number < high:
         return high

@@ -1,8 +1,8 @@
-"""Which pixels a light may change, and which lights touch a block of pixels.
+"""Light culling: the pixels that a light may change, and the lights that affect a block of pixels.
 
-The camera ray of a pixel meets what a light reaches only if the pixel lies in the projection of any convex
-body around that: of the spot's cone, of the ball of its reach, of the medium's bounds. The projection of a
-body is bounded by that of its corners, also of those at infinity or behind the camera.
+The camera ray of a pixel can meet the region that a light reaches only if the pixel lies in the projection of
+every convex body around that region: the spot's cone, the sphere of its reach, the bounds of the medium. The
+projection of a body is bounded by that of its corners, including those at infinity or behind the camera.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ Floats = NDArray[np.float64]
 Rectangle = tuple[int, int, int, int]
 
 SIDES = 8
-"""Of the pyramid around a cone: it is up to 8 % wider."""
+"""Number of sides of the pyramid around a cone, which is up to 8 % wider than the cone."""
 MARGIN = 1
-"""Pixels on every side, for what rounds."""
+"""Margin in pixels on every side, for rounding errors."""
 ROUNDING = 1e-9
-"""Part of the coordinates within which a corner counts as on the plane through the camera."""
+"""Relative tolerance within which a corner counts as lying on the plane through the camera."""
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def pixel_bounds(light: Light, camera: Camera, bounds: Floats) -> Rectangle:
-    """Return the pixels x0, y0, x1, y1 (end excluded) outside of which a light changes nothing.
+    """Return the rectangle of pixels x0, y0, x1, y1 (end excluded) that a light may change.
 
     Parameters
     ----------
     light
         A single light (`Light.parts`).
     camera
-        Its whole frame is looked at.
+        The camera; its whole frame is considered.
     bounds
-        Of the medium and of the solids that may be lit, [2, 3], world; infinite where there is no bound.
+        Bounds of the medium and of the solids that may be lit, [2, 3], world; may be infinite.
     """
     x0, y0, x1, y1 = bounds_of_lights([light], camera, bounds)[0].tolist()
     return x0, y0, x1, y1
 
 
 def bounds_of_lights(lights: Sequence[Light], camera: Camera, bounds: Floats) -> NDArray[np.int64]:
-    """Return `pixel_bounds` of many lights, [lights, 4]; four zeros for one that is not seen."""
+    """Return `pixel_bounds` of many lights, [lights, 4]; four zeros for a light that is not visible."""
     width, height = camera.res
     limits = np.empty((len(lights), 4))
     limits[:] = 0, 0, width, height
@@ -80,9 +80,9 @@ def bounds_of_lights(lights: Sequence[Light], camera: Camera, bounds: Floats) ->
 
 
 def box_on_screen(bounds: Floats, camera: Camera) -> Floats:
-    """Return the rectangle x0, y0, x1, y1, pixels, around what a camera sees of a box [2, 3], world.
+    """Return the rectangle x0, y0, x1, y1, pixels, that bounds a camera's view of a box [2, 3], world.
 
-    It may lie outside of the frame, and be infinite; x0 > x1 where the box is behind the camera.
+    It may lie outside the frame and be infinite; x0 > x1 if the box is behind the camera.
     """
     middle, half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
     rectangle: Floats = _rectangles((middle + CORNERS * half)[None], np.ones((1, 8)), camera)[0]
@@ -90,16 +90,16 @@ def box_on_screen(bounds: Floats, camera: Camera) -> Floats:
 
 
 class BlockLists(NamedTuple):
-    """For each block of the picture the lights that touch it."""
+    """The lights that affect each block of the picture."""
 
     starts: NDArray[np.int32]
-    """[blocks + 1] where each block's list begins in ``lights``, row by row."""
+    """[blocks + 1], the beginning of each block's list in ``lights``, row by row."""
     lights: NDArray[np.int32]
-    """Numbers of lights, in order within a list."""
+    """Indices of lights, in ascending order within a list."""
     first: tuple[int, int]
     """Column and row, in the whole frame, of the first block."""
     columns: int
-    """Blocks in a row."""
+    """Number of blocks in a row."""
 
 
 def block_lists(rectangles: NDArray[np.int64], crop: Rectangle, edge: int) -> BlockLists:
@@ -110,9 +110,9 @@ def block_lists(rectangles: NDArray[np.int64], crop: Rectangle, edge: int) -> Bl
     rectangles
         Pixels that each light may change, [lights, 4], from `bounds_of_lights`.
     crop
-        Pixels x0, y0, x1, y1 that the blocks cover; they are cut from the whole frame's corner.
+        Pixels x0, y0, x1, y1 that the blocks cover; blocks are aligned to the corner of the whole frame.
     edge
-        Of a block, pixels.
+        Edge of a block, pixels.
     """
     low, high = np.array(crop[:2]), np.array(crop[2:])
     first = low // edge
@@ -133,7 +133,7 @@ def block_lists(rectangles: NDArray[np.int64], crop: Rectangle, edge: int) -> Bl
 
 
 def _cones(frames: Floats, slopes: Floats, reaches: Floats, bounds: Floats, camera: Camera) -> Floats:
-    """Rectangles of the pyramids around cones, cut at the depth where light or bounds end."""
+    """Rectangles of the pyramids around cones, cut off where the light or the bounds end."""
     apex, axis = frames[:, :3, 3], frames[:, :3, 2]
     depths = reaches.copy()
     if np.isfinite(bounds).all():
@@ -145,7 +145,7 @@ def _cones(frames: Floats, slopes: Floats, reaches: Floats, bounds: Floats, came
     sides = np.einsum("nij,sj->nsi", frames[:, :3, :2], around) * slopes[:, None, None] + axis[:, None]
     ends = np.isfinite(depths)
     scale = np.where(ends, np.maximum(depths, 0), 1)[:, None, None]
-    # A cone without an end has its base at infinity.
+    # An infinite cone has its base at infinity.
     base = sides * scale + np.where(ends[:, None, None], apex[:, None], 0)
     points = np.concatenate([apex[:, None], base], axis=1)
     weights = np.ones(points.shape[:2])
@@ -169,7 +169,7 @@ def _rectangles(points: Floats, weights: Floats, camera: Camera) -> Floats:
     points
         Corners [bodies, corners, 3], world.
     weights
-        [bodies, corners]: 0 for a direction, to a corner at infinity, else 1.
+        [bodies, corners]: 0 for a direction to a corner at infinity, else 1.
     """
     width, height = camera.res
     position = np.asarray(camera.from_)
@@ -183,12 +183,14 @@ def _rectangles(points: Floats, weights: Floats, camera: Camera) -> Floats:
         at = np.where(front, local[..., :2] / depth, np.nan)
     low = np.min(at, axis=1, initial=np.inf, where=front)
     high = np.max(at, axis=1, initial=-np.inf, where=front)
-    # What crosses the plane through the camera goes to infinity there, to the side on which it crosses.
+    # The projection of a body that crosses the plane through the camera is infinite on the side where it
+    # crosses.
     mixed = np.flatnonzero((front.any(axis=1) & ~front.all(axis=1))[:, 0])
     if len(mixed):
         toward, behind = np.maximum(depth[mixed], near[mixed]), np.minimum(depth[mixed], 0)
         flat = local[mixed, :, :2]
-        # Every corner before the plane with every one behind it: more than the edges, but the same body.
+        # Connect every corner in front of the plane to every one behind it: more than the edges, but the same
+        # body.
         share = toward[:, :, None] / (toward[:, :, None] - behind[:, None])
         crossing = flat[:, :, None] + share * (flat[:, None] - flat[:, :, None])
         pairs = front[mixed, :, None] & ~front[mixed, None]

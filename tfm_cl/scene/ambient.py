@@ -1,4 +1,4 @@
-"""Light from everywhere."""
+"""Ambient light."""
 
 from typing import ClassVar
 
@@ -8,12 +8,12 @@ from tfm_cl.model import RGB, Model
 
 
 class Ambient(Model):
-    """The same radiance from all directions, not shadowed (TFM section 4.3).
+    """The same radiance from all directions, without shadows (TFM section 4.3).
 
-    The medium scatters it along the whole camera ray: L_a (σ_s/σ_t)(1 - T), eq. 7, which for a medium whose
-    density varies is the same integral. A solid reflects its albedo's part of it.
+    The medium scatters it along the whole camera ray: L_a (σ_s/σ_t)(1 - T), eq. 7. The integral is the same
+    for a medium of varying density. A solid reflects it multiplied by the albedo.
     """
 
     SECTION: ClassVar[str] = "ambient"
 
-    radiance: RGB = Field((0.0, 0.0, 0.0), description="RGB, the same from all directions")
+    radiance: RGB = Field((0.0, 0.0, 0.0), description="RGB radiance, the same from all directions")

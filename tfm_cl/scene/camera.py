@@ -11,7 +11,7 @@ from tfm_cl.model import Model, Vec3, check_different
 from tfm_cl.scene.frames import look_at
 
 MAX_PIXELS = 1 << 28
-"""Largest image: 16384 × 16384."""
+"""Largest number of pixels of an image: 16384 × 16384."""
 
 
 def _resolution(value: object) -> tuple[int, int]:
@@ -28,22 +28,24 @@ def _resolution(value: object) -> tuple[int, int]:
 
 
 class Camera(Model):
-    """A pinhole camera anywhere: outside, inside the medium, inside a light's cone.
+    """A pinhole camera anywhere: outside or inside the medium or a light's cone.
 
-    Camera space: x to the right, y up, z into the scene. Pixel (0, 0) is the top left one; a ray goes
-    through each pixel's centre.
+    Camera space: x to the right, y up, z into the scene. Pixel (0, 0) is at the top left; one ray passes
+    through the centre of each pixel.
     """
 
     SECTION: ClassVar[str] = "camera"
 
     from_: Vec3 = Field(alias="from", description="position, world units")
-    to: Vec3 = Field(description="point looked at, world units")
+    to: Vec3 = Field(description="point that the camera looks at, world units")
     up: Vec3 = Field(
-        (0.0, 1.0, 0.0), description="direction that is up in the image, and for what is placed by itself"
+        (0.0, 1.0, 0.0),
+        description="direction that is up in the image and for a camera and light that are placed "
+        "automatically",
     )
-    fov: float = Field(40.0, gt=0, lt=180, description="vertical full angle, degrees")
+    fov: float = Field(40.0, gt=0, lt=180, description="vertical field of view, the full angle, degrees")
     res: Annotated[tuple[int, int], BeforeValidator(_resolution)] = Field(
-        (1280, 720), description="width and height, pixels"
+        (1280, 720), description="width and height in pixels"
     )
 
     @model_validator(mode="after")
@@ -59,12 +61,12 @@ class Camera(Model):
 
     @property
     def world_from_camera(self) -> NDArray[np.float64]:
-        """4×4; columns are right, up, forward and the position."""
+        """4×4; the columns are right, up, forward and the position."""
         return look_at(self.from_, self.to, self.up)
 
     @property
     def ndc_from_camera(self) -> NDArray[np.float64]:
-        """4×4 perspective: after the divide x, y in [-1, 1] span the image (y up), depth is 1/z."""
+        """4×4 perspective: after division by w, x and y in [-1, 1] span the image (y up); depth is 1/z."""
         width, height = self.res
         scale = 1.0 / np.tan(np.radians(self.fov) / 2)
         rows = [[scale * height / width, 0, 0, 0], [0, scale, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
@@ -73,9 +75,9 @@ class Camera(Model):
     def rays(
         self, crop: tuple[int, int, int, int] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Origins and unit directions, both [pixels, 3], world, through the pixels' centres.
+        """Origins and unit directions, both [pixels, 3], world, of the rays through the pixels' centres.
 
-        Row by row, the top one first, of the pixels x0, y0, x1, y1 (end excluded) or of all.
+        Row by row from the top, for the pixels x0, y0, x1, y1 (end excluded) or for all pixels.
 
         Raises
         ------

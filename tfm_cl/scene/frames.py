@@ -27,7 +27,7 @@ def facing(origin: Point, target: Point) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=1 << 14)
 def _facing(origin: Point, target: Point) -> NDArray[np.float64]:
-    """`facing`, kept: it is asked for often, and of many lights."""
+    """`facing`, cached, since it is called often and for many lights."""
     axis = np.subtract(target, origin)
     # Any up will do that is not along the axis.
     up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Settings of the two passes and of the image: sections ``[map]``, ``[march]`` and ``[image]``."""
+"""Settings of the passes and the image: sections ``[map]``, ``[march]``, ``[shadow]`` and ``[image]``."""
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,15 +16,16 @@ from tfm_cl.model import (
 from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6
-"""Beyond it float32 cannot tell e^(-τ/α) from 1."""
+"""Largest density weighting α: beyond it, float32 cannot distinguish e^(-τ/α) from 1."""
 MAX_RES = 8192
 MAX_COEFFS = 32
 Count = int | Literal["auto"]
 """A whole number, or left to `tfm_cl.plan`."""
 DEFAULT_COEFFS = 8
-"""Numbers a texel where nothing else is asked for."""
+"""Coefficients per texel if neither a number, bytes nor an error is requested."""
 SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
-"""Name in scene files -> ``TFM_SHADOW`` of the kernels; 0 is for scenes without solids."""
+"""Values of the kernels' ``TFM_SHADOW`` by the filter's name in scene files; 0 is for scenes without
+solids."""
 MAX_STEPS = 100_000
 
 
@@ -45,65 +46,66 @@ class MapSettings(Model):
         + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
     )
     coeffs: Annotated[Count, count_or_auto(MAX_COEFFS)] = Field(
-        "auto", description="numbers per texel, 1 to 32; auto: what bytes or max_error ask for, else 8"
+        "auto", description="coefficients per texel, 1 to 32; auto: as required by bytes or max_error, else 8"
     )
     bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
-        None, alias="bytes", description="at most this many bytes a texel, range and all, for coeffs = auto"
+        None,
+        alias="bytes",
+        description="limit of the bytes per texel, including its range; determines coeffs if that is auto",
     )
     max_error: Annotated[float | None, number_or_none(1e-4, 1)] = Field(
         None,
-        description="relative RMSE of the picture's lit pixels against the converged dual march, at most: "
-        "coeffs, res and both steps are chosen for it by measuring, where they are not given",
+        description="largest relative RMSE of the picture's lit pixels against the converged dual march: "
+        "coeffs, res and both steps are chosen by measuring, unless they are given",
     )
     density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
         "auto",
-        description="α ≥ 1 of eq. 19 on the density's own transmittance, for the target "
-        "transmittance; auto: half "
-        "the largest optical depth seen by the lights, between 1 and 16",
+        description="α ≥ 1 of eq. 19, applied to the transmittance of the density alone; only for the "
+        "target transmittance; auto: half the largest optical depth seen by the lights, between 1 and 16",
     )
     target: Literal["auto", "transmittance", "optical-depth", "extinction"] = Field(
-        "auto", description="what is approximated: T^(1/α), τ or σ; auto: the basis's own"
+        "auto", description="function that is approximated: T^(1/α), τ or σ; auto: the default of the basis"
     )
     fit: Literal["auto", "l2", "visibility"] = Field(
-        "auto", description="least squares: plain, or weighted by the light that density loses (D T²)"
+        "auto",
+        description="least-squares fit: plain, or weighted by the light that the density removes (D T²)",
     )
     range: Literal["auto", "box", "trimmed", "visible", "global"] = Field(
         "auto",
-        description="part of a light ray that the numbers speak of: within the medium's bounds; where"
-        " there is "
-        "density; only until nothing is seen; the same depths for all rays",
+        description="part of a light ray that the coefficients describe: box: within the medium's bounds; "
+        "trimmed: where there is density; visible: where there is density and light; global: the same "
+        "depths for all rays",
     )
     slicing: Literal["uniform", "density", "gamma"] = Field(
         "uniform",
-        description="planes of the bases slices and slices-cubic: equally far, closer where the rays'"
-        " mean density "
-        "is high, or closer near the light",
+        description="planes of the bases slices and slices-cubic: uniform: equidistant; density: closer "
+        "where the mean density of the rays is high; gamma: closer near the light",
     )
     lookup: Literal["auto", "interpolate", "reconstruct", "stochastic"] = Field(
         "auto",
-        description="between texels: interpolate the numbers, interpolate what they give, or take one"
-        " texel at random",
+        description="between texels: interpolate the coefficients, interpolate the reconstructed optical "
+        "depths, or use one texel at random",
     )
     res: Annotated[Count, count_or_auto(MAX_RES)] = Field(
-        1024, description="map is res × res texels; auto: as fine as voxels and pixels, 64 to 2048"
+        1024,
+        description="the map has res × res texels; auto: as fine as voxels and pixels require, 64 to 2048",
     )
     steps: Annotated[Count, count_or_auto(MAX_STEPS)] = Field(
         100,
-        description="steps along the range of a light ray, and along the light rays of the dual "
-        "march; auto: at most "
-        "1.5 voxels long, 16 to 1024",
+        description="steps along the range of a light ray, and along the light rays of the dual march; "
+        "auto: at most 1.5 voxels long, 16 to 1024",
     )
-    storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored numbers")
+    storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored coefficients")
     blur: float = Field(
         0.0,
         ge=0,
         le=1e9,
-        description="texels: width of a filter of the map, for the targets optical-depth and "
-        "extinction with the fit "
-        "l2 in the ranges box and global; it filters the density across the light's rays (FOM section 6)",
+        description="width of a filter of the map, in texels; for the targets optical-depth and extinction "
+        "with the fit l2 and the range box or global; filters the density across the light's rays (FOM "
+        "section 6)",
     )
     blur_kernel: Literal["box", "gaussian"] = Field(
-        "gaussian", description="of blur: a box, or a Gaussian of the box's variance"
+        "gaussian", description="filter of blur: a box, or a Gaussian with the variance of that box"
     )
 
     @model_validator(mode="before")
@@ -124,7 +126,7 @@ class MapSettings(Model):
         basis = BASES[self.basis]
         if self.coeffs != "auto" and self.coeffs not in basis.counts:
             raise ValueError(
-                f"coeffs = {self.coeffs}: basis '{self.basis}' has {in_words(basis.counts)} numbers"
+                f"coeffs = {self.coeffs}: basis '{self.basis}' has {in_words(basis.counts)} coefficients"
             )
         for name, known in (("target", basis.targets), ("fit", basis.fits)):
             value = getattr(self, name)
@@ -132,7 +134,7 @@ class MapSettings(Model):
                 raise ValueError(f"{name} = '{value}': basis '{self.basis}' has {', '.join(known) or 'none'}")
         if not basis.lerps and self.lookup == "interpolate":
             raise ValueError(
-                f"lookup = 'interpolate': the numbers of basis '{self.basis}' cannot be interpolated"
+                f"lookup = 'interpolate': the coefficients of basis '{self.basis}' cannot be interpolated"
             )
         return self
 
@@ -153,44 +155,47 @@ class MarchSettings(Model):
     )
     attenuation: Literal["consistent", "paper"] = Field(
         "consistent",
-        description="consistent: the medium dims all that lies behind it; paper: only between the ends of "
-        "the light's cone, as TFM's algorithm 1 is printed",
+        description="consistent: the medium attenuates everything behind it; paper: only within the light's "
+        "cone, as printed in TFM's algorithm 1",
     )
     max_stretch: float = Field(
         4.0,
         ge=1,
-        description="projective sampling: the longest step is at most this times the mean one; large values "
-        "are the paper's, which starves the far end of rays that pass near the light",
+        description="projective sampling: limit of the longest step, as a multiple of the mean step; large "
+        "values correspond to the paper, which undersamples the far end of rays that pass near the light",
     )
     cutoff: float = Field(
         1e-4,
         ge=0,
         lt=1,
-        description="a camera ray ends where less than this of its transmittance is left: the error is "
-        "at most this part of the brightest light behind; 0 marches every ray to its end",
+        description="a camera ray ends where its transmittance falls below this value: the error is at most "
+        "this fraction of the brightest light behind; 0: march every ray to its end",
     )
     skip_empty: bool = Field(
-        default=True, description="jump over bricks without density; the samples taken stay where they are"
+        default=True, description="skip bricks without density; the other samples stay where they are"
     )
     voxels: Literal["f32", "f16", "u8"] = Field(
         "f32",
-        description="type of the voxels on the device: f16 errs by 2^-11 of a density, u8 by 1/510 of the "
-        "largest in or beside its block of 8x8x8",
+        description="type of the voxels on the device: the error of f16 is 2^-11 of a density, that of u8 "
+        "1/510 of the largest density in or next to the block of 8x8x8",
     )
 
 
 class ShadowSettings(Model):
-    """How the shadows of solids are kept for the medium; on solids they are traced."""
+    """The shadow maps with which solids shade the medium; shadows on solids are ray traced."""
 
     SECTION: ClassVar[str] = "shadow"
 
     res: int = Field(
-        1024, ge=1, le=MAX_RES, description="texels along a side of a light's map of distances to solids"
+        1024,
+        ge=1,
+        le=MAX_RES,
+        description="texels along each side of a light's shadow map, which holds distances to solids",
     )
     filter: Literal["nearest", "pcf"] = Field(
         "pcf",
-        description="nearest: the nearest texel's; pcf: the share of the four texels around that are lit "
-        "(percentage-closer filtering)",
+        description="nearest: test the nearest texel; pcf: fraction of the four surrounding texels that are "
+        "lit (percentage-closer filtering)",
     )
 
 
@@ -216,15 +221,17 @@ def _aovs(value: Any) -> Any:
 
 
 class ImageSettings(Model):
-    """What is written."""
+    """Settings of the image that is written."""
 
     SECTION: ClassVar[str] = "image"
 
     crop: Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)] = Field(
-        None, description="pixels x0,y0,x1,y1 (end excluded) to render of the whole frame"
+        None, description="part of the frame to render: pixels x0,y0,x1,y1 (end excluded)"
     )
-    exposure: float = Field(0.0, ge=-100, le=100, description="stops, PNG only")
+    exposure: float = Field(0.0, ge=-100, le=100, description="exposure in stops, PNG only")
     aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
         (), description="extra EXR layers: " + ", ".join(LAYERS)
     )
-    pixel_type: Literal["float", "half"] = Field("float", description="of EXR colour channels")
+    pixel_type: Literal["float", "half"] = Field(
+        "float", description="type of the colour channels in EXR files"
+    )

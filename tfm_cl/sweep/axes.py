@@ -1,4 +1,4 @@
-"""What a sweep varies: the map settings of every combination of its axes."""
+"""The axes of a sweep: map settings in every combination."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tfm_cl.sweep.rows import Weighting
 
 @dataclass(frozen=True)
 class Axes:
-    """Values of each map setting; where there are none, the scene's own value stays.
+    """Values of each map setting; without any, the scene's own value is used.
 
     Raises
     ------
     InputError
-        When there is no basis, no number of coefficients or no α.
+        If there is no basis, no number of coefficients or no α.
     SceneError
-        For a value that no basis of the sweep takes, whatever the other settings are.
+        If no basis of the sweep accepts a value, whatever the other settings are.
     """
 
     bases: tuple[str, ...]
@@ -51,7 +51,7 @@ class Axes:
                 self._check(name, value)
 
     def _settings(self) -> dict[str, tuple[Any, ...]]:
-        """Return values by setting, outer ones first; without basis and α."""
+        """Return values by setting, outermost first, without basis and α."""
         settings: dict[str, tuple[Any, ...]] = {
             "range": self.ranges,
             "fit": self.fits,
@@ -75,24 +75,24 @@ class Axes:
             raise refusal
 
     def variants(self, settings: MapSettings) -> tuple[dict[MapSettings, tuple[int, ...]], list[str]]:
-        """Return a scene's map settings in every combination, and a line on all that is not as asked for.
+        """Return a scene's map settings in every combination, and a line on each deviation from the request.
 
-        A basis is swept over α only where its target is the transmittance; elsewhere α has no meaning and is
-        ``auto``. For a number of coefficients that a basis has not, the nearest that it has is taken. What
-        comes to the same settings is there once. ``bytes`` and ``max_error`` of the scene, which choose the
-        coefficients, play no part.
+        A basis is swept over α only if its target is the transmittance; otherwise α has no meaning and is
+        ``auto``. A number of coefficients that a basis does not support is replaced by the nearest one that
+        it supports. Identical settings appear once. ``bytes`` and ``max_error`` of the scene, which would
+        choose the coefficients, are ignored.
 
         Returns
         -------
         settings, notices
-            Resolved, by basis, range, fit, storage, map size, α, coefficients, each with the numbers of
-            coefficients that it stands for without having them; and one line for each basis with such, and
-            for each reason for which a basis refuses combinations.
+            Resolved settings ordered by basis, range, fit, storage, map size, α and coefficients, each with
+            the requested numbers of coefficients that it replaces; and one line for each basis with such
+            replacements and for each reason for which a basis refuses combinations.
 
         Raises
         ------
         SceneError
-            When nothing remains.
+            If no combination remains.
         """
         found: dict[MapSettings, tuple[int, ...]] = {}
         refusals: Counter[str] = Counter()
@@ -135,15 +135,15 @@ class Axes:
 
 
 def nearest_count(basis: str, count: Any) -> Any:
-    """Return the number of coefficients of a basis that is nearest to one, the smaller of two."""
+    """Return the number of coefficients of a basis nearest to a given one, the smaller of two."""
     counts = BASES[BEST if basis == "auto" else basis].counts
-    # What no basis has is left to the settings to refuse.
+    # A number that no basis supports is refused by the settings.
     possible = type(count) is int and 1 <= count <= MAX_COEFFS
     return min(counts, key=lambda own: (abs(own - count), own)) if possible else count
 
 
 def in_place_of(counts: dict[int, int]) -> str:
-    """Say which numbers of coefficients, the values, were taken for which, the keys."""
+    """Say which numbers of coefficients (keys) replace which requested ones (values)."""
     return ", ".join(f"{own} in place of {asked}" for asked, own in sorted(counts.items()))
 
 

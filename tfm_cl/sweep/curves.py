@@ -1,12 +1,12 @@
-"""Curves of a sweep: the transmittance along one light ray, exact and as every map has it (TFM fig. 8).
+"""Curves of a sweep: the transmittance along one light ray, exact and from every map (TFM fig. 8).
 
 ``DIR/curves/KEY.json``, one file for each reference (its key)::
 
     {"volume": name, "light": 0, "u": …, "v": …, "distance": […], "exact": […],
      "curves": [{"label": "klt n=8", "key": key of the row, "values": […]}, …]}
 
-``u`` and ``v`` in [0, 1] are the ray's place on the map of the light of that number, distances are world
-units from the light, the rest are transmittances of the density.
+``u`` and ``v`` in [0, 1] are the ray's position on the map of the light with that index. Distances are in
+world units from the light; the other values are transmittances of the density.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
 
 Ray = tuple[float, float]
-"""Place (u, v) on a light's map, 0 to 1."""
+"""Position (u, v) on a light's map, 0 to 1."""
 
 COUNT = 256
-"""Points of a curve."""
+"""Number of points of a curve."""
 CANDIDATES = 256
-"""Rays among which `choose_ray` chooses."""
+"""Number of rays from which `choose_ray` chooses."""
 CANDIDATE_POINTS = 64
-"""Of each."""
+"""Number of points of each of those rays."""
 PERCENTILE = 90
-"""Of their optical depths: rays beyond it are as dark as the volume gets, and show little."""
+"""Largest percentile of the optical depths of those rays: rays beyond it are as dark as the volume gets, and
+show little."""
 MAX_BYTES = 1 << 26
-"""A file of curves larger than this is none of ours."""
+"""Largest size in bytes of a file of curves; a larger one was not written by a sweep."""
 
 Place = Annotated[float, Field(ge=0, le=1)]
 Values = Annotated[
@@ -51,7 +52,7 @@ Values = Annotated[
 
 @dataclass(frozen=True)
 class Curve:
-    """One map along one ray: `COUNT` numbers each."""
+    """One map along one ray: `COUNT` values each."""
 
     distance: Values
     exact: Values
@@ -80,10 +81,10 @@ _FILE = TypeAdapter(_File)
 
 
 def choose_ray(light_map: TransmittanceMap) -> Ray | None:
-    """Choose a ray that tells maps apart: dark, but not the darkest.
+    """Choose a ray that distinguishes maps: dark, but not the darkest.
 
-    Of 256 texels spread evenly over those whose light ray meets density, it is that of the largest optical
-    depth up to the 90th percentile. None where no ray meets any.
+    Of 256 texels spread evenly over those whose light rays meet density, it is the one with the largest
+    optical depth up to the 90th percentile. None if no ray meets density.
     """
     begin, end = np.moveaxis(light_map.occupied, -1, 0)
     places = np.argwhere(end > begin)
@@ -97,19 +98,19 @@ def choose_ray(light_map: TransmittanceMap) -> Ray | None:
             depths[float(u), float(v)] = -float(np.log(np.clip(last, np.finfo(np.float32).tiny, 1)))
     if not depths:
         return None
-    # "lower" is one of the depths: there always is a ray.
+    # "lower" returns one of the depths, so there always is a ray.
     most = float(np.percentile(list(depths.values()), PERCENTILE, method="lower"))
     return max((ray for ray, depth in depths.items() if depth <= most), key=depths.__getitem__)
 
 
 def curve_of(light_map: TransmittanceMap, ray: Ray) -> Curve:
-    """Follow a map along a ray."""
+    """Evaluate a map along a ray."""
     distance, exact, values = (_numbers(part) for part in light_map.curve(*ray, COUNT))
     return Curve(distance, exact, values)
 
 
 def _numbers(values: NDArray[np.floating]) -> list[float]:
-    # Seven digits are all that float32 has.
+    # float32 has no more than seven digits.
     return [float(f"{value:.7g}") for value in values]
 
 
@@ -131,7 +132,7 @@ def write(
 ) -> None:
     """Write the curves of a reference, for those of its rows that have one.
 
-    Maps may place their points differently; all are brought to the places of the first.
+    Maps may place their points differently; all are resampled at the points of the first.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def write(
     shown = [row for row in rows.values() if row.reference == reference and row.key in curves]
     if not shown:
         return
-    # In the same order whatever process was first.
+    # In the same order, whichever process was first.
     shown.sort(key=lambda row: (row.basis, row.coeffs, row.key))
     first = curves[shown[0].key]
     labels = _labels(shown)
@@ -178,11 +179,11 @@ _PARTS = {
     "storage": "{}",
     "map_res": "{}²",
 }
-"""Setting -> how a label tells it, where it is not the same in all rows of its basis."""
+"""How a label shows a setting that differs among the rows of a basis."""
 
 
 def _labels(rows: Iterable[SweepRow]) -> list[str]:
-    """``klt n=8``, and what else tells it from the others of its basis."""
+    """``klt n=8``, and the settings that distinguish it from other rows of its basis."""
     rows = list(rows)
     labels = []
     for row in rows:

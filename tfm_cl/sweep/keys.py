@@ -1,4 +1,4 @@
-"""Hashes of what a scene holds: by them a sweep knows its rows and images again."""
+"""Hashes of the contents of scenes, by which a sweep recognises its rows and images."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tfm_cl.scene.scene import Scene
 
 
 def content_hash(*values: Any) -> str:
-    """Hash what values hold: 24 hexadecimal digits, the same in every process.
+    """Hash the contents of values: 24 hexadecimal digits, the same in every process.
 
     Raises
     ------
     SceneError
-        For an object whose content it does not know how to read.
+        For an object whose contents cannot be hashed.
     """
     digest = hashlib.sha256()
     _feed(digest, values)
@@ -30,7 +30,7 @@ def content_hash(*values: Any) -> str:
 
 
 def reference_key(scene: Scene, device: str) -> str:
-    """Hash all that the dual march depends on: of the map's settings, only the steps."""
+    """Hash everything the dual march depends on; of the map's settings that is only the steps."""
     content = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
     content["map"] = scene.map.steps
     content["march"] = scene.march.replace(method="dual")
@@ -45,8 +45,8 @@ def _feed(digest: hashlib._Hash, value: Any) -> None:
         digest.update(f"{value.dtype.str}{value.shape}".encode())
         digest.update(np.ascontiguousarray(value).data)
     elif isinstance(value, Volume):
-        # As stored: the dense array of a sparse volume may be far larger than memory.
-        stored = value._voxels.stored  # noqa: SLF001 - asking for either form may make it
+        # In stored form: the dense array of a sparse volume may be far larger than memory.
+        stored = value._voxels.stored  # noqa: SLF001 - accessing either form might create it
         _feed(digest, (stored, value.world_from_index, value.density_scale, value.colour, value.medium))
     elif isinstance(value, BaseModel):
         _feed(digest, {name: getattr(value, name) for name in type(value).model_fields})

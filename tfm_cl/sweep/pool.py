@@ -1,4 +1,4 @@
-"""Where the work of a sweep is done: here, one piece after the other, or in other processes."""
+"""Executes the jobs of a sweep: one after another in this process, or in other processes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tfm_cl.interrupts import interrupts_held
 Progress = Callable[[str, float], None]
 
 MOST_JOBS = 61
-"""More processes than this Windows cannot wait for."""
+"""Largest number of processes; Windows cannot wait for more."""
 
 
 @dataclass(frozen=True)
@@ -36,25 +36,25 @@ class Job:
     method: str
     arguments: tuple[Any, ...]
     label: str
-    """For people."""
+    """Name of the job in messages."""
     weight: float
-    """Its share of the work, in any unit."""
+    """Amount of work, in an arbitrary unit."""
     done: Callable[[Job, Any], list[Job]]
-    """Takes the job and what it gave, and returns the jobs that can be done now because of it."""
+    """Takes the job and its result, and returns the jobs that it makes possible."""
 
 
 class Tracker(Protocol):
-    """What is told of progress."""
+    """Callbacks for progress."""
 
     def step(self, job: Job) -> AbstractContextManager[Progress]:
-        """Report a job that runs here."""
+        """Report a job that runs in this process."""
 
     def finished(self, job: Job) -> None:
-        """Report a job that ran elsewhere."""
+        """Report a job that ran in another process."""
 
 
 class Here:
-    """One piece after the other, in this process.
+    """Executes jobs one after another in this process.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Here:
         self._entered.__exit__(kind, error, trace)
 
     def run(self, jobs: list[Job], tracker: Tracker) -> None:
-        """Do jobs in order; those that they lead to come next."""
+        """Do jobs in order; each is followed by the jobs that it makes possible."""
         queue = deque(jobs)
         while queue:
             job = queue.popleft()
@@ -86,20 +86,20 @@ class Here:
 
 
 class Processes:
-    """Several pieces at a time, each in a process with a renderer of its own.
+    """Executes several jobs at a time, each in a process with a renderer of its own.
 
-    They share nothing but the folder, and end with this one: Ctrl-C is heard here only. What they were doing
-    then is lost; it leaves halves of images, which `SweepFolder.close` removes.
+    The processes share only the folder and end with this one; only this process handles Ctrl-C. Their
+    unfinished work is then lost and may leave incomplete images, which `SweepFolder.close` removes.
 
-    Each has a pipe of its own, which this process reads and writes in one thread: there is no queue, lock or
-    helper thread that a process could take with it when it is ended.
+    Each process has its own pipe, which this process reads and writes in one thread. There is no queue, lock
+    or helper thread that a terminated process could leave in an invalid state.
 
     Parameters
     ----------
     make_worker
         Makes what does the work, in each process.
     count
-        Processes, at most; they begin when there is work for them.
+        Largest number of processes; they start when there is work for them.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Processes:
         self._processes: dict[Connection, SpawnProcess] = {}
 
     def __enter__(self) -> Self:
-        self._scratch = make_scratch()  # processes that are ended remove nothing themselves
+        self._scratch = make_scratch()  # terminated processes do not clean up after themselves
         return self
 
     def __exit__(
@@ -128,20 +128,20 @@ class Processes:
         with interrupts_held():
             for pipe, process in self._processes.items():
                 if kind is not None:
-                    process.kill()  # at once: compilers have something to say on gentler signals
-                pipe.close()  # this tells it that there is no more work
+                    process.kill()  # at once: compilers print messages on gentler signals
+                pipe.close()  # this tells the process that there is no more work
             for process in self._processes.values():
                 process.join()
             self._processes.clear()
             self._scratch.close()
 
     def run(self, jobs: list[Job], tracker: Tracker) -> None:
-        """Do jobs in any order, earlier ones first; those that they lead to come last.
+        """Do jobs in any order, earlier ones first; jobs that they make possible come last.
 
         Raises
         ------
         DeviceError
-            When a process ends by itself.
+            If a process ends by itself.
         """
         waiting = deque(jobs)
         running: dict[Connection, Job] = {}
@@ -161,7 +161,7 @@ class Processes:
                 waiting.extend(job.done(job, result))
 
     def _idle(self, running: dict[Connection, Job]) -> Connection | None:
-        """Return the pipe of a process that has nothing to do, which may begin now; None if all are busy."""
+        """Return the pipe of an idle process, which may be started now; None if all are busy."""
         idle = next((pipe for pipe in self._processes if pipe not in running), None)
         if idle is None and len(self._processes) < self._count:
             idle, theirs = multiprocessing.Pipe()
@@ -170,8 +170,8 @@ class Processes:
             )
             try:
                 if os.name == "posix":
-                    resource_tracker.ensure_running()  # beginning it ends that interrupts are held
-                with interrupts_held():  # the process inherits that
+                    resource_tracker.ensure_running()  # starting a process ends the blocking of interrupts
+                with interrupts_held():  # the process inherits this
                     process.start()
                     self._processes[idle] = process
             except OSError as error:
@@ -180,13 +180,13 @@ class Processes:
                     f"jobs = {self._count}: a process cannot be started ({error.strerror}); use fewer jobs"
                 ) from error
             finally:
-                theirs.close()  # the process has its own: when that closes, ours tells
+                theirs.close()  # the process has its own end: when that closes, ours notices
         return idle
 
 
 @contextmanager
 def _other_end(job: Job) -> Iterator[None]:
-    """Turn what a pipe says when the process at its other end is gone into an error on the job."""
+    """Convert the error of a pipe whose process is gone into an error that names the job."""
     try:
         yield
     except (EOFError, OSError) as error:
@@ -199,7 +199,7 @@ def _other_end(job: Job) -> Iterator[None]:
 
 
 def _serve(pipe: Connection, make_worker: Callable[[], Any], scratch: str) -> None:
-    """Do what comes through the pipe until it closes; answer with the result or the error."""
+    """Do the jobs from a pipe until it closes; answer each with its result or error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tempfile.tempdir = scratch
@@ -220,18 +220,18 @@ def _serve(pipe: Connection, make_worker: Callable[[], Any], scratch: str) -> No
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that can be sent; what nobody expects tells where it came from."""
+    """Return an error that can be sent; an unexpected one includes its traceback."""
     if not isinstance(error, TfmError):
         error.add_note("".join(traceback.format_exception(error)))
     try:
-        pickle.loads(pickle.dumps(error))  # noqa: S301 - our own
-    except Exception:  # noqa: BLE001 - whatever is wrong with it
+        pickle.loads(pickle.dumps(error))  # noqa: S301 - our own data
+    except Exception:  # noqa: BLE001 - for whatever reason
         return RuntimeError("".join(traceback.format_exception(error)))
     return error
 
 
 def _end_with_parent() -> None:
-    """End when the first process was killed: nobody would ever send work again, or say that it is over."""
+    """End if the first process was killed: nobody would send work or say that it is over."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -23,15 +23,15 @@ from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.locks import lock
 
 Weighting = float | Literal["auto"]
-"""α of eq. 19."""
+"""Density weighting: α of eq. 19, or ``auto``."""
 
 Metric = Annotated[float, BeforeValidator(lambda value: float("inf") if value is None else value)]
-"""JSON has no infinity: it is written as null."""
+"""A value that may be infinite; JSON has no infinity, so it is written as null."""
 
 Count = Annotated[int, Field(ge=1, lt=1 << 31)]
 Seconds = Annotated[float, Field(ge=0)]
 Key = Annotated[str, Field(pattern="^[0-9a-f]{24}$")]
-"""From `content_hash`; it names files."""
+"""A key from `content_hash`; keys are used in file names."""
 
 CONVERGED = (
     "converged_ssim",
@@ -41,20 +41,20 @@ CONVERGED = (
     "converged_lit_psnr",
     "converged_lit_rmse",
 )
-"""Fields of a row that are there when ``converged`` is."""
+"""Fields of a row that are set if ``converged`` is."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRow:
-    """One scene rendered with one map setting, against its reference."""
+    """One scene rendered with one map setting, compared with its reference."""
 
     volume: str
-    """The input's name."""
+    """Name of the input."""
     coeffs: Count
     density_weighting: Weighting
-    """As asked for; ``auto`` where the map's target is not the transmittance."""
+    """Density weighting as requested; ``auto`` if the map's target is not the transmittance."""
     basis: str
-    """As resolved, as are the next four: never ``auto``."""
+    """As resolved, never ``auto``; the same holds for the next four."""
     target: str
     range: str
     fit: str
@@ -63,23 +63,23 @@ class SweepRow:
     map_res: Count
     """Texels along each side of a map."""
     map_steps: Count
-    """Steps along a light ray, of the maps and of the reference."""
+    """Steps along a light ray, for the maps and the reference."""
     view_steps: Count
-    """Steps along a camera ray, of both."""
+    """Steps along a camera ray, for both."""
     width: Count
     height: Count
     ssim: Metric
     psnr: Metric
-    """dB; infinite when identical, JSON null."""
+    """PSNR in dB; infinite if identical, in JSON null."""
     rmse: Metric
-    """Relative to the reference's mean."""
+    """RMSE relative to the reference's mean."""
     lit_ssim: Metric
     lit_psnr: Metric
     lit_rmse: Metric
     converged_ssim: float | None = None
-    """Against the converged dual march, as the next five; None where there is none."""
+    """Compared with the converged dual march, like the next five; None if there is none."""
     converged_psnr: float | None = None
-    """dB; infinite when identical, JSON null (as is what was not measured: ``converged`` tells)."""
+    """dB; infinite if identical, in JSON null. So is a value that was not measured: ``converged`` tells."""
     converged_rmse: float | None = None
     converged_lit_ssim: float | None = None
     converged_lit_psnr: float | None = None
@@ -87,31 +87,31 @@ class SweepRow:
     flip: float | None = None
     """Mean HDR-FLIP against the reference, 0 to 1; None without the package flip-evaluator."""
     t_error: Metric
-    """Relative RMS error of the transmittance along the map's own light rays, weighted by density; mean
-    over lights."""
+    """Relative RMS error of the transmittance along the map's own light rays, weighted by density; mean over
+    lights."""
     seconds_light_pass: Seconds
-    """Device time after compilation, as the next two."""
+    """Device time without compilation, like the next two."""
     seconds_view_pass: Seconds
     seconds_reference: Seconds
-    """Dual march."""
+    """Device time of the dual march."""
     map_bytes: Annotated[int, Field(ge=0)]
-    """Of all lights' maps."""
+    """Bytes of the maps of all lights."""
     bytes_per_texel: Annotated[float, Field(ge=0)]
-    """Of one map: all that a texel keeps, its range included; mean over lights."""
+    """Bytes per texel of one map, including its range; mean over lights."""
     device: str
     version: str
-    """Of tfm_cl."""
+    """Version of tfm_cl."""
     reference: Key
-    """Key of the reference: all that the dual march depends on."""
+    """Key of the reference: a hash of everything that the dual march depends on."""
     converged: Key | None = None
     """Key of the converged dual march, or None."""
     key: Key
-    """Key of the row: the reference and the map's settings."""
+    """Key of the row: a hash of the reference and the map's settings."""
     stands_for: tuple[Count, ...] = ()
-    """Numbers of coefficients that were asked for and that the basis has not: ``coeffs`` is the nearest."""
+    """Requested numbers of coefficients that the basis does not support; ``coeffs`` is the nearest one."""
 
     def __post_init__(self) -> None:
-        # What JSON writes as null is infinite where there was something to measure against.
+        # A null in JSON is infinite if there was a reference to compare with.
         for name in CONVERGED if self.converged else ():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, float("inf"))
@@ -121,31 +121,31 @@ _ROW = TypeAdapter(SweepRow)
 _COLUMNS = [field.name for field in dataclasses.fields(SweepRow)]
 
 BUDGETS = (16, 24, 40)
-"""Bytes a texel."""
+"""Budgets for comparing bases at equal size, bytes per texel."""
 
 
 def equal_bytes(
     rows: Iterable[SweepRow], budgets: Sequence[float] = BUDGETS
 ) -> dict[str, dict[float, dict[str, SweepRow]]]:
-    """Choose the best row of every basis that keeps to so many bytes a texel.
+    """Choose the best row of every basis within budgets of bytes per texel.
 
-    Bases of different numbers a coefficient, storage types and ranges are comparable only so: what counts
-    is what a texel costs.
+    Bases with different storage types, ranges and numbers of coefficients can only be compared in this way:
+    what counts is the size of a texel.
 
     Parameters
     ----------
     rows
-        Of any number of volumes. What else may vary (coefficients, α, range, fit, storage, map size) is what
-        the best is chosen from.
+        Rows of any number of volumes. The best is chosen among the other settings: coefficients, α, range,
+        fit, storage and map size.
     budgets
         Largest `SweepRow.bytes_per_texel`, bytes.
 
     Returns
     -------
     dict
-        ``[volume][budget][basis]``: the row with the highest ``lit_psnr``, of equal ones that with fewer
-        bytes. Volumes and bases are in the order of the rows; every volume has every budget, and a basis
-        without a row that is small enough is missing there.
+        ``[volume][budget][basis]``: the row with the highest ``lit_psnr``, and of equal ones the smallest.
+        Volumes and bases are in the order of the rows. Every volume has every budget; a basis without a row
+        that is small enough is missing there.
     """
     found: dict[str, dict[float, dict[str, SweepRow]]] = {}
     rows = list(rows)
@@ -170,22 +170,22 @@ def _rank(row: SweepRow) -> tuple[float, float]:
 
 
 class SweepFolder:
-    """The folder of a sweep, for one at a time; opening it repairs what an interruption left.
+    """The folder of a sweep, for one sweep at a time; opening it repairs the effects of an interruption.
 
     Parameters
     ----------
     path
-        Made if missing.
+        The folder; created if missing.
 
     Raises
     ------
     InputError
-        When another sweep has it open, it cannot be read or written, or a line before the last is not a row
-        of this version.
+        If another sweep has it open, it cannot be read or written, or a line before the last is not a row of
+        this version.
     """
 
     rows: dict[str, SweepRow]
-    """By key, in the order in which they were made."""
+    """Rows by key, in the order in which they were made."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -204,12 +204,12 @@ class SweepFolder:
             raise
 
     def close(self) -> None:
-        """Let others have it, without the halves of images; no process may write any more."""
+        """Release the folder and remove incomplete images; no process may still be writing."""
         self._tidy()
         self._lock.close()
 
     def _rewrite(self) -> None:
-        # The table follows the JSON lines; a torn last line of either is gone after this.
+        # The table follows the JSON lines; this removes an incomplete last line of either.
         with replacing(self._jsonl) as temporary:
             temporary.write_bytes(b"".join(map(_json_line, self.rows.values())))
         with replacing(self._csv) as temporary:
@@ -217,7 +217,7 @@ class SweepFolder:
             temporary.write_bytes(header + b"".join(map(_csv_line, self.rows.values())))
 
     def append(self, row: SweepRow) -> None:
-        """Add a row to both files, or put it in the place of the one with its key."""
+        """Add a row to both files, or replace the one with the same key."""
         known = row.key in self.rows
         self.rows[row.key] = row
         if known:
@@ -228,13 +228,13 @@ class SweepFolder:
                 file.write(line)
 
     def _tidy(self) -> None:
-        """Remove the halves of images that processes were ended over."""
+        """Remove incomplete images of terminated processes."""
         for path in self._images.glob(".*.tmp"):
             with contextlib.suppress(OSError):
                 path.unlink()
 
     def has_march(self, key: str, res: tuple[int, int]) -> bool:
-        """Tell whether a dual march and its seconds are there, whole."""
+        """Tell whether a dual march and its seconds exist and are complete."""
         return kept_march(self._path, key, res) is not None
 
 
@@ -267,7 +267,7 @@ def kept_image(out: Path, key: str, res: tuple[int, int]) -> NDArray[np.float32]
     out
         The sweep's folder.
     key
-        Of a row, or of its reference.
+        Key of a row, or of its reference.
 
     Returns
     -------
@@ -282,7 +282,7 @@ def kept_image(out: Path, key: str, res: tuple[int, int]) -> NDArray[np.float32]
 
 
 def read_rows(out: Path) -> list[SweepRow]:
-    """Read the rows of a sweep's folder; a last line that is not whole is left out.
+    """Read the rows of a sweep's folder; an incomplete last line is ignored.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def read_rows(out: Path) -> list[SweepRow]:
 
 
 def _locked(path: Path) -> BinaryIO:
-    """Open the file of a folder that one sweep may have open at a time."""
+    """Lock the folder: open a file that only one sweep may have open at a time."""
     name = path / ".lock"
     with one_line_errors(name, "written"):
         file = name.open("ab")
@@ -318,7 +318,7 @@ def _locked(path: Path) -> BinaryIO:
 
 @contextmanager
 def one_line_errors(path: Path, verb: str) -> Iterator[None]:
-    """Turn what the system says into an `InputError` that names the path."""
+    """Convert an error of the system into an `InputError` that names the path."""
     try:
         yield
     except OSError as error:

@@ -1,15 +1,16 @@
-"""The sweep: maps of many settings against the dual march of the same steps, and against a converged one.
+"""The sweep: compares maps of many settings with the dual march of the same steps and a converged one.
 
 A sweep fills a folder::
 
     sweep.jsonl, sweep.csv        one row for each scene and map setting (`SweepRow`)
-    images/KEY.npy                each rendered image; the seconds of a dual march beside it, KEY.json
-    curves/KEY.json               transmittance along one ray, exact and of every map (`tfm_cl.sweep.curves`)
+    images/KEY.npy                each rendered image; for a dual march also its seconds, KEY.json
+    curves/KEY.json               transmittance along one ray, exact and from every map
+    (`tfm_cl.sweep.curves`)
 
-and a report on these, see `tfm_cl.sweep.written`.
+and writes a report on these, see `tfm_cl.sweep.written`.
 
-Rows are appended as they are made, so a sweep that is interrupted goes on where it stopped: a row whose key
-(content of the scene, settings, device, version of tfm_cl) is there already is not made again.
+Rows are appended as they are made, so an interrupted sweep continues where it stopped: a row whose key (a
+hash of the scene's contents, settings, device and version of tfm_cl) already exists is not made again.
 """
 
 from __future__ import annotations
@@ -84,46 +85,47 @@ def run(
     inputs
         Scene files or volumes.
     out
-        Folder of the results, made if missing. One sweep at a time may write to it; another sweep, or one
-        with other settings, may add to it later.
+        Folder of the results, created if missing. Only one sweep at a time may write to it; later sweeps,
+        also with other settings, may add to it.
     bases, coeffs, density_weightings, ranges, fits, storages, map_sizes
         Values of the map's basis, coeffs, density_weighting (α: 1 or more, or ``"auto"``), range, fit,
-        storage and res. Every combination is rendered, but those that a basis refuses; for a number of
-        coefficients that a basis has not, the nearest that it has is taken; α counts only where a map's
-        target is the transmittance. Of the last four, none means the scene's own.
+        storage and res. Every combination is rendered, except those that a basis refuses. A number of
+        coefficients that a basis does not support is replaced by the nearest one that it supports. α only
+        matters if a map's target is the transmittance. For the last four, an empty list means the scene's
+        own value.
     converged
-        Whether to compare with a converged dual march too.
+        Whether to compare with a converged dual march as well.
     converged_steps
-        Its steps, of both marches; by default four times the scene's, at most 1000.
+        Steps of both its marches; by default four times those of the scene, at most 1000.
     ray
-        Place (u, v) on the first light's map, 0 to 1, of the ray whose curves are kept; by default chosen by
-        `tfm_cl.sweep.curves.choose_ray`, once for each reference.
+        Position (u, v) on the first light's map, 0 to 1, of the ray whose curves are kept; by default chosen
+        by `tfm_cl.sweep.curves.choose_ray`, once for each reference.
     jobs
-        Processes. Several share the device, so that each one's seconds are longer.
+        Number of processes. Several of them share the device, so that their times are longer.
     renderer, device
-        A renderer to use (with one process), or part of the name of the device to make one on.
+        A renderer to use (with one process), or part of the name of the device for a new one.
     overrides
-        Settings for every scene: pairs of a scene file's key and its value, as ``("camera.res", [320, 180])``
-        (known before camera and light are placed), or a function of the scene that was read.
+        Settings for every scene: pairs of a scene file's key and a value, as ``("camera.res", [320, 180])``
+        (applied before camera and light are placed), or a function of the scene that was read.
     progress
-        Called as ``progress(stage, fraction)`` with the fraction of the work that was left at the beginning.
+        Called as ``progress(stage, fraction)`` with the fraction done of the work that was left to do.
     notice
-        Called with one line on what is left out, or has another number of coefficients than asked for.
+        Called with one line on each omission, and on each replaced number of coefficients.
 
     Returns
     -------
     list of SweepRow
-        Every row asked for, made now or earlier: by input, basis, range, fit, storage, map size, α and
+        All requested rows, made now or earlier, ordered by input, basis, range, fit, storage, map size, α and
         coefficients.
 
     Raises
     ------
     InputError
-        Nothing to sweep, a value or an input that cannot be used, a reference that shows nothing, a folder
-        that cannot be written or holds rows of another kind. Values and inputs are looked at before anything
+        There is nothing to sweep, a value or an input cannot be used, a reference shows nothing, or the
+        folder cannot be written or holds rows of another kind. Values and inputs are checked before anything
         is rendered.
     DeviceError
-        From the renderer, or a process that ended by itself. Rows made before any error stay.
+        From the renderer, or if a process ended by itself. Rows made before an error are kept.
     """
     if not inputs:
         raise InputError("a sweep needs at least one input")
@@ -152,7 +154,7 @@ def run(
             rows = sweep.run(pool, list(dict.fromkeys(inputs)))
         sweep_report.write(out)
     finally:
-        sweep.close()  # once no process writes any more
+        sweep.close()  # after the last process has stopped writing
     return rows
 
 
@@ -168,7 +170,7 @@ def _check(converged_steps: int | None, ray: Ray | None, jobs: int, renderer: Re
 
 
 class _Sweep:
-    """The inputs of one sweep on their way through a pool."""
+    """Runs the inputs of one sweep through a pool."""
 
     def __init__(
         self, out: Path, ray: Ray | None, notice: Callable[[str], None], progress: Progress | None
@@ -177,7 +179,7 @@ class _Sweep:
         self._folder: SweepFolder | None = None
 
     def run(self, pool: Here | Processes, inputs: list[Path]) -> list[SweepRow]:
-        """Make what is missing of all inputs' rows and curves; returns the rows."""
+        """Make the missing rows and curves of all inputs; returns the rows."""
         plans = self._plans(pool, inputs)
         for line in dict.fromkeys(line for plan in plans for line in plan.notices):
             self._notice(line)
@@ -192,7 +194,7 @@ class _Sweep:
         try:
             pool.run(jobs, steps)
         except BaseException:
-            with contextlib.suppress(InputError):  # what went wrong first counts
+            with contextlib.suppress(InputError):  # the first error counts
                 for subject in subjects.values():
                     subject.write_curves()
             raise
@@ -202,7 +204,7 @@ class _Sweep:
         return [folder.rows[key] for plan in plans for key in plan.variants]
 
     def close(self) -> None:
-        """Let others have the folder, without what processes that were ended left."""
+        """Release the folder, after removing the remains of terminated processes."""
         if self._folder is not None:
             self._folder.close()
 
@@ -223,7 +225,7 @@ class _Sweep:
 
 
 class _Subject:
-    """What is missing of one reference: first what rows are measured against and the ray, then the rest."""
+    """The missing work for one reference: first the references and the ray, then the rows."""
 
     def __init__(self, folder: SweepFolder, out: Path, reference: str, ray: Ray | None) -> None:
         self._folder, self._out, self._reference = folder, out, reference
@@ -237,10 +239,10 @@ class _Subject:
         self._second: dict[tuple[str, str], tuple[Plan, float]] = {}
         self._waiting = 0
         self.weight = 0.0
-        """Of all jobs."""
+        """Weight of all jobs."""
 
     def add(self, plan: Plan) -> None:
-        """Add what one input asks for; of several inputs, all have this reference."""
+        """Add the rows that an input asks for; all inputs added have this reference."""
         self._plans.append(plan)
         for key, samples in plan.row_samples.items():
             row = self._row(key, plan)
@@ -254,7 +256,7 @@ class _Subject:
                 self._second["curve", key] = plan, samples
 
     def _row(self, key: str, plan: Plan) -> SweepRow | None:
-        """Return a row that is there, which now stands for what this sweep asks for too."""
+        """Return an existing row, updated with the requested coefficients that it replaces in this sweep."""
         row, asked = self._folder.rows.get(key), plan.stands_for.get(key, ())
         if row is not None and not set(asked) <= set(row.stands_for):
             row = dataclasses.replace(row, stands_for=tuple(sorted({*row.stands_for, *asked})))
@@ -262,7 +264,7 @@ class _Subject:
         return row
 
     def begin(self) -> list[Job]:
-        """Return the jobs that can be done now."""
+        """Return the jobs that can be done first."""
         methods = {method for method, _ in self._second}
         plan = self._plans[0]
         first = []
@@ -280,7 +282,7 @@ class _Subject:
         return first or self._then()
 
     def done(self, job: Job, result: Any) -> list[Job]:
-        """Keep what a job gave; returns what can be done now."""
+        """Keep the result of a job; returns the jobs that it makes possible."""
         if job.method in {"march", "ray"}:
             if job.method == "ray":
                 self._ray = result
@@ -321,7 +323,7 @@ def _label(settings: MapSettings) -> str:
 
 
 def _names(inputs: Sequence[Path]) -> list[str]:
-    """Name inputs by their stem where that tells them apart, else by their path; in UTF-8, as the results."""
+    """Name inputs by their stem if that distinguishes them, else by their path; valid UTF-8."""
     stems = [path.stem for path in inputs]
     names = (
         stem if stems.count(stem) == 1 else path.as_posix() for path, stem in zip(inputs, stems, strict=True)
@@ -334,7 +336,7 @@ def _say_nothing(line: str) -> None:
 
 
 class _Steps:
-    """Progress over jobs by their weight; never goes back."""
+    """Progress over jobs by their weight; it never decreases."""
 
     def __init__(self, progress: Progress | None, total: float) -> None:
         self._progress, self._total = progress, total
@@ -343,18 +345,18 @@ class _Steps:
 
     @contextlib.contextmanager
     def step(self, job: Job) -> Iterator[Progress]:
-        """Report a job that runs here; yields the callback to hand to it."""
+        """Report a job that runs in this process; yields the callback for it."""
         self._report(job.label, 0.0)
         yield lambda stage, fraction: self._report(f"{job.label}: {stage}", job.weight * fraction)
         self.finished(job)
 
     def finished(self, job: Job) -> None:
-        """Count a job that is done."""
+        """Count a finished job."""
         self._done += job.weight
         self._report(job.label, 0.0)
 
     def end(self) -> None:
-        """Report that all is done."""
+        """Report that everything is done."""
         self._done = self._total
         self._report("sweep", 0.0)
 

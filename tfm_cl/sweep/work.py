@@ -1,4 +1,4 @@
-"""The work of a sweep, in pieces that any process can do: it knows the scenes, a renderer and the folder."""
+"""The work of a sweep, in jobs that any process can do with the scenes, a renderer and the folder."""
 
 from __future__ import annotations
 
@@ -34,17 +34,18 @@ if TYPE_CHECKING:
 Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
 
 CONVERGED_FACTOR = 4
-"""Steps of the converged dual march: so many times those of the reference, of both marches."""
+"""Factor by which both marches of the converged dual march take more steps than the reference."""
 CONVERGED_MOST = 1000
-"""And at most so many, but never fewer than the reference has."""
+"""Largest number of steps of the converged dual march, but never fewer than those of the reference."""
 
 OVERHEAD = 5e8
-"""Samples that take as long as what else a job does: loading, compiling, comparing; about a second."""
+"""Number of samples that take as long as the rest of a job (loading, compiling, comparing): about a
+second."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is the same for all inputs of a sweep."""
+    """The settings that are the same for all inputs of a sweep."""
 
     out: Path
     axes: Axes
@@ -55,35 +56,36 @@ class Task:
 
 @dataclass(frozen=True)
 class Plan:
-    """What one input asks for."""
+    """The rows that one input asks for."""
 
     path: Path
     name: str
     res: tuple[int, int]
-    """Width and height."""
+    """Width and height of the image."""
     reference: str
-    """Key of the dual march of the maps' steps, as the next one is of the converged one, if asked for."""
+    """Key of the dual march with the steps of the maps; the next one is that of the converged one, if
+    requested."""
     converged: str | None
     variants: dict[str, MapSettings]
-    """By key of the row."""
+    """Map settings by the key of the row."""
     stands_for: dict[str, tuple[int, ...]]
-    """Of those with fewer or more coefficients than asked for, by key: `SweepRow.stands_for`."""
+    """`SweepRow.stands_for` by key, for rows with another number of coefficients than requested."""
     notices: list[str]
-    """What is left out, and what stands for something else."""
+    """Lines on omissions and replacements."""
     march_samples: dict[str, float]
-    """About how many densities the dual marches read, by key; with `OVERHEAD`."""
+    """Approximate number of densities that the dual marches read, by key, plus `OVERHEAD`."""
     row_samples: dict[str, float]
 
 
 class Worker:
-    """Does the work with one renderer; keeps the scene and the maps that it used last.
+    """Does the work with one renderer; caches the scene and the maps that it used last.
 
     Parameters
     ----------
     task
-        What is swept.
+        The task of the sweep.
     renderer
-        What renders.
+        The renderer to use.
     """
 
     def __init__(self, task: Task, renderer: Renderer) -> None:
@@ -92,12 +94,12 @@ class Worker:
         self._maps: tuple[str, list[TransmittanceMap]] | None = None
 
     def plan(self, path: Path, name: str, progress: Progress) -> Plan:
-        """Read an input, and check every setting that is asked of it.
+        """Read an input, and check every setting requested for it.
 
         Raises
         ------
         InputError
-            An input that cannot be read, or whose settings no basis takes.
+            The input cannot be read, or no basis accepts its settings.
         """
         del progress
         scene = self._load(path)
@@ -134,7 +136,7 @@ class Worker:
         )
 
     def march(self, plan: Plan, key: str, progress: Progress) -> None:
-        """Render the dual march of that key, and keep it."""
+        """Render the dual march with that key, and keep it."""
         scene = self._load(plan.path)
         if key != plan.reference:
             scene = self._converged(scene, plan.name)
@@ -143,32 +145,32 @@ class Worker:
         keep_march(self._task.out, key, result.image, seconds)
 
     def ray(self, plan: Plan, ray: Ray | None, progress: Progress) -> Ray | None:
-        """Choose the ray of the curves, on the first variant's map; None where there is none to follow.
+        """Choose the ray of the curves on the first variant's map; None if there is no suitable ray.
 
         Raises
         ------
         SceneError
-            When the ray that was asked for misses the medium.
+            If the requested ray misses the medium.
         """
         first = self._build(plan, next(iter(plan.variants)), progress)[0]
         if ray is None:
-            with contextlib.suppress(VolumeError):  # too large to be marched on the host
+            with contextlib.suppress(VolumeError):  # too large to march on the host
                 return sweep_curves.choose_ray(first)
             return None
         first.curve(*ray, 2)
         return ray
 
     def curve(self, plan: Plan, key: str, ray: Ray, progress: Progress) -> Curve:
-        """Follow the map of a row that is there already."""
+        """Evaluate the map of an existing row along the ray."""
         return sweep_curves.curve_of(self._build(plan, key, progress)[0], ray)
 
     def row(self, plan: Plan, key: str, ray: Ray | None, progress: Progress) -> tuple[SweepRow, Curve | None]:
-        """Build maps, render with them, keep the image, measure both, and follow the ray, if any.
+        """Build maps, render with them, keep the image, measure both, and evaluate the ray, if any.
 
         Raises
         ------
         SceneError
-            When the reference shows nothing.
+            If the reference shows nothing.
         """
         maps = self._build(plan, key, progress)
         scene = self._variant(plan, key)
@@ -222,7 +224,7 @@ class Worker:
         return self._against_converged(plan, row, image), curve
 
     def measure(self, plan: Plan, row: SweepRow, progress: Progress) -> SweepRow:
-        """Compare the kept image of a row with the converged march."""
+        """Compare the image kept for a row with the converged march."""
         del progress
         image = kept_image(self._task.out, row.key, plan.res)
         if image is None:
@@ -258,7 +260,7 @@ class Worker:
 
     def _load(self, path: Path) -> Scene:
         if self._scene is None or self._scene[0] != path:
-            # What is held goes first: two large volumes may not fit.
+            # Release the previous scene first: two large volumes may not fit.
             self._scene = self._maps = None
             overrides = self._task.overrides
             scene = (
@@ -286,7 +288,7 @@ class Worker:
         Raises
         ------
         SceneError
-            When the steps asked for are fewer than the scene's.
+            If fewer steps are requested than the scene has.
         """
 
         def steps(own: int) -> int:

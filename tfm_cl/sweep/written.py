@@ -1,4 +1,4 @@
-"""What a sweep's rows look like, from its folder alone: ``report.html`` to look at, ``sweep.md`` to read."""
+"""Writes the report on a sweep's folder: ``report.html`` to look at, ``sweep.md`` to read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def write(out: Path) -> None:
     Raises
     ------
     InputError
-        When there are no rows, or a file cannot be written.
+        If there are no rows, or a file cannot be written.
     """
     groups = grouped(read_rows(out))
     if not groups:

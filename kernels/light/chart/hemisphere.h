@@ -1,11 +1,12 @@
-/* Directions before the light on half an octahedron, |x| + |y| + z = 1, seen along z: a square that stands on its
-   corner, turned by an eighth; chart = scale and offset, u then v. The same in float64: tfm_cl/scene/lights/charts.py. */
+/* Directions in front of the light, mapped to the half octahedron |x| + |y| + z = 1. Seen along z it is a square that
+   stands on a corner; it is rotated by 45 degrees. chart = scale u, scale v, offset u, offset v.
+   The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 
 #include "../sample.h"
 
-/* A direction, of any length, of light space. */
+/* A direction in light space, of any length. */
 TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
   const Floats sum = (u - light->chart[2]) * (1.0f / light->chart[0]);

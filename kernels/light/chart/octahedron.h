@@ -1,13 +1,15 @@
-/* All directions on an octahedron, |x| + |y| + |z| = 1, unfolded into the square [-1, 1]^2 with a border; chart = scale
-   and offset, u then v. The inner diamond is z >= 0 and the corners are z < 0. The border holds the rays from across
-   the seam, so that no look-up meets one. Engelhardt, Dachsbacher, "Octahedron Environment Maps", 2008.
+/* All directions, mapped to the octahedron |x| + |y| + |z| = 1, which is unfolded into the square [-1, 1]^2 with a
+   border. The inner diamond holds z >= 0, the corners z < 0. The border repeats the rays from across the seam, so that
+   look-ups never see the seam. chart = scale u, scale v, offset u, offset v. Engelhardt, Dachsbacher, "Octahedron
+   Environment Maps", 2008.
    The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 
 #include "../sample.h"
 
-/* Beyond the side x = +-1 the square goes on as itself, turned by half a turn about the side's middle. */
+/* Beyond the side x = +-1 the square continues as a copy of itself, rotated by 180 degrees about the centre of the
+   side. */
 TFM_INLINE void octahedron_wrap(Floats *x, Floats *y)
 {
   const Ints high = *x > 1.0f, low = *x < -1.0f;
@@ -15,7 +17,7 @@ TFM_INLINE void octahedron_wrap(Floats *x, Floats *y)
   *y = (high | low) ? -*y : *y;
 }
 
-/* Between the corners (z < 0) and where the lower half would lie if it were seen from above; its own inverse. */
+/* Exchange the corners (z < 0) with the projection of the lower half along z. It is its own inverse. */
 TFM_INLINE void octahedron_fold(Ints lower, Floats *x, Floats *y)
 {
   const Floats across = 1.0f - magnitude_of(*y), along = 1.0f - magnitude_of(*x);
@@ -24,7 +26,7 @@ TFM_INLINE void octahedron_fold(Ints lower, Floats *x, Floats *y)
   *y = lower ? folded_y : *y;
 }
 
-/* A direction, of any length, of light space. */
+/* A direction in light space, of any length. */
 TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
   Floats x = (u - light->chart[2]) * (1.0f / light->chart[0]);
@@ -36,7 +38,7 @@ TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
   return vec3(x, y, z);
 }
 
-/* At the light itself any direction serves. */
+/* At the light itself any direction will do. */
 TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
 {
   const Floats taxicab = magnitude_of(p.x) + magnitude_of(p.y) + magnitude_of(p.z);

@@ -1,11 +1,11 @@
-/* Directions before the light on the plane z = 1 of light space; chart = scale and offset, u then v.
-   The same in float64: tfm_cl/scene/lights/charts.py. */
+/* Directions in front of the light, projected to the plane z = 1 of light space.
+   chart = scale u, scale v, offset u, offset v. The same in float64: tfm_cl/scene/lights/charts.py. */
 #ifndef TFM_LIGHT_CHART_H
 #define TFM_LIGHT_CHART_H
 
 #include "../sample.h"
 
-/* A direction, of any length, of light space. */
+/* A direction in light space, of any length. */
 TFM_INLINE Vec3 chart_direction(LIGHT light, Floats u, Floats v)
 {
   return vec3((u - light->chart[2]) * (1.0f / light->chart[0]), (v - light->chart[3]) * (1.0f / light->chart[1]),

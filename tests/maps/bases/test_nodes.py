@@ -145,7 +145,7 @@ def test_any_density_and_storage_is_a_number(renderer):
 
 def test_numbers_are_not_interpolated():
     assert resolve(MapSettings(basis="nodes")).lookup == "reconstruct"
-    with pytest.raises(SceneError, match="lookup = 'interpolate': the numbers of basis 'nodes'"):
+    with pytest.raises(SceneError, match="lookup = 'interpolate': the coefficients of basis 'nodes'"):
         MapSettings(basis="nodes", lookup="interpolate")
     with pytest.raises(SceneError, match="coeffs = 7: basis 'nodes'"):
         MapSettings(basis="nodes", coeffs=7)

@@ -86,7 +86,7 @@ def test_without_bounds_there_is_no_map(use):
     sun = SunLight(from_=(0, 1, 0), to=(0, 0, 0))
 
     assert sun.needs_fitting
-    with pytest.raises(SceneError, match="a sun's map is fitted to the medium first"):
+    with pytest.raises(SceneError, match="fit the sun's map to the medium first"):
         use(sun)
     assert not sun.fitted(BOUNDS).needs_fitting
     assert sun.needs_fitting  # nothing happened to it

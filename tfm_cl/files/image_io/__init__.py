@@ -1,7 +1,7 @@
-"""Image files: one module a format, found by the file's extension.
+"""Image files: one module per format, selected by the file's extension.
 
 To add a format, write a module with ``write(path, image, options)`` and ``read(path)`` (see
-`ImageFormat`) and name it in ``FORMATS``.
+`ImageFormat`) and add it to ``FORMATS``.
 """
 
 import importlib
@@ -19,10 +19,10 @@ from tfm_cl.files.image_io.image import Image, Picture
 from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
 
 FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
-"""Extension -> module of this package; imported when an image of that kind is read or written."""
+"""Modules of this package by file extension; imported when an image of that kind is read or written."""
 
 MAX_PIXELS = 1 << 28
-"""Largest image read (4 GiB of float32 RGBA)."""
+"""Largest number of pixels of an image that is read (4 GiB of float32 RGBA)."""
 
 PixelType = Literal["half", "float"]
 
@@ -42,12 +42,12 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class WriteOptions:
-    """How to write an image; each format takes what applies to it."""
+    """Options for writing an image; each format uses those that apply to it."""
 
     pixel_type: PixelType = "half"
-    """EXR: of the colours; scalar AOVs are always float."""
+    """EXR: type of the colours; scalar AOVs are always float."""
     exposure: float = 0.0
-    """PNG: stops, the image is multiplied by 2 to this power."""
+    """PNG: exposure in stops; the image is multiplied by 2 to this power."""
 
     def __post_init__(self) -> None:
         if self.pixel_type not in {"half", "float"}:
@@ -60,22 +60,22 @@ class ImageFormat(Protocol):
     """A module of this package that reads and writes one kind of file."""
 
     HOLDS_LAYERS: bool
-    """Whether AOVs are written; else they are left out."""
+    """Whether the format stores AOVs; otherwise they are left out."""
 
     def write(self, path: Path, image: Image, options: WriteOptions) -> None:
-        """Write to a file, empty so far; may leave half of it when it raises."""
+        """Write to an empty file; may leave it incomplete if it raises."""
         ...
 
     def read(self, path: Path) -> Picture:
-        """Read colours, scene-linear; raises `ImageError` on damage."""
+        """Read scene-linear colours; raises `ImageError` if the file is damaged."""
         ...
 
 
 def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", exposure: float = 0.0) -> None:
-    """Write an image; the extension tells the format.
+    """Write an image; the extension determines the format.
 
     The file appears complete or not at all: it is written under another name in the same directory,
-    flushed to the disk, and renamed. A file of that name is replaced.
+    flushed to the disk, and renamed. An existing file is replaced.
 
     Parameters
     ----------
@@ -105,10 +105,10 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
 
 
 def load_image(path: str | Path) -> NDArray[np.float32]:
-    """Read an image: [H, W, 3], or [H, W, 4] where it has an alpha channel.
+    """Read an image: [H, W, 3], or [H, W, 4] if it has an alpha channel.
 
-    EXR and ``.npy`` are returned as they are (of an EXR the data window of the layer that is the picture);
-    a PNG is decoded from sRGB to linear light, premultiplied.
+    EXR and ``.npy`` are returned as they are (from an EXR, the data window of the layer that holds the
+    picture); a PNG is decoded from sRGB to linear light and premultiplied.
 
     Raises
     ------
@@ -119,12 +119,12 @@ def load_image(path: str | Path) -> NDArray[np.float32]:
 
 
 def load_picture(path: str | Path) -> Picture:
-    """Read an image as `load_image`, and where an EXR says that it lies in the full frame.
+    """Read an image like `load_image`, with its position in the full frame if an EXR states it.
 
     Raises
     ------
     ImageError
-        Missing, damaged or unknown file, or one of more than `MAX_PIXELS`.
+        The file is missing, damaged, of unknown type, or has more than `MAX_PIXELS`.
     """
     path = source_of(path, error=ImageError)
     module = _format(path)
@@ -136,17 +136,17 @@ def load_picture(path: str | Path) -> Picture:
 
 
 def holds_layers(path: str | Path) -> bool:
-    """Tell whether `save` writes AOVs to a file of that name, or leaves them out; raises `ImageError`."""
+    """Tell whether `save` writes AOVs to a file of that name or omits them; may raise `ImageError`."""
     return _format(path_of(path, ImageError)).HOLDS_LAYERS
 
 
 def check_writable(path: str | Path) -> None:
-    """Find out whether `save` could write there, before the hours that make the image.
+    """Check that `save` can write to a path, before hours are spent on the image.
 
     Raises
     ------
     ImageError
-        Unknown extension, no such directory, no right to write there, or a directory of that name.
+        Unknown extension, no such directory, no permission to write there, or the path is a directory.
     """
     path = path_of(path, ImageError)
     _format(path)

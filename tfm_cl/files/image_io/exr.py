@@ -1,8 +1,8 @@
 """OpenEXR: colours, AOVs, windows and metadata.
 
 Channels: ``R G B A``; a scalar AOV by its name (``depth``); a colour AOV as ``name.R name.G name.B``.
-Matrices in the metadata act on column vectors here, ``v' = M v``; EXR's act on row vectors, so that what
-is stored is the transpose.
+Here matrices in the metadata act on column vectors, ``v' = M v``; those of EXR act on row vectors, so the
+transpose is stored.
 """
 
 import contextlib
@@ -26,11 +26,11 @@ from tfm_cl.files.image_io.image import Image, Metadata, Picture, Window
 
 HOLDS_LAYERS = True
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Chromaticities: x and y of red, green, blue and white."""
+"""Rec. 709 chromaticities: x and y of red, green, blue and white."""
 
 _HALF_MAX = 65504.0
 _INT32_MAX = 2**31 - 1
-_MAX_RATIO = 1 << 16  # pixels to a byte; beyond what any of the compressions reaches on real pictures
+_MAX_RATIO = 1 << 16  # pixels per byte, more than any of the compressions reaches on real pictures
 _RESERVED = {
     *("channels", "chromaticities", "compression", "dataWindow", "displayWindow", "lineOrder"),
     *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles"),
@@ -60,7 +60,7 @@ def write(path: Path, image: Image, options: WriteOptions) -> None:
             np.ascontiguousarray(aov, np.float32) if scalar else _colours(aov, options.pixel_type)
         )
     stored = _write_file(header, channels, path)
-    # OpenEXR does not report all that fails on a full disk; what was written must be there again.
+    # OpenEXR does not report every failure on a full disk, so read back what was written.
     try:
         complete = {name: pixels.shape for name, pixels in _pixels(path).items()} == stored
     except ImageError:
@@ -70,12 +70,12 @@ def write(path: Path, image: Image, options: WriteOptions) -> None:
 
 
 def read(path: Path) -> Picture:
-    """Read the colours of the data window; `beauty` says of which channels and part.
+    """Read the colours of the data window; `beauty` selects the channels and the part.
 
     Raises
     ------
     ImageError
-        Damaged, deep, or without channels that are the picture.
+        The file is damaged, deep, or has no channels that hold the picture.
     """
     parts = _declared(path)
     try:
@@ -88,12 +88,12 @@ def read(path: Path) -> Picture:
 
 
 def read_aov(path: Path, name: str) -> NDArray[np.float32]:
-    """Read one AOV: [H, W], or [H, W, 3] of one with the channels ``name.R name.G name.B``.
+    """Read one AOV: [H, W], or [H, W, 3] if it has the channels ``name.R name.G name.B``.
 
     Raises
     ------
     ImageError
-        Damaged, or no AOV of that name (the message lists the channels).
+        The file is damaged, or has no AOV of that name (the message lists the channels).
     """
     pixels = _pixels(path)
     if name in pixels:
@@ -105,7 +105,7 @@ def read_aov(path: Path, name: str) -> NDArray[np.float32]:
 
 
 def _attribute(name: str, value: Metadata) -> Any:
-    """Convert metadata to what OpenEXR stores (it takes other integers for 0, or refuses them)."""
+    """Convert metadata to types that OpenEXR stores (it writes other integers as 0 or refuses them)."""
     if name in _RESERVED or not name or not name.isprintable():
         raise ImageError(
             f"metadata '{name}' cannot be set: EXR has an attribute of that name for its own use"
@@ -128,11 +128,13 @@ def _colours(values: NDArray[np.float32], pixel_type: PixelType) -> NDArray[np.f
 def _write_file(
     header: dict[str, Any], channels: dict[str, NDArray[Any]], path: Path
 ) -> dict[str, tuple[int, ...]]:
-    """Write, and tell the shape of each channel that is then in the file."""
+    """Write the file and return the shape of each channel found in it afterwards."""
     try:
-        # A stream and not a name, which OpenEXR would only take in UTF-8.
+        # A stream and not a name: OpenEXR only accepts names in UTF-8.
         with path.open("wb") as stream:
-            OpenEXR.File(header, dict(channels)).write(stream)  # it changes the dict it is given
+            OpenEXR.File(header, dict(channels)).write(
+                stream
+            )  # OpenEXR changes the dictionary that it is given
     except (RuntimeError, ValueError, TypeError) as error:
         raise ImageError(f"OpenEXR cannot write it ({_line(error)})") from error
     suffixes = {2: ("",), 3: (".R", ".G", ".B")}
@@ -143,7 +145,7 @@ def _write_file(
 
 
 def _pixels(path: Path) -> dict[str, NDArray[Any]]:
-    """Read all channels; of those of one name in several parts, the first."""
+    """Read all channels; if several parts have one of the same name, the first."""
     pixels: dict[str, NDArray[Any]] = {}
     for part in reversed(_pixels_of(path, _declared(path))):
         pixels |= part
@@ -155,7 +157,7 @@ def _declared(path: Path) -> list[Part]:
     try:
         with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
             parts = [_part(part.header) for part in file.parts]
-    except Exception as error:  # the binding raises whatever its C++ side does
+    except Exception as error:  # the binding passes on any error of its C++ side
         raise ImageError(f"{path}: not a readable EXR ({_line(error)})") from error
     if not parts:
         raise ImageError(f"{path}: damaged EXR (no part of it can be read)")
@@ -207,7 +209,7 @@ def _stacked(channels: list[NDArray[Any]], path: Path) -> NDArray[np.float32]:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep off the terminal what OpenEXR prints of damaged files; it also raises, and that is what counts.
+    """Suppress what OpenEXR prints about damaged files; it also raises an error, which is sufficient.
 
     Its C++ side writes to the process's stderr, its Python side to ``sys.stdout``.
     """

@@ -1,4 +1,4 @@
-"""Which channels of an EXR are the picture: renderers name them and spread them over parts in many ways."""
+"""Finds the channels of an EXR that hold the picture: renderers name and arrange them in many ways."""
 
 from dataclasses import dataclass
 
@@ -6,54 +6,54 @@ from tfm_cl.errors import ImageError
 from tfm_cl.files.image_io.image import Window
 
 BEAUTY, COLOURS = {"beauty", "combined"}, {"rgb", "rgba"}
-"""Words, in lower case, that a name has or begins with that is the picture's: of Arnold, Blender, Nuke …"""
+"""Lower-case words that the names of the picture's layer contain or begin with, in Arnold, Blender, Nuke …"""
 
 _KINDS = {"red": "R", "green": "G", "blue": "B", "alpha": "A"} | {
     kind.lower(): kind for kind in ("R", "G", "B", "A", "Y", "RY", "BY")
 }
 PLAIN, CALLED_SO, PLAIN_OF_A_PART, OTHER = range(4)
-"""Ranks of layers: plain channels of the file or of a part that is called so, and so on."""
+"""Ranks of layers, best first: plain channels of the file or of a part whose name says so, and so on."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What the header of a part declares."""
+    """The header of a part."""
 
     name: str
     channels: dict[str, bool]
-    """Name -> whether it is subsampled: has fewer pixels than the picture."""
+    """For each channel, whether it is subsampled, that is, has fewer pixels than the picture."""
     window: Window
-    """Of the full frame, the pixels that are there."""
+    """Data window: the pixels of the full frame that are stored."""
     frame: Window
     is_flat: bool = True
-    """Whether every pixel has one value of each channel."""
+    """Whether every pixel has exactly one value per channel (the image is not deep)."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Channels of one part whose names have the same beginning."""
+    """Channels of one part whose names have the same prefix."""
 
     part: int
-    """Number of the part."""
+    """Index of the part."""
     part_name: str
-    """Empty for the only part of a file."""
+    """Name of the part; empty for the only part of a file."""
     name: str
-    """The beginning, without its dot; empty for plain R, G, B."""
+    """The prefix without its dot; empty for plain R, G, B."""
     channels: dict[str, str]
-    """R, G, B, A, Y, RY or BY -> name of the channel, as far as they are there."""
+    """Names of the channels by R, G, B, A, Y, RY or BY, as far as they exist."""
     subsampled: bool
-    """Whether one of them has fewer pixels than the picture."""
+    """Whether any of them has fewer pixels than the picture."""
 
     @property
     def rank(self) -> int:
-        """How little its name says that it is the picture, of `PLAIN` to `OTHER`."""
+        """Rank by name, from `PLAIN` to `OTHER`: lower is more likely to be the picture."""
         if not self.name:
             return PLAIN if not self.part_name or _is_beauty(self.part_name) else PLAIN_OF_A_PART
         return CALLED_SO if _is_beauty(self.name) else OTHER
 
     @property
     def colours(self) -> list[str]:
-        """Channels of red, green and blue, and of alpha if there is one; luminance alone is grey."""
+        """Channels of red, green and blue, and of alpha if there is one; luminance alone means grey."""
         rgb = [self.channels[name] for name in "RGB" if name in self.channels]
         grey = [self.channels["Y"]] * 3 if "Y" in self.channels else []
         colours = rgb if len(rgb) == len("RGB") else grey
@@ -66,7 +66,7 @@ class Layer:
 
 
 def _is_beauty(name: str) -> bool:
-    """Tell whether a name says so, as ``ViewLayer.Combined`` and ``rgba.left``."""
+    """Tell whether a name denotes the picture, like ``ViewLayer.Combined`` and ``rgba.left``."""
     words = name.lower().split(".")
     return not BEAUTY.isdisjoint(words) or words[0] in COLOURS
 
@@ -74,13 +74,14 @@ def _is_beauty(name: str) -> bool:
 def beauty(parts: list[Part]) -> Layer:
     """Find the picture among the channels of the parts of a file.
 
-    It is the plain R, G, B (or Y) of the only part or of one that is called so, else the first layer that is
-    called so, else the plain channels of the only part that has some.
+    It is the plain R, G, B (or Y) of the only part or of a part whose name denotes the picture; else the
+    first layer whose name does; else the plain channels of the only part that has some.
 
     Raises
     ------
     ImageError
-        None, several and none called so, luminance with chroma, or subsampled; it does not name the file.
+        If there is none, several without a telling name, luminance with chroma, or subsampled channels. The
+        message does not name the file.
     """
     layers = [layer for part in range(len(parts)) for layer in _layers(parts, part)]
     pictures = sorted((layer for layer in layers if layer.colours), key=lambda layer: layer.rank)
@@ -101,7 +102,7 @@ def beauty(parts: list[Part]) -> Layer:
 
 
 def _layers(parts: list[Part], number: int) -> list[Layer]:
-    """Group the channels of a part by the beginnings of their names."""
+    """Group the channels of a part by the prefixes of their names."""
     part_name = parts[number].name if len(parts) > 1 else ""
     channels: dict[str, dict[str, str]] = {}
     subsampled = set()

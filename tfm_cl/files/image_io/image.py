@@ -1,4 +1,4 @@
-"""An image with its extra channels, ready to be written."""
+"""An image with its extra channels, as it is written and read."""
 
 from dataclasses import dataclass, field
 
@@ -15,25 +15,25 @@ _VECTOR = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Image:
-    """A picture, its AOVs, and where it lies in the full frame.
+    """A picture, its AOVs, and its position in the full frame.
 
     Raises
     ------
     ImageError
-        Arrays of other shapes, a crop that does not fit them, or values that are NaN or infinite
-        (the message says where).
+        If arrays have other shapes, the crop does not fit them, or values are NaN or infinite (the message
+        says where).
     """
 
     rgba: NDArray[np.float32]
     """[H, W, 4], row 0 on top; scene-linear, Rec. 709 primaries, premultiplied."""
     aovs: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    """Name -> [H, W] or [H, W, 3]."""
+    """AOVs by name, [H, W] or [H, W, 3]."""
     display_window: tuple[int, int] | None = None
     """(width, height) of the full frame, pixels; None: this is the full frame."""
     crop: tuple[int, int, int, int] | None = None
-    """(x0, y0, x1, y1), pixels of the full frame that these arrays are, x1 and y1 excluded; None: all."""
+    """(x0, y0, x1, y1): the pixels of the full frame in these arrays, x1 and y1 excluded; None: all."""
     metadata: dict[str, Metadata] = field(default_factory=dict)
-    """Header attributes; a 4×4 matrix acts on column vectors and is named by what it does, as
+    """Header attributes. A 4×4 matrix acts on column vectors; its name says what it does, like
     ``worldToCamera``."""
 
     def __post_init__(self) -> None:
@@ -73,14 +73,14 @@ Window = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Picture:
-    """Colours that were read, and where they lie in the full frame."""
+    """Colours that were read, and their position in the full frame."""
 
     pixels: NDArray[np.float32]
-    """[H, W, 3], or [H, W, 4] where there is an alpha channel."""
+    """[H, W, 3], or [H, W, 4] with an alpha channel."""
     window: Window | None = None
-    """Pixels of the full frame that these are (EXR's data window); None: the file does not say."""
+    """Pixels of the full frame that these are (EXR's data window); None if the file does not say."""
     frame: Window | None = None
-    """The full frame (EXR's display window), likewise."""
+    """The full frame (EXR's display window); None if the file does not say."""
 
     def part(self, window: Window) -> NDArray[np.float32]:
         """Return the pixels of a window of the frame, which must be within these."""
@@ -97,7 +97,7 @@ def check_finite(values: NDArray[np.float32], what: str) -> None:
     Raises
     ------
     ImageError
-        Saying which pixel is the first.
+        The message names the first such pixel.
     """
     if np.isfinite(values).all():
         return

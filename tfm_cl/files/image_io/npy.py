@@ -24,7 +24,7 @@ def read(path: Path) -> Picture:
     Raises
     ------
     ImageError
-        Another kind of array, pickled objects (never loaded), or a file cut short.
+        The array is of another kind, holds pickled objects (never loaded), or the file is truncated.
     """
     with path.open("rb") as stream:
         try:

@@ -1,4 +1,4 @@
-"""Which pixels of two pictures are the same ones of the full frame."""
+"""Finds the pixels of the full frame that two pictures share."""
 
 from dataclasses import dataclass
 
@@ -16,21 +16,21 @@ class Overlap:
     test: NDArray[np.float32]
     reference: NDArray[np.float32]
     window: Window | None = None
-    """Where they lie in the full frame; None: all, wherever that is."""
+    """Their window in the full frame; None: all pixels, at an unknown position."""
     note: str = ""
-    """What a user should know of it; empty where both are all of both."""
+    """A note for the user; empty if the pictures cover the same pixels."""
 
 
 def overlap(test: Picture, reference: Picture, test_name: str, reference_name: str) -> Overlap:
     """Find the pixels that two pictures have in common, by their data windows.
 
-    Where only one of the pictures says where it lies, the other is taken to lie there too; their sizes are
-    left to who compares them.
+    If only one of the pictures states its position, the other is assumed to be at the same one. Their sizes
+    are not compared here.
 
     Raises
     ------
     ImageError
-        They have no pixel in common, or are of frames of different sizes.
+        If they have no pixel in common, or their frames differ in size.
     """
     named = {test_name: test, reference_name: reference}
     crops = [picture for picture in named.values() if picture.window != picture.frame]

@@ -1,7 +1,6 @@
 """PNG: 8-bit RGB over black, sRGB.
 
-Tone mapping is an exposure and a clip, nothing else, so that numbers measured on the picture mean
-something.
+Tone mapping is only an exposure and a clip, so that measurements on the picture are meaningful.
 """
 
 import io
@@ -20,16 +19,16 @@ from tfm_cl.files.image_io import MAX_PIXELS, WriteOptions
 from tfm_cl.files.image_io.image import Image, Picture, check_finite
 
 HOLDS_LAYERS = False
-_MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
+_MAX_DEFLATE_RATIO = 1032  # largest ratio of the deflate format
 _RGB = 3
-_DAMAGE = (  # what Pillow's chunk parsers and zlib come upon
+_DAMAGE = (  # errors of Pillow's chunk parsers and zlib
     *(OSError, SyntaxError, ValueError, ArithmeticError, LookupError, EOFError, TypeError),
     *(struct.error, zlib.error, PIL.Image.DecompressionBombError),
 )
 
 
 def write(path: Path, image: Image, options: WriteOptions) -> None:
-    """Write the colours; premultiplied, they lie over black as they are."""
+    """Write the colours; as they are premultiplied, no change is needed to put them over black."""
     path.write_bytes(png_bytes(image.rgba[..., :3], options.exposure))
 
 
@@ -39,14 +38,14 @@ def png_bytes(rgb: NDArray[np.float32], exposure: float = 0.0) -> bytes:
     Parameters
     ----------
     rgb
-        [H, W, 3] scene-linear, Rec. 709 primaries; of [H, W, 4] the alpha channel is left out.
+        [H, W, 3] scene-linear, Rec. 709 primaries; the alpha channel of [H, W, 4] is ignored.
     exposure
-        Stops; the picture is multiplied by 2 to this power.
+        In stops; the picture is multiplied by 2 to this power.
 
     Raises
     ------
     ImageError
-        Another shape, or values that are NaN or infinite.
+        The array has another shape, or values that are NaN or infinite.
     """
     if rgb.ndim != _RGB or rgb.shape[2] not in {3, 4} or rgb.size == 0:
         raise ImageError(f"a picture is [height, width, 3 or 4] and not empty; got the shape {rgb.shape}")
@@ -56,14 +55,14 @@ def png_bytes(rgb: NDArray[np.float32], exposure: float = 0.0) -> bytes:
     encoded = srgb_from_linear(np.clip(linear, 0, 1))
     pixels = np.floor(encoded * 255 + 0.5).astype(np.uint8)
     tagged = PngInfo()
-    tagged.add(b"sRGB", b"\x00")  # says what the numbers are; 0: perceptual intent
+    tagged.add(b"sRGB", b"\x00")  # declares the colour space; 0: perceptual intent
     stream = io.BytesIO()
     PIL.Image.fromarray(pixels).save(stream, format="PNG", pnginfo=tagged, compress_level=4)
     return stream.getvalue()
 
 
 def read(path: Path) -> Picture:
-    """Read [H, W, 3], or [H, W, 4] premultiplied where there is an alpha channel; in linear light.
+    """Read [H, W, 3], or premultiplied [H, W, 4] if there is an alpha channel; in linear light.
 
     Raises
     ------
@@ -72,7 +71,7 @@ def read(path: Path) -> Picture:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of Pillow's own limit on pixels; ours is MAX_PIXELS
+            warnings.simplefilter("ignore")  # Pillow's own limit on pixels; ours is MAX_PIXELS
             return Picture(_decode(path))
     except _DAMAGE as error:
         if isinstance(error, OSError) and error.errno is not None:

@@ -1,1 +1,1 @@
-"""Reading meshes, bounded and without trust."""
+"""Reads mesh files with bounded memory; nothing that a file declares is trusted."""

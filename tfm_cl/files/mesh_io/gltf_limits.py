@@ -1,7 +1,7 @@
-"""What a glTF file announces, before memory is taken for it.
+"""Checks the sizes that a glTF file declares before memory is allocated for them.
 
-Accessors, buffer views and primitives refer to the same bytes as often as they like: a few kilobytes can ask
-for terabytes. (glTF 2.0, 3.6: https://registry.khronos.org/glTF/specs/2.0/)
+Accessors, buffer views and primitives may refer to the same bytes any number of times: a few kilobytes can
+ask for terabytes. (glTF 2.0, 3.6: https://registry.khronos.org/glTF/specs/2.0/)
 """
 
 import json
@@ -14,20 +14,20 @@ from tfm_cl.errors import SceneError
 
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 WIDEST = 4
-"""Bytes of a component."""
+"""Bytes of the widest component type."""
 MAX_ENTRIES = 1_000_000
-"""Of any of the file's lists."""
+"""Largest number of entries in any of the file's lists."""
 
 
 def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> None:
-    """Check a .glb or .gltf stream's own figures; it is rewound.
+    """Check the sizes that a .glb or .gltf stream declares; the stream is rewound.
 
     Raises
     ------
     SceneError
         It would need more than ``largest`` bytes, twice, or ``most_faces`` triangles, or it is compressed.
     ValueError, KeyError, TypeError
-        It is no glTF.
+        If it is not glTF.
     """
     header = _header(stream)
     stream.seek(0)
@@ -56,7 +56,7 @@ def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> 
 
 
 def _corners(header: dict[str, Any], counts: list[int]) -> int:
-    """Count what the primitives read, each for itself: vertices or indices, whichever are more."""
+    """Count the vertices or indices, whichever are more, that each primitive reads, and add them up."""
     return sum(
         max(counts[primitive["attributes"]["POSITION"]], counts[primitive.get("indices", 0)])
         for mesh in header.get("meshes", [])
@@ -71,7 +71,7 @@ def _count(value: Any) -> int:
 
 
 def _header(stream: IO[bytes]) -> dict[str, Any]:
-    """Read the JSON of either kind of file."""
+    """Read the JSON of a .glb or .gltf file."""
     stream.seek(0)
     start = stream.read(20)
     if start[:4] == b"glTF":

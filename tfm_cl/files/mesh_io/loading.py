@@ -1,9 +1,10 @@
-"""Mesh files, read by trimesh; nothing that a file says is trusted.
+"""Mesh files, read by trimesh; nothing that a file declares is trusted.
 
-Colours become linear albedo, per vertex, face or part: textures are looked up at the vertices.
+Colours become linear albedo per vertex, face or part; textures are sampled at the vertices.
 
-- glTF: base colour factor and vertex colours are linear by its specification, textures sRGB; they multiply.
-- OBJ: the material's Kd is taken as linear, as Blender does; its texture is sRGB; they multiply.
+- glTF: base colour factor and vertex colours are linear according to its specification, textures sRGB; they
+  are multiplied.
+- OBJ: the material's Kd is taken as linear, as Blender does; its texture is sRGB; they are multiplied.
 - Other 8-bit colours (PLY, OBJ vertices) are sRGB.
 """
 
@@ -28,19 +29,19 @@ from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO, MAX_CORNERS, MAX_FACE
 from tfm_cl.files.paths import check_readable, is_file, real_path
 
 MAX_BYTES = 1 << 30
-"""Largest file, and most that the files it names may have together."""
+"""Largest number of bytes of a mesh file, and of all the files it refers to together."""
 
 MAX_PARTS = 1_000_000
-"""Most pieces that a file may place."""
+"""Largest number of parts in a file."""
 
 LONGEST_REASON = 160
-"""Characters of another library's message that are passed on."""
+"""Number of characters to which messages of other libraries are shortened."""
 
 _GLTF = (".glb", ".gltf")
 
 
 class _NeighbourResolver(FilePathResolver):
-    """Gives what a mesh names: plain files of its own folder and below, up to `MAX_BYTES` in all."""
+    """Opens the files that a mesh refers to: plain files in its folder or below, up to `MAX_BYTES` in all."""
 
     def __init__(self, source: str) -> None:
         super().__init__(source)
@@ -64,14 +65,14 @@ def read_mesh(path: Path, albedo: tuple[float, float, float] | None = None) -> T
     Parameters
     ----------
     path
-        The file; its extension tells the format.
+        The file; its extension determines the format.
     albedo
-        In place of the file's own colours, which are then not read.
+        Replaces the colours of the file, which are then not read.
 
     Raises
     ------
     SceneError
-        Missing, damaged or too large file, or one without triangles.
+        The file is missing, damaged, too large, or has no triangles.
     """
     _check_file(path)
     try:
@@ -84,7 +85,7 @@ def read_mesh(path: Path, albedo: tuple[float, float, float] | None = None) -> T
         raise
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({error.strerror or _reason(error)})") from error
-    except Exception as error:  # trimesh raises whatever its parsers come upon
+    except Exception as error:  # trimesh passes on any error of its parsers
         raise SceneError(f"{path}: not a readable {extension} mesh ({_reason(error)})") from error
     return triangles
 
@@ -96,7 +97,7 @@ def _check_file(path: Path) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """One printable line."""
+    """Shorten an error's message to one printable line."""
     text = "".join(letter if letter.isprintable() else " " for letter in str(error))
     text = " ".join(text.split())[:LONGEST_REASON]
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
@@ -104,7 +105,7 @@ def _reason(error: Exception) -> str:
 
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
-    """Keep trimesh's log and the warnings of what it calls from the terminal: errors tell all there is."""
+    """Silence trimesh's log and the warnings of its dependencies: errors say everything."""
     logger = logging.getLogger("trimesh")
     handler, propagate = logging.NullHandler(), logger.propagate
     logger.addHandler(handler)
@@ -120,19 +121,19 @@ def _quietly() -> Iterator[None]:
 
 def _scene(stream: IO[bytes], extension: str, path: Path, *, colours: bool) -> Scene:
     options: dict[str, Any] = {} if colours or extension in {".off", ".stl"} else {"skip_materials": True}
-    # A stream and not a name, which trimesh would look at for addresses and JSON.
+    # A stream and not a name: trimesh would try a name as a URL or as JSON.
     return load_scene(
         file_obj=stream,
         file_type=extension[1:],
         resolver=_NeighbourResolver(str(real_path(path))),
         allow_remote=False,
-        process=False,  # merges vertices: slow, and nothing to us
+        process=False,  # merging vertices is slow and useless here
         **options,
     )
 
 
 def _flatten(path: Path, scene: Scene, albedo: tuple[float, float, float] | None) -> Triangles:
-    """Put the parts of a scene where its graph says, with their colours."""
+    """Place the parts of a scene according to its graph, with their colours."""
     placed = [(scene.graph[node], node) for node in scene.graph.nodes_geometry]
     parts = [(matrix, scene.geometry.get(name)) for (matrix, name), _ in placed]
     meshes = [(matrix, part) for matrix, part in parts if isinstance(part, Trimesh) and len(part.faces)]
@@ -150,7 +151,7 @@ def _flatten(path: Path, scene: Scene, albedo: tuple[float, float, float] | None
     for matrix, part in meshes:
         points, rows = np.asarray(part.vertices), np.asarray(part.faces)
         if rows.min() < 0 or rows.max() >= len(points):
-            # Within the whole it could be another part's vertex.
+            # In the combined mesh this could be a vertex of another part.
             raise SceneError(f"{path}: a triangle names a vertex that its part does not have")
         vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
         faces.append(rows + offset)
@@ -181,7 +182,7 @@ class _Paint:
         self._images: dict[int, NDArray[np.float32]] = {}
 
     def of(self, part: Trimesh) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Return colours [C, 3] and their rows at the corners [F, 3], or [1, 3] for one colour."""
+        """Return colours [C, 3] and their rows at the triangles' corners [F, 3], or [1, 3] for one colour."""
         visual, vertices, faces = part.visual, len(part.vertices), np.asarray(part.faces, np.int32)
         if isinstance(visual, TextureVisuals):
             colours = self._of_material(visual, vertices)
@@ -203,14 +204,14 @@ class _Paint:
         return (levels / 255).astype(np.float32) if self._linear_vertices else linear_from_srgb(levels)
 
     def _of_material(self, visual: TextureVisuals, vertices: int) -> NDArray[np.float32]:
-        """Factor × texture × vertex colour, those that there are."""
+        """Multiply factor, texture and vertex colour, as far as they exist."""
         material, factor, image = visual.material, None, None
         if isinstance(material, PBRMaterial):
             image = material.baseColorTexture
             # Without a factor it is 1 (glTF 2.0, 3.9.2).
             factor = np.ones(3) if material.baseColorFactor is None else material.baseColorFactor[:3] / 255
         elif isinstance(material, SimpleMaterial):
-            # An image without a format is the stand-in that trimesh makes up.
+            # An image without a format is a placeholder made by trimesh.
             image = material.image if getattr(material.image, "format", None) else None
             diffuse = np.atleast_1d(np.asarray(material.kwargs.get("kd", ()), np.float64))
             if len(diffuse) in {1, 3}:
@@ -228,7 +229,7 @@ class _Paint:
         return colours
 
     def _texels(self, image: Any, uv: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Nearest texel of a repeated image, v upwards."""
+        """Look up the nearest texel of a repeated image; v points upwards."""
         if id(image) not in self._images:
             self._images[id(image)] = np.asarray(image.convert("RGB"))
         levels = self._images[id(image)]
@@ -240,7 +241,7 @@ class _Paint:
 
 
 def _unit(levels: NDArray[Any]) -> NDArray[np.float32]:
-    """Bring stored colours to 0..1."""
+    """Convert stored colours to 0..1."""
     largest = np.iinfo(levels.dtype).max if levels.dtype.kind in "iu" else 1
     return (levels / largest).astype(np.float32)
 

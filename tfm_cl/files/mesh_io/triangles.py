@@ -1,4 +1,4 @@
-"""Triangles in memory: what a mesh is once it is read."""
+"""Triangles in memory: the form of a mesh once it is read."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,16 +13,16 @@ DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
 """Linear Rec. 709, of what nothing says more about."""
 
 MAX_FACES = 50_000_000
-"""Most triangles of a mesh: Embree's tree over them takes some 10 GB."""
+"""Largest number of triangles of a mesh; Embree's tree then takes some 10 GB."""
 
 MAX_CORNERS = 3 * MAX_FACES
-"""Most vertices of a mesh: three a triangle."""
+"""Largest number of vertices of a mesh: three per triangle."""
 
 CHUNK = 1 << 20
-"""Triangles checked at a time."""
+"""Number of triangles checked at a time."""
 
 SLIVER = 1e-12
-"""Sine of a triangle's angle below which it has no area within float64."""
+"""Sine of a triangle's angle below which its area is 0 within the precision of float64."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,16 +30,16 @@ class Triangles:
     """Triangles in object space; none is degenerate."""
 
     vertices: NDArray[np.float64]
-    """[V, 3]."""
+    """[V, 3], object units."""
     faces: NDArray[np.int32]
-    """[F, 3], rows of ``vertices``."""
+    """[F, 3], indices of rows of ``vertices``."""
     colours: NDArray[np.float32]
     """[C, 3], linear albedo, 0 to 1."""
     colour_of: NDArray[np.int32]
-    """[F, 3], rows of ``colours`` at the corners of each triangle, or [1, 3] where one serves for all."""
+    """[F, 3], rows of ``colours`` at the corners of each triangle, or [1, 3] if all are the same."""
 
     def painted(self, albedo: tuple[float, float, float]) -> "Triangles":
-        """Return the same triangles in one colour."""
+        """Return the same triangles in a single colour."""
         return Triangles(
             self.vertices, self.faces, np.array([albedo], np.float32), np.zeros((1, 3), np.int32)
         )
@@ -52,13 +52,13 @@ def checked(
     colours: NDArray[np.float32] | None = None,
     colour_of: NDArray[np.int32] | None = None,
 ) -> Triangles:
-    """Check arrays and drop what has no area.
+    """Check arrays and drop triangles without area.
 
     Raises
     ------
     SceneError
-        Arrays of another shape, vertices that are not finite or beyond 1e15, faces that name vertices
-        which do not exist, too many of either, or no triangle with an area.
+        If arrays have another shape, vertices are not finite or beyond 1e15, faces refer to vertices that do
+        not exist, there are too many of either, or no triangle has an area.
     """
     points, rows = _array(name, "vertices", vertices), _array(name, "faces", faces)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":  # noqa: PLR2004
@@ -93,7 +93,7 @@ def _array(name: str, what: str, values: Any) -> NDArray[Any]:
 
 
 def _with_area(points: NDArray[np.float64], rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Tell which triangles have one, [F]."""
+    """Tell which triangles have an area, [F]."""
     found = np.zeros(len(rows), dtype=bool)
     for start in range(0, len(rows), CHUNK):
         part = slice(start, start + CHUNK)

@@ -1,7 +1,7 @@
-"""Volume files: one module a format, found by the file's extension.
+"""Volume files: one module per format, selected by the file's extension.
 
 To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (see
-`tfm_cl.files.volume_io.grid.VolumeFormat`) and name it in ``FORMATS``.
+`tfm_cl.files.volume_io.grid.VolumeFormat`) and add it to ``FORMATS``.
 """
 
 import importlib
@@ -27,7 +27,7 @@ FORMATS: dict[str, str] = {
     ".nhdr": "nrrd_file",
     ".raw": "raw",
 }
-"""Extension -> module of this package; imported when a file of that kind is opened."""
+"""Modules of this package by file extension; imported when a file of that kind is opened."""
 
 __all__ = [
     "COLOUR",
@@ -50,7 +50,7 @@ def open_grids(path: Path) -> list[Grid]:
     Raises
     ------
     VolumeError
-        Missing, damaged or unknown file.
+        The file is missing, damaged or of unknown type.
     """
     module_name = FORMATS.get(path.suffix.lower())
     if module_name is None:
@@ -71,15 +71,15 @@ def open_grids(path: Path) -> list[Grid]:
 def choose_grid(path: Path, name: str | None = None) -> Grid:
     """Find the grid to render: the one named, else ``density``, else the file's only fog volume.
 
-    Where grids share a name it means the first of them, as in OpenVDB; a note of the grid says so, and
-    ``name[1]`` means the second. Of grids of one value a voxel and of three (colours), the former are
-    preferred.
+    If several grids share a name, it selects the first of them, as in OpenVDB, and a note of the grid says
+    so; ``name[1]`` selects the second. Grids with one value per voxel are preferred to those with three
+    (colours).
 
     Raises
     ------
     VolumeError
-        No such grid, or none can be chosen (the message lists the names), or it is a level set or of
-        a type that cannot be a density.
+        There is no such grid, none can be chosen (the message lists the names), or the grid is a level set or
+        of a type that cannot be a density.
     """
     grids = open_grids(path)
     grid = _default_grid(path, grids) if name is None else find_grid(path, grids, name)
@@ -90,12 +90,12 @@ def choose_grid(path: Path, name: str | None = None) -> Grid:
 
 
 def find_grid(path: Path, grids: list[Grid], name: str) -> Grid:
-    """Find the grid of a name among those of ``path``.
+    """Find a grid by its name among those of ``path``.
 
     Raises
     ------
     VolumeError
-        No grid has it; the message lists the names.
+        There is no such grid; the message lists the names.
     """
     for grid in grids:
         if grid.name == name:
@@ -144,7 +144,7 @@ def read_grid(path: Path, grid: Grid) -> NDArray[np.float32]:
 
 
 def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
-    """Read the voxels of a grid of ``path`` in the form its format stores: leaves of a tree, or all."""
+    """Read the voxels of a grid of ``path`` in the form in which they are stored: leaves or dense."""
     if grid.read_leaves is None:
         return read_grid(path, grid)
     try:
@@ -154,9 +154,9 @@ def read_stored(path: Path, grid: Grid) -> NDArray[np.float32] | Leaves:
 
 
 def read_vectors(path: Path, grid: Grid) -> NDArray[np.float32]:
-    """Read a grid of three values a voxel as float32 [z, y, x, 3]."""
+    """Read a grid with three values per voxel as float32 [z, y, x, 3]."""
     if grid.read_colour is None:
-        raise VolumeError(f"{path}: grid {shown(grid.name)} has one value a voxel, not three")
+        raise VolumeError(f"{path}: grid {shown(grid.name)} has one value per voxel, not three")
     try:
         return grid.read_colour()
     except OSError as error:
@@ -164,7 +164,7 @@ def read_vectors(path: Path, grid: Grid) -> NDArray[np.float32]:
 
 
 def beyond_limits(grid: Grid) -> str:
-    """Why a grid is too large to be read with `read_stored`; empty when it is not."""
+    """Reason why a grid is too large for `read_stored`; empty if it is not."""
     if grid.read_colour is not None:
         z, y, x = grid.shape
         return too_large((z, y, 3 * x), sparse=False)
@@ -172,7 +172,7 @@ def beyond_limits(grid: Grid) -> str:
 
 
 def refusal(grid: Grid) -> str:
-    """Why a grid cannot be rendered as a density; empty when it can."""
+    """Reason why a grid cannot be rendered as a density; empty if it can."""
     if grid.unsupported:
         return f"cannot be rendered: {grid.unsupported}"
     if grid.grid_class == "level set":

@@ -1,6 +1,6 @@
-"""What the two VDB formats share: bounded reading of bytes, and their codecs.
+"""Code shared by the two VDB formats: bounded reading of bytes, and codecs.
 
-A file's bytes are never trusted: `Cursor` stops at their end, and no codec writes more than was asked for.
+A file's bytes are never trusted: `Cursor` stops at their end, and no codec writes more than was requested.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 
 MAX_PACKING = 1100
-"""No block is believed to unpack to more than this many times its size: zlib ends at 1032:1, LZ4 at 255:1."""
+"""Largest ratio by which a block may expand when it is unpacked: zlib reaches at most 1032:1, LZ4 255:1."""
 
 
 # ------------------------------------------------------------------------------------------------ bytes
 
 
 def map_file(path: Path) -> memoryview:
-    """Map a file into memory, read-only; pages are read from disk when touched."""
+    """Map a file into memory, read-only; pages are read from disk when they are accessed."""
     with path.open("rb") as file:
         if path.stat().st_size == 0:
             return memoryview(b"")
@@ -33,16 +33,16 @@ def map_file(path: Path) -> memoryview:
 
 
 class Cursor:
-    """A reading position in little-endian bytes; every step is checked against their end.
+    """A reading position in little-endian bytes; every read is checked against their end.
 
     Parameters
     ----------
     data
         All the bytes.
     source
-        What they are, for messages: the file, or a grid of it.
+        Their origin, for messages: the file, or a grid in it.
     at
-        Byte to begin at.
+        Byte at which to begin.
     """
 
     def __init__(self, data: memoryview, source: str, at: int = 0) -> None:
@@ -51,7 +51,7 @@ class Cursor:
         self.at = at
 
     def take(self, size: int, what: str) -> memoryview:
-        """Step over ``size`` bytes and return them; raises `VolumeError` when there are fewer."""
+        """Read ``size`` bytes; raises `VolumeError` if there are fewer."""
         end = self.at + size
         if size < 0 or self.at < 0 or end > len(self.data):
             raise self.damaged(f"{what} should take {size} bytes, the data end at byte {len(self.data)}")
@@ -68,12 +68,12 @@ class Cursor:
         return np.frombuffer(self.take(dtype.itemsize * count, what), dtype)
 
     def text(self, what: str) -> str:
-        """Read a string behind its 32-bit length; bytes that are not UTF-8 are replaced."""
+        """Read a string that follows its 32-bit length; bytes that are not UTF-8 are replaced."""
         (length,) = self.numbers("I", what)
         return bytes(self.take(length, what)).decode(errors="replace")
 
     def damaged(self, why: str) -> VolumeError:
-        """Return the error for bytes that cannot be right, with the position reached."""
+        """Return the error for invalid bytes, with the position reached."""
         return VolumeError(
             f"{self.source}: damaged or incomplete at byte {self.at}: {why}; copy or export it again"
         )
@@ -83,7 +83,7 @@ class Cursor:
 
 
 _ZIP_STEP = 1 << 12
-"""Bytes of a zlib stream unpacked at a time: some MiB at most, besides what they are written to."""
+"""Bytes of a zlib stream that are unpacked at a time; they take some MiB at most, besides the output."""
 
 
 def unzip(packed: memoryview, size: int, source: Cursor) -> bytearray:
@@ -100,7 +100,7 @@ def unzip_into(packed: memoryview, plain: memoryview, source: Cursor) -> None:
     stream, at = zlib.decompressobj(), 0
     try:
         for start in range(0, len(packed), _ZIP_STEP):
-            # One byte more than there is room for, to notice a longer stream.
+            # One byte more than there is room for, to detect a longer stream.
             piece = stream.decompress(packed[start : start + _ZIP_STEP], len(plain) - at + 1)
             if at + len(piece) > len(plain):
                 break
@@ -126,7 +126,7 @@ def unblosc_into(packed: memoryview, plain: memoryview, source: Cursor) -> None:
 
 def _unblosc(packed: memoryview, size: int, plain: memoryview | None, source: Cursor) -> bytes:
     check_packing(packed, size, source)
-    # The header is checked first: the decoder takes the sizes in it at their word.
+    # The header is checked first, since the decoder trusts the sizes in it.
     if len(packed) < blosc.MAX_OVERHEAD:
         raise source.damaged(f"a Blosc block of {len(packed)} bytes is shorter than its header")
     plain_size, block_size, packed_size = struct.unpack_from("<3I", packed, 4)
@@ -143,6 +143,6 @@ def _unblosc(packed: memoryview, size: int, plain: memoryview | None, source: Cu
 
 
 def check_packing(packed: memoryview, size: int, source: Cursor) -> None:
-    """Refuse a size that so few compressed bytes cannot hold, before it is allocated."""
+    """Refuse a size that the compressed bytes cannot expand to, before it is allocated."""
     if size > MAX_PACKING * len(packed):
         raise source.damaged(f"{len(packed)} compressed bytes cannot hold {size}")

@@ -1,4 +1,4 @@
-"""Where a volume's colour comes from: an array [z, y, x, 3], a grid of vectors, or three scalar grids."""
+"""Sources of a volume's colour: an array [z, y, x, 3], a vector grid, or three scalar grids."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,12 +17,12 @@ from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.model import LARGEST_COLOUR
 
 ColourSource = str | Path | Sequence[str] | Literal[False] | None
-"""See `tfm_cl.scene.bodies.volume.Volume.load`."""
+"""The source of a colour, as for `tfm_cl.scene.bodies.volume.Volume.load`."""
 
 USUAL_NAMES = ("Cd", "colour", "color")
-"""Grids of another file that are taken for its colour where it has several of vectors."""
+"""Names of the vector grid that is used as the colour if another file has several."""
 ALIGNMENT = 1e-3
-"""Of a voxel: how far apart the voxels of grids that belong together may lie."""
+"""Largest distance, as a fraction of a voxel, between corresponding voxels of grids that belong together."""
 
 
 def is_file(source: str | Path) -> bool:
@@ -43,12 +43,12 @@ def check_array(
 
 
 def checked(rgb: NDArray[np.float32], label: str, *, sanitize: bool) -> NDArray[np.float32]:
-    """Return a colour, frozen, whose numbers are all what they can be; others raise, or become 0.
+    """Return a read-only colour whose values are all valid; invalid ones raise, or become 0.
 
     Raises
     ------
     VolumeError
-        A number is negative, infinite, NaN or too large, and they are not to be set to 0.
+        A value is negative, infinite, NaN or too large, and such values are not to be set to 0.
     """
     low, high = float(rgb.min()), float(rgb.max())
     if not 0 <= low <= high <= LARGEST_COLOUR:  # NaN is not
@@ -71,22 +71,22 @@ def checked(rgb: NDArray[np.float32], label: str, *, sanitize: bool) -> NDArray[
 def read_colour(
     path: Path, grid: Grid, source: ColourSource, *, sanitize: bool
 ) -> tuple[NDArray[np.float32] | None, tuple[str, ...]]:
-    """Read the colour of a grid of ``path`` that has one value a voxel.
+    """Read the colour for a grid of ``path`` that has one value per voxel.
 
     Parameters
     ----------
     source, sanitize
-        As of `tfm_cl.scene.bodies.volume.Volume.load`.
+        As in `tfm_cl.scene.bodies.volume.Volume.load`.
 
     Returns
     -------
-    float32 [z, y, x, RGB], None where there is none; and notes, as `Grid.notes`.
+    float32 [z, y, x, RGB], or None if there is none; and notes like `Grid.notes`.
 
     Raises
     ------
     VolumeError
-        No such array or grid, one that is damaged, or one of another shape, type or place; numbers that
-        are no colours.
+        The array or grid does not exist, is damaged, or has another shape, type or position; or its values
+        are not valid colours.
     """
     hint = ""
     if source is None and path.suffix.lower() == ".npz" and numpy_array.has_colour(path):
@@ -116,14 +116,15 @@ def read_colour(
 
 
 def _vectors_of(path: Path, name: str | None) -> Grid:
-    """Find the grid of a name that has three values a voxel, or the one that is a file's colour."""
+    """Find the named grid with three values per voxel, or the one that is a file's colour."""
     grids = volume_io.open_grids(path)
     if name is not None:
         grid = volume_io.find_grid(path, grids, name)
         if grid.read_colour is None:
             raise VolumeError(
-                f"{path}: grid {shown(name)}, of {grid.value_type} values, is no colour of three values a "
-                "voxel; three grids of one value are, as ['r', 'g', 'b']"
+                f"{path}: grid {shown(name)}, of {grid.value_type} values, is not a colour with three "
+                f"values per "
+                "voxel; name three scalar grids instead, as ['r', 'g', 'b']"
             )
         return grid
     found = [grid for grid in grids if grid.read_colour is not None]
@@ -131,12 +132,14 @@ def _vectors_of(path: Path, name: str | None) -> Grid:
     if len(found) != 1:
         names = shown_names([grid.name for grid in grids])
         what = "several grids" if found else "no grid"
-        raise VolumeError(f"{path}: has {what} of three values a voxel to be a colour; its grids: {names}")
+        raise VolumeError(
+            f"{path}: has {what} with three values per voxel to be a colour; its grids: {names}"
+        )
     return found[0]
 
 
 def _read_vectors(path: Path, grid: Grid, vectors: Grid) -> NDArray[np.float32]:
-    """Red, green and blue from a grid of three values a voxel, in the box of the grid of densities."""
+    """Red, green and blue from a grid with three values per voxel, in the box of the density grid."""
     of_grid, of_part = _common(grid, vectors, f"{path}: grid {shown(vectors.name)}, the colour,")
     rgb = np.full((*grid.shape, 3), vectors.colour_background, np.float32)
     rgb[of_grid] = volume_io.read_vectors(path, vectors)[of_part]
@@ -146,7 +149,7 @@ def _read_vectors(path: Path, grid: Grid, vectors: Grid) -> NDArray[np.float32]:
 def _read_three_grids(
     path: Path, grid: Grid, names: Sequence[str]
 ) -> tuple[NDArray[np.float32], tuple[str, ...]]:
-    """Red, green and blue from scalar grids of the same file, in the box of the grid of densities."""
+    """Red, green and blue from scalar grids of the same file, in the box of the density grid."""
     if len(names) != 3:  # noqa: PLR2004 - red, green, blue
         raise VolumeError(
             f"{path}: colour is three names of grids, for red, green and blue; got {len(names)}"
@@ -165,14 +168,14 @@ def _read_three_grids(
 
 
 def _common(grid: Grid, part: Grid, label: str) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Find the voxels that two grids have in common, as slices of each.
+    """Find the voxels that two grids share, as slices of each.
 
     Raises
     ------
     VolumeError
-        Their voxels do not lie at the same places, or the part is too large to be read.
+        Their voxels are not at the same positions, or the shared part is too large to be read.
     """
-    # Trees store a box around what is not empty, which may be another for each grid.
+    # Trees store a box around the non-empty part, which may differ between grids.
     if not part.is_box_of_stored and part.shape != grid.shape:
         raise VolumeError(f"{label} has the shape {list(part.shape)}; expected {list(grid.shape)}")
     grid_from_part = np.eye(4)
@@ -192,7 +195,7 @@ def _common(grid: Grid, part: Grid, label: str) -> tuple[tuple[slice, ...], tupl
 
 
 def _relative(grid: Grid, part: Grid) -> NDArray[np.float64]:
-    """Index in a grid from index in another, 4×4; NaN where there is no such thing."""
+    """Matrix 4×4 from the indices of one grid to those of another; NaN if there is none."""
     try:
         with np.errstate(all="ignore"):
             relative: NDArray[np.float64] = np.linalg.inv(grid.world_from_index) @ part.world_from_index
@@ -202,7 +205,7 @@ def _relative(grid: Grid, part: Grid) -> NDArray[np.float64]:
 
 
 def _overlap(size: int, other_size: int, offset: float) -> tuple[slice, slice]:
-    """Find what two rows of voxels have in common, as a slice of each; the other begins at ``offset``."""
+    """Find the voxels that two rows share, as a slice of each; the second begins at ``offset``."""
     begin, end = (int(np.clip(at, 0, size)) for at in (offset, offset + other_size))
     start = int(offset) if begin < end else begin
     return slice(begin, end), slice(begin - start, end - start)

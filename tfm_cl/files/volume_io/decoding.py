@@ -13,7 +13,7 @@ _VOXELS_PER_STEP = 1 << 20
 
 
 class ByteSource(Protocol):
-    """Anything voxels can be decoded from: a file, a member of an archive, a decompressor."""
+    """A source from which voxels are decoded: a file, a member of an archive, a decompressor."""
 
     def read(self, size: int, /) -> bytes:
         """Return ``size`` bytes, fewer only at the end."""

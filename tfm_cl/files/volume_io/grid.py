@@ -1,4 +1,4 @@
-"""What a volume format hands over: a description of each grid, and a way to read its voxels."""
+"""The interface of volume formats: a description of each grid, and a way to read its voxels."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -13,14 +13,14 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.leaves import Leaves
 
 LONGEST_SHOWN = 40
-"""Characters of a name in a message."""
+"""Largest number of characters of a name in a message."""
 MOST_SHOWN = 12
-"""Names in a message."""
+"""Largest number of names in a message."""
 
 DEFAULT_NAME = "density"
-"""Grid that is rendered when none is named."""
+"""Name of the grid that is rendered if none is named."""
 COLOUR = "colour"
-"""Grid or array that is a colour, where none is named."""
+"""Name of the grid or array that is used as the colour if none is named."""
 
 GridClass = Literal["fog volume", "level set", "staggered", "unknown"]
 
@@ -34,65 +34,66 @@ class Grid:
     """
 
     name: str
-    """As stored, or with a number where grids share it (``density[1]``); may be empty."""
+    """Name as stored, or with an index if several grids share it (``density[1]``); may be empty."""
     shared_name: str | None = None
-    """The name as stored, of a grid that shares it with others; they are told apart by numbers."""
+    """Name as stored, if the grid shares it with others, which are distinguished by an index."""
     is_part: bool = False
-    """It is one of several along an axis that is not space: rendered when it is named, not by default."""
+    """Whether it is one of several volumes along a non-spatial axis: rendered if named, not by default."""
     grid_class: GridClass
-    """``unknown`` is treated as a fog volume."""
+    """Class of the grid; ``unknown`` is treated as a fog volume."""
     value_type: str
-    """Type in the file, as NumPy names it (``float16``, ``uint8`` …) or as the format does."""
+    """Type of the values in the file, named as in NumPy (``float16``, ``uint8`` …) or as in the format."""
     shape: tuple[int, int, int]
-    """(z, y, x) of the array that `read` returns: the dense box around all that is stored."""
+    """Shape (z, y, x) of the array that `read` returns: the dense box around all stored voxels."""
     world_from_index: NDArray[np.float64]
     """4×4, column vectors: world position of the *centre* of voxel (x, y, z) of that array."""
     has_transform: bool
-    """False where the format says nothing of position and size: a voxel of edge 1, low corner at 0."""
+    """False if the format does not state position and size: voxels have edge 1, with the low corner at 0."""
     read: Callable[[], NDArray[np.float32]] = field(repr=False)
     """Reads the voxels as a new array, float32 [z, y, x], C order; raises `VolumeError` on damage."""
     read_leaves: Callable[[], Leaves] | None = field(default=None, repr=False)
-    """Reads the same voxels without a dense array in between; None where the format stores no tree."""
+    """Reads the same voxels without an intermediate dense array; None if the format does not store a tree."""
     leaf_count: int = 0
-    """Leaves that `read_leaves` makes room for: those stored, and those that tiles expand to."""
+    """Number of leaves that `read_leaves` allocates: stored ones, and those that tiles expand to."""
     background: float = 0.0
-    """Value outside the array, as stored; a volume has 0 there."""
+    """Value outside the array, as stored in the file; the rendered volume has 0 there."""
     read_colour: Callable[[], NDArray[np.float32]] | None = field(default=None, repr=False)
-    """Reads a grid of three values a voxel, as a new array [z, y, x, 3]; None where it has one value.
+    """Reads a grid with three values per voxel as a new array [z, y, x, 3]; None if it has one value.
 
-    ``read`` then gives 1 where one of the three is not 0, unless the grid is unsupported as a density.
+    ``read`` then returns 1 where any of the three is not 0, unless the grid is unsupported as a density.
     """
     colour_background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Value outside the array of `read_colour`, as stored."""
+    """Value outside the array of `read_colour`, as stored in the file."""
     is_box_of_stored: bool = False
-    """The array is the box around what a tree stores: grids that belong together may have other boxes."""
+    """Whether the array is the box around the voxels of a tree; grids that belong together may then have
+    different boxes."""
     active_voxels: int | None = None
-    """Number of active voxels where the format knows (.vdb, .nvdb)."""
+    """Number of active voxels, if the format stores it (.vdb, .nvdb)."""
     unsupported: str = ""
-    """Not empty: why `read` cannot serve this grid ("a frustum transform" …), and what to do instead."""
+    """If not empty, the reason why the grid cannot be read ("a frustum transform" …), and what to do."""
     notes: tuple[str, ...] = ()
-    """What a user should know of how the grid was chosen or is read: sentences for a warning."""
+    """Notes for the user on how the grid was chosen or is read: sentences for a warning."""
 
 
 def shown(name: str) -> str:
-    """Quote a name of a file for a message: printable, and not longer than a message bears."""
+    """Quote a name from a file for a message: printable, and not too long."""
     return repr(name if len(name) <= LONGEST_SHOWN else name[:LONGEST_SHOWN] + "…")
 
 
 def shown_names(names: Sequence[str]) -> str:
-    """Quote names for a message, as many as it bears."""
+    """Quote names for a message, at most `MOST_SHOWN` of them."""
     listed = ", ".join(shown(name) for name in names[:MOST_SHOWN])
     return listed if len(names) <= MOST_SHOWN else f"{listed} and {len(names) - MOST_SHOWN:,} more"
 
 
 def coloured_where(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the density [z, y, x] of a grid that is a colour: 1 where it is not black, else 0."""
+    """Return the density [z, y, x] of a colour grid: 1 where it is not black, else 0."""
     density: NDArray[np.float32] = (rgb != 0).any(axis=-1).astype(np.float32)
     return density
 
 
 def as_colour(grid: Grid, read_colour: Callable[[], NDArray[np.float32]]) -> Grid:
-    """Describe the colour that three channels like ``grid`` make."""
+    """Describe the colour that three channels like ``grid`` form."""
     return replace(
         grid,
         value_type=f"3 × {grid.value_type}",
@@ -102,12 +103,12 @@ def as_colour(grid: Grid, read_colour: Callable[[], NDArray[np.float32]]) -> Gri
 
 
 def refuse(path: Path, name: str, reason: str) -> NDArray[np.float32]:
-    """Serve as `Grid.read` of a grid that cannot be read."""
+    """Raise the error; this is the `Grid.read` of a grid that cannot be read."""
     raise VolumeError(f"{path}: grid {shown(name)} cannot be read: {reason}")
 
 
 def with_distinct_names(grids: list[Grid]) -> list[Grid]:
-    """Give grids that share a name the numbers OpenVDB shows: ``density[0]``, ``density[1]``."""
+    """Give grids that share a name the indices that OpenVDB shows: ``density[0]``, ``density[1]``."""
     counts, seen = Counter(grid.name for grid in grids), Counter[str]()
     distinct = []
     for grid in grids:
@@ -123,24 +124,24 @@ class VolumeFormat(Protocol):
     """A module of this package that reads one family of files; registered in ``volume_io/__init__.py``."""
 
     EXTENSIONS: tuple[str, ...]
-    """Lower case, with the dot."""
+    """File extensions in lower case, with the dot."""
 
     def open_grids(self, path: Path) -> list[Grid]:
-        """List the grids of a file; raises `VolumeError` when it is damaged or of another kind."""
+        """List the grids of a file; raises `VolumeError` if it is damaged or of another kind."""
         ...
 
 
 def world_from_index_of(
     voxel_size: tuple[float, float, float], origin: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """World-from-index of an axis-aligned grid.
+    """Return the world-from-index matrix of an axis-aligned grid.
 
     Parameters
     ----------
     voxel_size
         Edge lengths (x, y, z), world units.
     origin
-        World position of the low *corner* of voxel (0, 0, 0); its centre is half a voxel further.
+        World position of the low *corner* of voxel (0, 0, 0); its centre is half a voxel further in.
     """
     matrix = np.diag([*voxel_size, 1.0]).astype(np.float64)
     matrix[:3, 3] = np.asarray(origin) + 0.5 * np.asarray(voxel_size)

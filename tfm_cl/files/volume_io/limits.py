@@ -5,13 +5,14 @@ import math
 from tfm_cl.files.volume_io.leaves import MAX_LEAVES
 
 MAX_VOXELS = 1 << 31
-"""Largest dense grid read into memory (8 GiB of float32)."""
+"""Largest number of voxels of a grid read densely into memory (8 GiB of float32)."""
 MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24
-"""Largest box around a grid read as leaves, in all and along an axis: what the device's table holds."""
+"""Largest number of voxels, in total and along an axis, of the box around a grid read as leaves: the limit of
+the device's table."""
 
 
 def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
-    """Why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty when it can."""
+    """Reason why a box of (z, y, x) voxels cannot be read, as leaves or densely; empty if it can."""
     z, y, x = shape
     limit = MAX_BOX_VOXELS if sparse else MAX_VOXELS
     if math.prod(shape) > limit:
@@ -22,5 +23,5 @@ def too_large(shape: tuple[int, int, int], *, sparse: bool) -> str:
 
 
 def too_many_leaves(count: int) -> str:
-    """Why that many leaves cannot be read; empty when they can."""
+    """Reason why this many leaves cannot be read; empty if they can."""
     return f"takes {count:,} leaves of 8³ voxels; the limit is {MAX_LEAVES:,}" if count > MAX_LEAVES else ""

@@ -2,12 +2,12 @@
 
 All little-endian: ``VOL``, one byte for the version, then five int32 (encoding, x, y, z, channels), six
 float32 (bounding box: low x, y, z, high x, y, z), and the values, channel fastest, then x, y, z.
-Encodings: 1 float32; of Mitsuba 0.x also 2 float16 and 3 uint8, whose 0…255 stand for 0…1.
+Encodings: 1 float32; from Mitsuba 0.x also 2 float16 and 3 uint8, where 0…255 stand for 0…1.
 
 The voxels are placed as Mitsuba 3 places them with ``use_grid_bbox``: they fill the bounding box, so the
-low corner of voxel 0 is the box's low corner. (Mitsuba 0.x stretched the outermost centres to its faces.)
-A file has no names: one channel is the grid ``density``, several are ``channel0``, ``channel1`` …. Three are
-the grid ``colour`` as well.
+low corner of voxel 0 is the box's low corner. (Mitsuba 0.x put the outermost voxel centres on its faces.)
+Channels have no names: a single channel is the grid ``density``, several are ``channel0``, ``channel1`` …
+Three channels are also available as the grid ``colour``.
 """
 
 import math
@@ -39,7 +39,7 @@ def open_grids(path: Path) -> list[Grid]:
     Raises
     ------
     VolumeError
-        Not a version 3 volume, a size that is not the file's, or a box without volume.
+        The file is not a version 3 volume, its size does not match its header, or its box has no volume.
     """
     with path.open("rb") as stream:
         header = stream.read(_HEADER.size)

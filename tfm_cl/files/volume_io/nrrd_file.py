@@ -1,15 +1,15 @@
-"""NRRD volumes (``.nrrd``, or ``.nhdr`` with the data in one or several files beside it or below).
+"""NRRD volumes (``.nrrd``, or ``.nhdr`` with the data in one or several files in the same folder or below).
 
-Encodings: raw, gzip, bzip2, ascii and hex; no more is ever decompressed than the header declares. The header
-is parsed here too: pynrrd refuses fields that the format allows, such as lists of files.
+Encodings: raw, gzip, bzip2, ascii and hex; never more is decompressed than the header declares. The header
+is parsed here too, since pynrrd refuses fields that the format allows, such as lists of files.
 
-Axes that are not space, by their ``kinds``, a direction of ``none`` or a spacing of NaN, are left out where
-they have one sample. One that has more makes
+An axis is not spatial if its ``kinds`` entry says so, its direction is ``none`` or its spacing is NaN. Such
+axes are dropped if they have one sample. One with more samples gives
 
-* three channels of a colour (``RGB-color``, ``3-color``, ``XYZ-color``): the grid ``colour``;
-* volumes of a list, of time and of all others: ``density[0]``, ``density[1]`` …, of which one is named.
+* for three channels of a colour (``RGB-color``, ``3-color``, ``XYZ-color``): the grid ``colour``;
+* for a list, time and everything else: volumes ``density[0]``, ``density[1]`` …, of which one must be named.
 
-Else the one grid is ``density``.
+Otherwise the only grid is ``density``.
 
 Placement, in the file's own world axes (a ``space`` such as left-posterior-superior is not converted):
 
@@ -17,7 +17,7 @@ Placement, in the file's own world axes (a ``space`` such as left-posterior-supe
   the format defines it;
 * else ``spacings`` are the edge lengths, and ``axis mins`` the low corner of the first voxel, or its
   centre where ``centers`` says ``node`` (``axis maxs`` likewise the high end, where there are no spacings);
-* a position that is not told puts the low corner of voxel 0, 0, 0 at the world's origin.
+* without a position, the low corner of voxel 0, 0, 0 is at the world's origin.
 """
 
 import bz2
@@ -83,38 +83,38 @@ _FIELDS = (
     *("centers", "spacings", "axis mins", "axis maxs", "space", "space dimension", "space directions"),
     "space origin",
 )
-"""Fields that say where the voxels are and what they mean; all others are passed over."""
+"""Fields that describe the voxels; all others are ignored."""
 _SPACE_KINDS = ("space", "domain", "none", "???")
 _COLOUR_KINDS = ("rgb-color", "xyz-color", "3-color")
 _VERSIONS = range(1, 6)
 _AXES = 3
-_MAX_AXES = 16  # of the format itself
+_MAX_AXES = 16  # limit of the format
 _MAX_VOLUMES = 1024
 _MAX_FILES = 1 << 16
-_MAX_NAME = 4096  # characters of a path
+_MAX_NAME = 4096  # limit of a path in characters
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_SKIP_BYTES = 1 << 20  # within compressed data, where a skip must be decompressed
-_MAX_DEFLATE_RATIO = 1032  # of the deflate format itself
+_MAX_DEFLATE_RATIO = 1032  # largest ratio of the deflate format
 _MAX_TOKEN = 64  # characters of a number in ascii
 _STEP_BYTES = 1 << 20
 
 
 class _Header(NamedTuple):
-    """Fields of a header as written, and what stands behind them."""
+    """Fields of a header as written, and what follows them."""
 
     path: Path
     fields: dict[str, str]
     files: list[str]
-    """Lines of ``data file: LIST``."""
+    """Lines that follow ``data file: LIST``."""
     size: int
-    """Bytes up to the data."""
+    """Number of bytes before the data."""
 
     def words(self, field: str) -> list[str]:
-        """Split a field at blanks; none where it is missing."""
+        """Split a field at blanks; empty if it is missing."""
         return self.fields.get(field, "").split()
 
     def damaged(self, why: str) -> VolumeError:
-        """Return the error for a header that the format does not allow."""
+        """Return the error for an invalid header."""
         return VolumeError(f"{self.path}: damaged NRRD header: {why}")
 
     def number(self, field: str, default: int) -> int:
@@ -127,7 +127,7 @@ class _Header(NamedTuple):
         return int(text)
 
     def numbers(self, field: str) -> NDArray[np.float64] | None:
-        """Read a number for each axis, NaN where one is not told; None where the field is missing."""
+        """Read a number for each axis, NaN where it is not given; None if the field is missing."""
         words = self.words(field)
         if not words:
             return None
@@ -140,7 +140,7 @@ class _Header(NamedTuple):
         return values
 
     def vectors(self, field: str) -> list[NDArray[np.float64] | None]:
-        """Read vectors ``(1,0,0)``, or ``none``; no vectors where the field is missing.
+        """Read vectors ``(1,0,0)``, or ``none``; no vectors if the field is missing.
 
         Some writers say ``(nan,nan,nan)`` for ``none``.
         """
@@ -163,59 +163,59 @@ class _Header(NamedTuple):
 
 
 class _Axes(NamedTuple):
-    """What the axes of an array mean, fastest first."""
+    """The meaning of the axes of an array, fastest first."""
 
     sizes: list[int]
     space: list[int]
-    """The three that are space, as x, y, z."""
+    """Indices of the three spatial axes, as x, y, z."""
     other: int | None
-    """The one that is not and has more than one sample."""
+    """Index of the non-spatial axis with more than one sample, if any."""
     kind: str
-    """Of that one."""
+    """Kind of that axis."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Voxels (z, y, x)."""
+        """Shape of a volume, voxels (z, y, x)."""
         x, y, z = (self.sizes[axis] for axis in self.space)
         return z, y, x
 
     @property
     def volumes(self) -> int:
-        """Volumes, or channels, that the array holds."""
+        """Number of volumes or channels in the array."""
         return 1 if self.other is None else self.sizes[self.other]
 
     @property
     def inner(self) -> int:
-        """Values of a volume between those of the next one."""
+        """Number of consecutive values of a volume before those of the next one."""
         return 1 if self.other is None else math.prod(self.sizes[: self.other])
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Where the voxels are, and how they are written."""
+    """Location and encoding of the voxels."""
 
     header: Path
     paths: tuple[Path, ...]
     offsets: tuple[int, ...]
     encoding: str
     skip: int
-    """Bytes to leave out after decompression, in each file."""
+    """Bytes to skip after decompression, in each file."""
     dtype: np.dtype[Any]
     axes: _Axes
 
     @property
     def file_bytes(self) -> int:
-        """Decoded bytes of each file."""
+        """Number of decoded bytes of each file."""
         return math.prod(self.axes.sizes) * self.dtype.itemsize // len(self.paths)
 
 
 def open_grids(path: Path) -> list[Grid]:
-    """Describe the array of a NRRD file, or the volumes that it is made of.
+    """Describe the array of a NRRD file, or the volumes that it consists of.
 
     Raises
     ------
     VolumeError
-        Damaged header, sizes that are not the file's, or data outside the header's folder.
+        The header is damaged, sizes do not match the file, or data lie outside the header's folder.
     """
     header = _read_header(path)
     sizes = _sizes(header)
@@ -255,7 +255,7 @@ def open_grids(path: Path) -> list[Grid]:
 
 
 def _grids_along(described: Grid, data: _Data) -> list[Grid]:
-    """Describe what an axis that is not space holds: a colour, or volumes like one; and each of them."""
+    """Describe the contents of a non-spatial axis, a colour or several volumes, and each of them."""
     axes = data.axes
     has_three = axes.volumes == len("rgb")
     if has_three and axes.kind.lower() in _COLOUR_KINDS:
@@ -285,7 +285,7 @@ def _grids_along(described: Grid, data: _Data) -> list[Grid]:
 
 
 def _read_header(path: Path) -> _Header:
-    """Take the fields apart, and count the bytes up to the data."""
+    """Separate the fields, and count the bytes before the data."""
     lines, size = _read_lines(path)
     header = _Header(path, {}, [], size)
     for number, line in enumerate(lines, 2):
@@ -311,7 +311,7 @@ def _read_header(path: Path) -> _Header:
 
 
 def _read_lines(path: Path) -> tuple[list[str], int]:
-    """Read the lines behind the magic up to a blank one or the end, and count the bytes."""
+    """Read the lines after the magic up to a blank line or the end, and count the bytes."""
     lines = []
     with path.open("rb") as stream:
         while (line := stream.readline(_MAX_HEADER_BYTES)).strip():
@@ -343,7 +343,7 @@ def _sizes(header: _Header) -> list[int]:
 
 
 def _axes(header: _Header, sizes: list[int]) -> _Axes | str:
-    """Tell the axes of space from others, or say why they are no volume."""
+    """Distinguish spatial axes from others, or raise an error that says why they do not form a volume."""
     kinds = header.words("kinds") or ["???"] * len(sizes)
     if len(kinds) != len(sizes):
         raise header.damaged(f"kinds is a word for each axis; got {shown(header.fields['kinds'])}")
@@ -355,7 +355,7 @@ def _axes(header: _Header, sizes: list[int]) -> _Axes | str:
         for kind, placed in zip(kinds, is_placed, strict=True)
     ]
     space = [axis for axis, known in enumerate(is_space) if known]
-    # Some writers call all axes space; those of one sample are the first to be none.
+    # Some writers declare all axes spatial; those with one sample are dropped first.
     for axis in reversed(space):
         if len(space) > _AXES and sizes[axis] == 1:
             space.remove(axis)
@@ -377,9 +377,9 @@ def _axes(header: _Header, sizes: list[int]) -> _Axes | str:
 
 
 def _directions(header: _Header) -> list[NDArray[np.float64] | None]:
-    """Read an edge of a voxel for each axis, None for those that are not space; nothing where none is told.
+    """Read a voxel edge for each axis, None for non-spatial ones; empty if no edges are given.
 
-    In a space with time, which comes last, an axis along time is not space.
+    In a space with time, which comes last, an axis along time is not spatial.
     """
     vectors = header.vectors("space directions")
     if all(vector is None for vector in vectors):
@@ -394,7 +394,7 @@ def _directions(header: _Header) -> list[NDArray[np.float64] | None]:
 
 
 def _placement(header: _Header, axes: _Axes) -> tuple[NDArray[np.float64], bool]:
-    """World-from-index, and whether the header tells it."""
+    """World-from-index matrix, and whether the header defines it."""
     vectors = _directions(header)
     if vectors:
         edges = np.array([vectors[axis] for axis in axes.space])
@@ -425,7 +425,7 @@ def _placement(header: _Header, axes: _Axes) -> tuple[NDArray[np.float64], bool]
 
 
 def _of_space(header: _Header, field: str, axes: _Axes) -> NDArray[np.float64] | None:
-    """Numbers of a field for x, y, z; None where it does not tell them."""
+    """Numbers of a field for x, y, z; None if it does not give them."""
     values = header.numbers(field)
     if values is None or np.isnan(values[axes.space]).all():
         return None
@@ -490,14 +490,14 @@ def _least_bytes(encoding: str, voxels: int, item_bytes: int) -> int:
     if encoding == "gzip":
         return -(-voxels * item_bytes // _MAX_DEFLATE_RATIO)
     if encoding == "bzip2":
-        return 1  # has no useful bound; reading stops where the data do
+        return 1  # no useful bound; reading stops where the data end
     if encoding == "ascii":
-        return 2 * voxels - 1  # a digit each, and what separates them
+        return 2 * voxels - 1  # one digit per number, and a separator
     return voxels * item_bytes * (2 if encoding == "hex" else 1)
 
 
 def _data_files(header: _Header, axes: _Axes) -> list[str]:
-    """Names of the files that hold the data, in their order; none where the header's own file does."""
+    """Names of the data files in order; empty if the data are in the header's own file."""
     text = header.fields.get("data file")
     if text is None:
         return []
@@ -537,10 +537,10 @@ def _data_files(header: _Header, axes: _Axes) -> list[str]:
 
 
 def _beside(header: _Header, name: str) -> Path:
-    """Path of a data file, which lies beside its header or in a folder below."""
+    """Path of a data file, which must be in the folder of its header or below."""
     plain = name.strip()
     parts = plain.split("/")
-    # A header from elsewhere must not be able to have other folders read.
+    # An untrusted header must not cause other folders to be read.
     if plain == "" or plain[-1] == "/" or plain[0] == "/" or ".." in parts or set(plain) & set("\\:\0"):
         raise VolumeError(
             f"{header.path}: its data file {shown(plain)} must lie beside the header or in a folder below, "
@@ -553,7 +553,7 @@ def _beside(header: _Header, name: str) -> Path:
 
 
 def _skip_lines(stream: IO[bytes], lines: int, path: Path) -> int:
-    """Leave out lines, and tell where the next one starts."""
+    """Skip lines, and return the position of the next one."""
     while lines > 0:
         part = stream.readline(1 << 16)
         if not part:
@@ -590,7 +590,7 @@ def _read_colour(data: _Data) -> NDArray[np.float32]:
 
 
 class _Source:
-    """The decoded bytes of all files, one behind the other."""
+    """The decoded bytes of all files, concatenated."""
 
     def __init__(self, data: _Data) -> None:
         self._data = data
@@ -607,7 +607,7 @@ class _Source:
             self._stream.close()
 
     def read(self, size: int, /) -> bytes:
-        """Return ``size`` bytes, fewer only at the end; raises `VolumeError` where a file ends early."""
+        """Return ``size`` bytes, fewer only at the end; raises `VolumeError` if a file ends early."""
         taken = bytearray()
         while len(taken) < size and (self._left or self._open_next()):
             part = self._checked(min(size - len(taken), self._left))
@@ -619,7 +619,7 @@ class _Source:
         return bytes(taken)
 
     def finish(self) -> None:
-        """Read on to the end of all files: that also checks what checksums the encoding has."""
+        """Read to the end of all files, which also verifies the checksums of the encoding."""
         while self.read(_STEP_BYTES):
             pass
         self._check_end()
@@ -640,7 +640,7 @@ class _Source:
         return True
 
     def _check_end(self) -> None:
-        """Notice a file that holds more than it should; raw data may."""
+        """Detect a file that holds more than it should; raw data may."""
         if self._next and self._left == 0 and self._data.encoding != "raw" and self._checked(1):
             raise VolumeError(
                 f"{self._data.paths[self._next - 1]}: holds more voxels than its header declares; the header "
@@ -656,7 +656,7 @@ class _Source:
 
 
 class _Runs:
-    """One of ``count`` volumes whose bytes alternate in runs."""
+    """One of ``count`` volumes whose bytes are interleaved in runs."""
 
     def __init__(self, source: ByteSource, run: int, count: int, number: int) -> None:
         self._source = source
@@ -694,7 +694,7 @@ def _decoder(stream: IO[bytes], encoding: str) -> ByteSource:
 
 
 class _Text(io.RawIOBase):
-    """What is written in text, as bytes."""
+    """The data of a text encoding, as bytes."""
 
     def __init__(self, stream: IO[bytes], parse: Callable[[bytes, bool], tuple[bytes, bytes]]) -> None:
         self._stream = stream
@@ -715,7 +715,7 @@ class _Text(io.RawIOBase):
 
 
 def _parse_numbers(text: bytes, is_end: bool) -> tuple[bytes, bytes]:  # noqa: FBT001 - of a callback
-    """Bytes of float64 for the numbers of a text, and the number that its end may cut."""
+    """Numbers of a text as bytes of float64, and a number that the end of the text may have cut."""
     tokens, partial = text.split(), b""
     if tokens and not is_end and not text[-1:].isspace():
         partial = tokens.pop()
@@ -725,7 +725,7 @@ def _parse_numbers(text: bytes, is_end: bool) -> tuple[bytes, bytes]:  # noqa: F
 
 
 def _parse_hex(text: bytes, is_end: bool) -> tuple[bytes, bytes]:  # noqa: FBT001 - of a callback
-    """Bytes for the pairs of digits of a text, and the digit that its end may part from its pair."""
+    """Bytes for the pairs of digits of a text, and a last digit without its pair."""
     digits = b"".join(text.split())
     whole = len(digits) - (0 if is_end else len(digits) % 2)
     return bytes.fromhex(digits[:whole].decode("ascii")), digits[whole:]

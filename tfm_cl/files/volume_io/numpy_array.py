@@ -1,13 +1,13 @@
 """NumPy arrays: one in a ``.npy`` file, several in an ``.npz`` archive.
 
-Arrays are [z, y, x] of any real, integer or bool type, either byte order, C or Fortran order; integers
-keep their values. Further axes of one sample are left out. Pickled objects are never loaded.
+Arrays are [z, y, x] of any real, integer or bool type, of either byte order, in C or Fortran order. Integers
+keep their values. Further axes with one sample are dropped. Pickled objects are never loaded.
 
 The array of a ``.npy`` file is the grid ``density``. In an ``.npz`` every 3-D array is a grid under its
 key, and these arrays, where present, place all of them: ``voxel_size`` (one number or x, y, z),
 ``origin`` (x, y, z, the low corner of voxel 0, 0, 0), or ``world_from_index`` (4×4) instead of both.
 
-A colour is an array [z, y, x, RGB] of the same types: that of a ``.npy`` file, or one of an ``.npz``.
+A colour is an array [z, y, x, RGB] of the same types: the array of a ``.npy`` file, or one in an ``.npz``.
 """
 
 import itertools
@@ -47,7 +47,7 @@ _ZIP_ERRORS = (
 
 
 class ArrayHeader(NamedTuple):
-    """What a ``.npy`` header declares."""
+    """The contents of a ``.npy`` header."""
 
     shape: tuple[int, ...]
     order: Literal["C", "F"]
@@ -56,12 +56,12 @@ class ArrayHeader(NamedTuple):
 
     @property
     def data_bytes(self) -> int:
-        """Size of the array's data."""
+        """Size of the array's data in bytes."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     @property
     def not_real(self) -> str:
-        """Why the values cannot be real numbers; empty when they can."""
+        """Reason why the values are not real numbers; empty if they are."""
         if self.dtype.hasobject:
             return "pickled Python objects, which are never loaded"
         if self.dtype.kind not in "fiub" or self.dtype.itemsize > _MAX_ITEM_BYTES:
@@ -70,7 +70,7 @@ class ArrayHeader(NamedTuple):
 
     @property
     def unsupported(self) -> str:
-        """Why the array cannot be densities; empty when it can."""
+        """Reason why the array cannot be a density; empty if it can."""
         if self.not_real:
             return self.not_real
         if self.volume_shape is not None:
@@ -82,7 +82,7 @@ class ArrayHeader(NamedTuple):
 
     @property
     def volume_shape(self) -> tuple[int, int, int] | None:
-        """Voxels (z, y, x) without further axes of one sample; None where it is not told which are."""
+        """Shape (z, y, x) without further axes of one sample; None if it is unclear which ones those are."""
         extra = len(self.shape) - _AXES
         if not 0 <= extra <= _MOST_AXES - _AXES:
             return None
@@ -95,7 +95,7 @@ class ArrayHeader(NamedTuple):
 
 
 _Decode = Callable[[IO[bytes], ArrayHeader, Path], NDArray[np.float32]]
-"""Reads an array from a stream that stands at its data."""
+"""Reads an array from a stream that is positioned at its data."""
 
 
 class StoredColour(NamedTuple):
@@ -105,16 +105,16 @@ class StoredColour(NamedTuple):
     """File and array, for messages."""
     header: ArrayHeader
     read: Callable[[], NDArray[np.float32]]
-    """Reads it as a new array, float32, C order; call it only when the shape is the one expected."""
+    """Reads it as a new array, float32, C order; call it only if the shape is the expected one."""
 
 
 def read_header(stream: IO[bytes]) -> ArrayHeader:
-    """Parse the header of a ``.npy`` stream, and stop at its data.
+    """Parse the header of a ``.npy`` stream and stop at the data.
 
     Raises
     ------
     ValueError
-        Not a ``.npy`` header, or one of a kind that arrays of numbers do not have.
+        Not a ``.npy`` header, or of a kind that is not used for arrays of numbers.
     """
     try:
         with warnings.catch_warnings():
@@ -145,7 +145,7 @@ def open_grids(path: Path) -> list[Grid]:
     Raises
     ------
     VolumeError
-        Damaged file, sizes that are not the file's, or a placement that is not one.
+        The file is damaged, sizes do not match it, or the placement is invalid.
     """
     if path.suffix.lower() == ".npz":
         return _open_npz(path)
@@ -176,7 +176,7 @@ def _headers(archive: zipfile.ZipFile, path: Path) -> dict[str, ArrayHeader]:
 
 
 def has_colour(path: Path) -> bool:
-    """Tell whether an ``.npz`` archive has an array `COLOUR` that is no grid: one of four axes.
+    """Tell whether an ``.npz`` archive has an array `COLOUR` that is not a grid, that is, with four axes.
 
     Raises
     ------
@@ -195,12 +195,12 @@ def open_colour(path: Path, name: str | None = None) -> StoredColour:
     path
         The file.
     name
-        Key of the array in an archive; by default `COLOUR`, else the only array of four axes.
+        Key of the array in an archive; by default `COLOUR`, else the only array with four axes.
 
     Raises
     ------
     VolumeError
-        Missing or damaged file, no such array, or one that is not of real numbers.
+        The file is missing or damaged, or the array does not exist or does not hold real numbers.
     """
     check_readable(path, VolumeError)
     if path.suffix.lower() != ".npz":
@@ -251,7 +251,7 @@ def _grid(name: str, header: ArrayHeader, read: Any, world_from_index: Any = Non
 
 
 def _checked_header(stream: IO[bytes], size: int, label: str) -> ArrayHeader:
-    """Read the header of a stream of ``size`` bytes; its array must fit."""
+    """Read the header of a stream of ``size`` bytes, which must hold the whole array."""
     try:
         header = read_header(stream)
     except ValueError as error:
@@ -300,7 +300,7 @@ def _read(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.floa
 
 
 def _read_channels(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[np.float32]:
-    """Read an array [z, y, x, channels] as one of three axes, the last of which runs over both."""
+    """Read an array [z, y, x, channels] as one with three axes, joining the last two."""
     z, y, x, channels = header.shape
     values = read_voxels(stream, header.dtype, (z, y, x * channels), path, order=header.order)
     if header.order == "F":
@@ -312,7 +312,7 @@ def _read_channels(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArra
 def _placement(
     archive: zipfile.ZipFile, headers: dict[str, ArrayHeader], path: Path
 ) -> NDArray[np.float64] | None:
-    """World-from-index of all the grids of an archive, or None when it says nothing of it."""
+    """World-from-index matrix for all the grids of an archive, or None if it has none."""
     found = {}
     for key in _PLACEMENT_KEYS:
         if key in headers:
@@ -349,6 +349,6 @@ def _small_array(archive: zipfile.ZipFile, key: str, header: ArrayHeader, path: 
 
 
 def _short(error: Exception) -> str:
-    """Message of an error of NumPy or zipfile, on one line: they quote what they could not read."""
+    """Shorten an error of NumPy or zipfile to one line: they quote what they could not read."""
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= 120 else text[:120] + "…"  # noqa: PLR2004 - a line of a terminal

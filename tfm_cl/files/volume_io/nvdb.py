@@ -93,7 +93,7 @@ _BLOSC_CHUNK = 1 << 30
 _GRID_SIZE, _METADATA_SIZE = 672, 176
 _BLIND_SIZE = 288
 _BLIND_NAMES = (1, 3)
-"""Classes of blind data that are not values: indices and names."""
+"""Classes of blind data that do not hold values but indices and names."""
 
 _GRID_CLASSES: dict[int, GridClass] = {1: "level set", 2: "fog volume", 3: "staggered"}
 _UNSUPPORTED_TYPES = {
@@ -113,17 +113,17 @@ _Form = Literal["values", "codes", "bits", "mask", "index", "on-index"]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a grid of one value type lie."""
+    """Memory layout of a grid with a given value type."""
 
     name: str
     value: np.dtype[Any]
-    """Type of a value (for quantised types: of background and tiles)."""
+    """Type of a value; for quantised types, that of background and tiles."""
     statistic: int = 4
-    """Bytes of a mean."""
+    """Size of a mean in bytes."""
     form: _Form = "values"
-    """What leaves hold."""
+    """Kind of data in the leaves."""
     code_bits: int = 0
-    """Bits of a quantised voxel; -1 when each leaf has its own."""
+    """Bits of a quantised voxel; -1 if it differs between leaves."""
 
     @property
     def is_vector(self) -> bool:
@@ -132,11 +132,11 @@ class Layout:
 
     @property
     def _alignment(self) -> int:
-        """Bytes that the place of a value is a multiple of."""
+        """Alignment of a value in bytes."""
         return self.value["x"].itemsize if self.is_vector else self.value.itemsize
 
     def _behind(self, at: int, *, values: int) -> int:
-        """First byte behind values and two statistics that follow ``at``."""
+        """First byte after the values and two statistics that follow ``at``."""
         end = _aligned(at, self._alignment) + values * self.value.itemsize
         return _aligned(end, self.statistic) + 2 * self.statistic
 
@@ -191,7 +191,7 @@ class Layout:
 
     @property
     def least_leaf_size(self) -> int:
-        """Bytes of a leaf; the least when leaves differ."""
+        """Bytes of a leaf; the minimum if leaves differ."""
         size = {"bits": 160, "mask": 96, "index": 96, "on-index": 96}.get(self.form)
         bits = abs(self.code_bits) or 8 * self.value.itemsize
         return self.leaf_values_at + LEAF_VOXELS // 8 * bits if size is None else size
@@ -230,15 +230,15 @@ _LAYOUTS = {
 
 @dataclass(frozen=True)
 class Topology:
-    """A tree without its voxels, and where these lie."""
+    """A tree without its voxels, and the positions of the voxels."""
 
     tree: Tree
     leaves_at: NDArray[np.int64]
     """[n], byte of the grid where each leaf begins."""
     background: NDArray[Any]
-    """[1], of the type of the tree's values."""
+    """[1], background, of the type of the tree's values."""
     channel: NDArray[Any] | None = None
-    """Values that an index grid's are the indices of."""
+    """Values that the indices of an index grid refer to."""
 
 
 # ------------------------------------------------------------------------------------------- the file
@@ -246,13 +246,13 @@ class Topology:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A grid as the file lists it."""
+    """A grid as listed in the file."""
 
     name: str
     grid_type: int
     grid_class: GridClass
     size: int
-    """Bytes when unpacked."""
+    """Size in bytes when unpacked."""
     at: int
     codec: int
 
@@ -260,9 +260,9 @@ class _Entry:
 def open_grids(path: Path) -> list[Grid]:
     """Describe the grids of a NanoVDB file.
 
-    The exact box of what a grid stores (its metadata know that of the active voxels only) and its transform
-    are in the packed grid, so grids are unpacked and their topology is walked; grids of a type that cannot
-    be read are only listed.
+    A grid's transform and the exact box of its stored voxels are inside the packed grid (the metadata only
+    have the box of the active voxels), so grids are unpacked and their topology is walked. Grids of a type
+    that cannot be read are only listed.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def _list_entries(file: Cursor) -> list[_Entry]:
     if magic not in (*_SEGMENT_MAGICS, *_GRID_MAGICS):
         raise VolumeError(f"{file.source}: not a NanoVDB file: it does not begin with 'NanoVDB'")
     is_bare = magic not in _SEGMENT_MAGICS or (
-        # The old magic serves both; a segment has its version behind it, a grid a checksum.
+        # The old magic is used for both; it is followed by the version in a segment, by a checksum in a grid.
         not _is_known(_version_at(file, 8)) and _is_known(_version_at(file, 16))
     )
     entries: list[_Entry] = []
@@ -291,7 +291,7 @@ def _list_entries(file: Cursor) -> list[_Entry]:
 
 
 def _goes_on(file: Cursor) -> bool:
-    """Tell a segment or grid from bytes that some writers leave behind the last one."""
+    """Distinguish a segment or grid from the bytes that some writers leave after the last one."""
     rest = bytes(file.data[file.at : file.at + 8])
     return rest != b"" and any(magic.startswith(rest) for magic in (*_SEGMENT_MAGICS, *_GRID_MAGICS))
 
@@ -323,7 +323,7 @@ def _check_version(file: Cursor, at: int) -> None:
 
 
 def _read_segment(file: Cursor) -> list[_Entry]:
-    """Read a segment's list of grids and step over their bytes."""
+    """Read a segment's list of grids and skip their bytes."""
     if bytes(file.take(8, "magic of a segment")) not in _SEGMENT_MAGICS:
         raise file.damaged("no segment begins 8 bytes before")
     _check_version(file, file.at)
@@ -347,7 +347,7 @@ def _read_segment(file: Cursor) -> list[_Entry]:
 
 
 def _read_bare_grid(file: Cursor) -> _Entry:
-    """Read a grid's own header and step over the grid."""
+    """Read a grid's own header and skip the grid."""
     at = file.at
     head = file.take(_GRID_SIZE, "header of a grid")
     if bytes(head[:8]) not in _GRID_MAGICS:
@@ -366,7 +366,7 @@ def _text(name: memoryview) -> str:
 
 
 def _chunks(file: Cursor, size: int, codec: int) -> Iterator[tuple[memoryview, int]]:
-    """Packed pieces of a grid of ``size`` bytes and their unpacked sizes; steps over the grid."""
+    """Packed pieces of a grid of ``size`` bytes and their unpacked sizes; skips the grid."""
     step = _BLOSC_CHUNK if codec == _BLOSC else size
     for start in range(0, size, max(step, 1)):
         plain_size = min(step, size - start)
@@ -375,7 +375,7 @@ def _chunks(file: Cursor, size: int, codec: int) -> Iterator[tuple[memoryview, i
 
 
 def _unpack(file: Cursor, entry: _Entry) -> Cursor:
-    """Return the bytes of a grid, at its tree."""
+    """Return a cursor over the bytes of a grid, positioned at its tree."""
     chunks = list(_chunks(Cursor(file.data, file.source, entry.at), entry.size, entry.codec))
     source = f"{file.source}: grid {shown(entry.name)}"
     packed = Cursor(file.data, source, entry.at)
@@ -385,7 +385,7 @@ def _unpack(file: Cursor, entry: _Entry) -> Cursor:
     else:
         for data, size in chunks:
             check_packing(data, size, packed)
-        # One buffer for all: pieces that are joined would take the grid's size twice.
+        # One buffer for all pieces: joining them would take twice the size of the grid.
         plain, at = memoryview(bytearray(entry.size)), 0
         for data, size in chunks:
             unpack(data, plain[at : at + size], packed)
@@ -442,7 +442,7 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
 
 
 def _unsupported(path: Path, entry: _Entry) -> Grid:
-    """Describe a grid that can be listed only."""
+    """Describe a grid that can only be listed, not read."""
     layout = _LAYOUTS.get(entry.grid_type)
     value_type = layout.name if layout else _UNSUPPORTED_TYPES.get(entry.grid_type, f"type {entry.grid_type}")
     reason = (
@@ -465,14 +465,14 @@ def _unsupported(path: Path, entry: _Entry) -> Grid:
 def _read_dense(
     path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]
 ) -> NDArray[np.float32]:
-    """Read a grid's voxels as `Grid.read` promises them."""
+    """Read a grid's voxels for `Grid.read`."""
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
     return fill_dense(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
 
 
 def _read_leaves(path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]) -> Leaves:
-    """Read a grid's voxels as `Grid.read_leaves` promises them."""
+    """Read a grid's voxels for `Grid.read_leaves`."""
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
     return gather_leaves(topology.tree, walk_leaves(grid, layout, topology), shape, grid)
@@ -481,7 +481,7 @@ def _read_leaves(path: Path, entry: _Entry, layout: Layout, shape: tuple[int, in
 def _read_vectors(
     path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]
 ) -> NDArray[np.float32]:
-    """Read a grid's vectors as `Grid.read_colour` promises them."""
+    """Read a grid's vectors for `Grid.read_colour`."""
     grid = _unpack(Cursor(map_file(path), str(path)), entry)
     topology = walk_topology(grid, layout)
     walk = partial(walk_leaves, grid, layout, topology)
@@ -489,7 +489,7 @@ def _read_vectors(
 
 
 def _find_channel(grid: Cursor) -> NDArray[Any] | None:
-    """Find the first blind data of a grid that can be the values of its indices: numbers."""
+    """Find the first blind data of a grid that can be the values of its indices, that is, numbers."""
     metadata_at, count = struct.unpack_from("<qI", grid.data, 640)
     for number in range(count):
         grid.at = at = metadata_at + _BLIND_SIZE * number
@@ -514,7 +514,7 @@ def walk_topology(grid: Cursor, layout: Layout) -> Topology:
     grid
         All bytes of the unpacked grid.
     layout
-        Its value type's layout.
+        The layout for its value type.
 
     Raises
     ------
@@ -551,7 +551,7 @@ def walk_topology(grid: Cursor, layout: Layout) -> Topology:
 
 
 def _looked_up(indices: NDArray[Any], channel: NDArray[Any] | None, grid: Cursor) -> NDArray[Any]:
-    """Values of an index grid; those of others are what they are."""
+    """Look up the values of an index grid; those of other grids are returned as they are."""
     if channel is None:
         return indices
     if indices.size and int(indices.max()) >= len(channel):
@@ -561,14 +561,14 @@ def _looked_up(indices: NDArray[Any], channel: NDArray[Any] | None, grid: Cursor
 
 
 def _origins_of_keys(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Index coordinates [n, 3] that the root's keys stand for: 20 bits an axis, in units of 4096."""
+    """Index coordinates [n, 3] encoded in the root's keys: 20 bits per axis, in units of 4096."""
     shifts = np.array([42, 21, 0], np.uint64)
     units = (keys[:, None] >> shifts & np.uint64(0xFFFFF)).astype(np.int64)
     return ((units ^ 0x80000) - 0x80000) * ROOT_EDGE
 
 
 class _Walk:
-    """Goes down a tree level by level and gathers what it meets."""
+    """Descends a tree level by level and gathers its contents."""
 
     def __init__(
         self, grid: Cursor, layout: Layout, background: NDArray[Any], channel: NDArray[Any] | None
@@ -581,7 +581,7 @@ class _Walk:
         self.active_voxels = 0
 
     def check_nodes(self, at: NDArray[np.int64], size: int) -> None:
-        """Refuse nodes outside the grid, and more than the grid has room for."""
+        """Refuse nodes outside the grid, and more nodes than the grid has room for."""
         room = len(self.grid.data)
         if len(at) * size > room or ((at < _GRID_SIZE) | (at > room - size)).any():
             raise self.grid.damaged(f"{len(at)} nodes of {size} bytes do not lie in the grid's {room}")
@@ -595,9 +595,9 @@ class _Walk:
         active: NDArray[Any],
         is_tile: NDArray[np.bool_],
     ) -> None:
-        """Keep the tiles that differ from the background; entries that are none hold no values.
+        """Keep the tiles that differ from the background; entries that are not tiles hold no values.
 
-        A tile lies at ``origin``, its node's, and its place in it, one of ``of_entries``.
+        The position of a tile is the ``origin`` of its node plus its offset there, one of ``of_entries``.
         """
         chosen = np.flatnonzero(is_tile)
         values = active[chosen].astype(np.uint8) if self.layout.form == "mask" else values[chosen]
@@ -608,7 +608,7 @@ class _Walk:
     def below(
         self, nodes_at: NDArray[np.int64], origins: NDArray[np.int64], edge: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Read upper or lower nodes; returns where their children begin and the children's origins."""
+        """Read upper or lower nodes; returns the positions of their children and the children's origins."""
         table_at, entries = self.layout.table_at(edge), _entries(edge)
         self.check_nodes(nodes_at, self.layout.node_size(edge))
         of_entries = place_origins(np.zeros(3, np.int64), np.arange(entries), edge)
@@ -628,7 +628,7 @@ class _Walk:
         return np.concatenate(children_at), np.concatenate(children_origins)
 
     def count_active(self, leaves_at: NDArray[np.int64]) -> None:
-        """Add the active voxels of the leaves."""
+        """Count the active voxels of the leaves."""
         for batch in batches(leaves_at):
             self.active_voxels += int(np.unpackbits(_rows(self.grid, batch + 16, 64)).sum())
 
@@ -641,7 +641,7 @@ def walk_leaves(grid: Cursor, layout: Layout, topology: Topology) -> Iterator[Le
     grid, layout
         As for `walk_topology`.
     topology
-        What that made of them.
+        Their topology from `walk_topology`.
 
     Raises
     ------
@@ -669,7 +669,7 @@ def _bits(grid: Cursor, at: NDArray[np.int64]) -> NDArray[np.uint8]:
 
 
 def _leaf_indices(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArray[np.uint64]:
-    """Return the indices [n, 512] of voxels; 0, the background's, for inactive ones of an on-index grid."""
+    """Return the indices [n, 512] of voxels; 0, for the background, if inactive in an on-index grid."""
     first = _rows(grid, at + layout.leaf_values_at, 8).view("<u8")
     if layout.form == "index":
         return first + np.arange(LEAF_VOXELS, dtype=np.uint64)
@@ -697,7 +697,7 @@ def _decode_leaves(grid: Cursor, at: NDArray[np.int64], layout: Layout) -> NDArr
 
 
 def _unpack_codes(packed: NDArray[np.uint8], bits: int) -> NDArray[Any]:
-    """Codes [n, 512] of ``bits`` each, lowest bits of a byte first."""
+    """Codes [n, 512] of ``bits`` bits each, lowest bits of a byte first."""
     if bits == 16:  # noqa: PLR2004
         return packed.view("<u2")
     shifts = np.arange(0, 8, bits, dtype=np.uint8)

@@ -11,8 +11,8 @@ The description of ``NAME.raw`` is ``NAME.raw.json``, else ``NAME.json``::
      "origin": [0, 0, 0],         // world position of the low corner of voxel 0, 0, 0
      "name": "density"}
 
-Only ``shape`` and ``dtype`` are required (JSON has no comments: leave them out). The file must be of
-exactly the size that follows.
+Only ``shape`` and ``dtype`` are required. (JSON has no comments: leave them out.) The file must have exactly
+the size that follows from the description.
 """
 
 import difflib
@@ -37,7 +37,7 @@ _DTYPES = (
     *("float16", "float32", "float64"),
 )
 _MAX_SIDECAR_BYTES = 1 << 20
-_LARGEST = 2**63  # of any number of a description
+_LARGEST = 2**63  # limit of every number in a description
 
 
 def open_grids(path: Path) -> list[Grid]:
@@ -46,7 +46,7 @@ def open_grids(path: Path) -> list[Grid]:
     Raises
     ------
     VolumeError
-        No or a wrong description, or one that does not fit the size of the file.
+        The description is missing, invalid, or does not match the size of the file.
     """
     sidecar, keys = _read_sidecar(path)
     shape = _shape(keys.get("shape"), sidecar)

@@ -1,9 +1,9 @@
-"""The sparse tree that both VDB formats store, and its way into a dense array or into leaves.
+"""The sparse tree that both VDB formats store, and its conversion to a dense array or to leaves.
 
-It is a tree of cubes. The root holds any number of nodes of 4096³ voxels; such an *upper* node has 32³
-places, each a *lower* node of 128³ voxels or a tile (one value for the whole place); a lower node has 16³
-places, each a *leaf* of 8³ voxels or a tile. Places and voxels are ordered with z fastest: entry
-``(x * n + y) * n + z``. Index coordinates are integers at voxel *centres*.
+It is a tree of cubes. The root holds any number of *upper* nodes of 4096³ voxels. An upper node has 32³
+entries, each a *lower* node of 128³ voxels or a tile (one value for the whole cube). A lower node has 16³
+entries, each a *leaf* of 8³ voxels or a tile. Entries and voxels are ordered with z fastest: entry ``(x * n +
+y) * n + z``. Index coordinates are integers at voxel *centres*.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from tfm_cl.files.volume_io.leaves import LEAF, MAX_LEAVES, Leaves
 from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
 
 ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
-"""Voxels along a tile of the root, of an upper and of a lower node."""
+"""Voxels along an edge of a tile of the root, of an upper node and of a lower node."""
 LEAF_VOXELS = LOWER_EDGE**3
 LEAVES_PER_BATCH = 256
 COMPONENTS = ("x", "y", "z")
-"""Fields of a vector."""
+"""Names of the fields of a vector."""
 VECTORS = "vectors are no densities; as the colour of another grid: --set volume.colour=NAME"
-"""Why a tree of vectors is refused as a density."""
+"""Reason why a tree of vectors is refused as a density."""
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Cubes of one value each, all of one size."""
+    """Cubes of equal size, each with a single value."""
 
     edge: int
     """Voxels along an edge: `ROOT_EDGE`, `UPPER_EDGE` or `LOWER_EDGE`."""
     origins: NDArray[np.int64]
     """[n, 3], index coordinates (x, y, z) of each cube's low voxel."""
     values: NDArray[Any]
-    """[n]."""
+    """[n], the value of each cube."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,16 @@ class LeafBatch:
 
 @dataclass(frozen=True)
 class Tree:
-    """A tree without the voxels of its leaves."""
+    """A tree without the voxels in its leaves."""
 
     background: float
-    """Value of all space that no leaf or tile covers; of vectors, the first component of it."""
+    """Value of all space that no leaf or tile covers; for vectors, its first component."""
     tiles: list[Tiles]
-    """The tiles that differ from the background, active or not."""
+    """Tiles that differ from the background, active or not."""
     leaf_origins: NDArray[np.int64]
     """[n, 3], index coordinates (x, y, z) of each leaf's low voxel, in the file's order."""
     active_voxels: int
-    """Voxels marked active, those of active tiles included."""
+    """Number of active voxels, including those of active tiles."""
 
     def box(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
         """Return the low voxel (x, y, z) and the shape (z, y, x) of the box around leaves and tiles."""
@@ -79,31 +79,31 @@ class Tree:
 
 
 def vector_type(number: str) -> np.dtype[Any]:
-    """Structured type of three numbers: unlike a row of an array, one value with `differs`."""
+    """Structured type of three numbers: for `differs` it is one value, unlike a row of an array."""
     return np.dtype([(axis, number) for axis in COMPONENTS])
 
 
 def as_three(value: NDArray[Any]) -> tuple[float, float, float]:
-    """Components of the one vector of an array; of a number, itself three times."""
+    """Components of the only vector in an array; for a number, itself three times."""
     numbers = [value[name] for name in COMPONENTS] if value.dtype.names else [value] * 3
     x, y, z = (float(number[0]) for number in numbers)
     return x, y, z
 
 
 def place_origins(origin: NDArray[np.int64], places: NDArray[np.int64], edge: int) -> NDArray[np.int64]:
-    """Index coordinates of a node's entries (given by number), each ``edge`` voxels wide."""
+    """Index coordinates of a node's entries (given by index), each ``edge`` voxels wide."""
     dim = 32 if edge == UPPER_EDGE else 16
     return origin + edge * np.stack(np.unravel_index(places, (dim, dim, dim)), axis=-1)
 
 
 def batches(items: NDArray[Any]) -> list[NDArray[Any]]:
-    """Split what leaves have in common into pieces of `LEAVES_PER_BATCH`, to bound the memory for voxels."""
+    """Split leaves into batches of `LEAVES_PER_BATCH`, to bound the memory for voxels."""
     return [items[start : start + LEAVES_PER_BATCH] for start in range(0, len(items), LEAVES_PER_BATCH)]
 
 
 def differs(values: NDArray[Any], background: NDArray[Any]) -> NDArray[np.bool_]:
-    """Where values are not the background; NaN differs from all."""
-    with np.errstate(invalid="ignore"):  # a signalling NaN is a value like others here
+    """Where values are not the background; NaN differs from everything."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN is treated like any other value
         different: NDArray[np.bool_] = values != background
     return different
 
@@ -111,7 +111,7 @@ def differs(values: NDArray[Any], background: NDArray[Any]) -> NDArray[np.bool_]
 def offset_transform(
     world_from_index: NDArray[np.float64], low: NDArray[np.int64], source: Cursor
 ) -> NDArray[np.float64]:
-    """World-from-index of an array whose first voxel is the tree's voxel ``low``."""
+    """World-from-index matrix of an array whose first voxel is the tree's voxel ``low``."""
     if not (np.isfinite(world_from_index).all() and np.abs(world_from_index).max() < 1e150):  # noqa: PLR2004 - products stay finite
         raise source.damaged(f"its transform is not finite: {world_from_index.tolist()}")
     matrix = world_from_index.copy()
@@ -120,7 +120,7 @@ def offset_transform(
 
 
 def count_leaves(tree: Tree) -> int:
-    """Count the leaves that `gather_leaves` makes room for: those stored, and those that tiles expand to."""
+    """Count the leaves that `gather_leaves` allocates: stored ones, and those that tiles expand to."""
     if tree.background != 0.0:
         return math.prod(tree.box()[1]) // LEAF_VOXELS
     return len(tree.leaf_origins) + sum(len(t.origins) * (t.edge // LEAF) ** 3 for t in tree.tiles)
@@ -136,20 +136,22 @@ def fill_dense(
     tree, leaves
         The tree, and the voxels of all its leaves.
     shape
-        The shape (z, y, x) promised to the caller; must be the tree's.
+        The shape (z, y, x) announced to the caller; it must be that of the tree.
 
     Returns
     -------
-    The voxels of `Tree.box`, float32 [z, y, x]; other types are rounded to it.
+    The voxels of `Tree.box`, float32 [z, y, x]; other types are rounded to float32.
 
     Raises
     ------
     VolumeError
-        The tree is of another shape, or larger than what is read densely.
+        The tree has another shape, or is too large to be read densely.
     """
     low = _checked_low(tree, shape, source, sparse=False)
     dense = np.zeros(shape, np.float32)
-    with np.errstate(invalid="ignore", over="ignore"):  # NaN stays NaN; too large a double is infinite
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # NaN stays NaN; a double that is too large becomes infinite
         if tree.background != 0.0:
             dense.fill(tree.background)
         # [block z, z, block y, y, block x, x]: leaves and small tiles fill whole blocks.
@@ -183,7 +185,7 @@ def fill_vectors(
     background
         [1], the vector of all space that no leaf or tile covers.
     walk
-        Gives the voxels of all leaves; called for each component, so that no second array is needed.
+        Yields the voxels of all leaves; called for each component, so that no second array is needed.
 
     Returns
     -------
@@ -192,7 +194,7 @@ def fill_vectors(
     Raises
     ------
     VolumeError
-        As `fill_dense` does.
+        As `fill_dense`.
     """
     vectors = np.empty((*shape, len(COMPONENTS)), np.float32)
     for axis, name in enumerate(COMPONENTS):
@@ -206,30 +208,30 @@ def fill_vectors(
 def gather_leaves(
     tree: Tree, leaves: Iterable[LeafBatch], shape: tuple[int, int, int], source: Cursor
 ) -> Leaves:
-    """Gather the leaves of a tree, and those that its tiles expand to, without a dense array.
+    """Gather the leaves of a tree, including those that its tiles expand to, without a dense array.
 
     Parameters
     ----------
     tree, leaves
         The tree, and the voxels of all its leaves.
     shape
-        The shape (z, y, x) promised to the caller; must be the tree's.
+        The shape (z, y, x) announced to the caller; it must be that of the tree.
 
     Returns
     -------
-    The voxels of `Tree.box` as `fill_dense` gives them. Leaves of zeros are left out.
+    The voxels of `Tree.box` as from `fill_dense`. Leaves that are all 0 are omitted.
 
     Raises
     ------
     VolumeError
-        The tree is of another shape, its box is too large, or it takes more than `MAX_LEAVES` leaves.
+        The tree has another shape, its box is too large, or it needs more than `MAX_LEAVES` leaves.
     """
     low = _checked_low(tree, shape, source, sparse=True)
     count = count_leaves(tree)
     if count > MAX_LEAVES:
         raise VolumeError(f"{source.source}: {too_many_leaves(count)}")
     dims = tuple(length // LEAF for length in shape)
-    # A leaf's key is its place in the box, z-major; so sorted keys are the order of the leaves.
+    # A leaf's key is its index in the box, z-major, so the order of the leaves is that of their keys.
     strides = np.array([1, dims[2], dims[1] * dims[2]], np.int64)
     tile_keys = [((tiles.origins - low) // LEAF) @ strides for tiles in tree.tiles]
     within = [_keys_within(tiles.edge, strides) for tiles in tree.tiles]
@@ -271,7 +273,7 @@ def gather_leaves(
 def _checked_low(
     tree: Tree, shape: tuple[int, int, int], source: Cursor, *, sparse: bool
 ) -> NDArray[np.int64]:
-    """Low voxel of the tree's box, which must be of the shape promised and not too large."""
+    """Low voxel of the tree's box, which must have the announced shape and not be too large."""
     low, own_shape = tree.box()
     if own_shape != shape:
         raise VolumeError(
@@ -285,14 +287,14 @@ def _checked_low(
 
 
 def _keys_within(edge: int, strides: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Keys of the leaves in a cube, relative to its first leaf's."""
+    """Keys of the leaves in a cube, relative to that of its first leaf."""
     x, y, z = (np.arange(edge // LEAF) * stride for stride in strides)
     keys: NDArray[np.int64] = (z[:, None, None] + y[:, None] + x).ravel()
     return keys
 
 
 def _compacted(values: NDArray[np.float32], used: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Move the used rows to the front and give the rest's memory back: no second array is made."""
+    """Move the used rows to the front and release the memory of the rest, without a second array."""
     rows = np.flatnonzero(used)
     if len(rows) < len(values):
         for start in range(0, len(rows), LEAVES_PER_BATCH):

@@ -1,4 +1,4 @@
-"""From the values that a file stores to densities: an offset and a window, as CT data need them."""
+"""Converts stored values to densities by an offset and a window, as needed for CT data."""
 
 import math
 import reprlib
@@ -19,19 +19,19 @@ def _is_number(value: Any) -> bool:
 
 
 class ValueMap(NamedTuple):
-    """What happens to stored values, before the density scale.
+    """Conversion of stored values to densities, before the density scale.
 
-    Each becomes ``value + offset``. Without a window what is then below 0 becomes 0; with one, low to high
-    become 0 to 1, and what is outside the window the nearer of these. NaN stays NaN. Where neither is given
-    values stay what they are.
+    Each value becomes ``value + offset``. Without a window, negative results then become 0; with one, low to
+    high are mapped to 0 to 1, and values outside the window are clamped. NaN stays NaN. If neither is given,
+    values do not change.
     """
 
     offset: float = 0.0
     window: tuple[float, float] | None = None
-    """(low, high), low < high."""
+    """Values (low, high), low < high, that become 0 and 1."""
 
     def check(self, label: str) -> None:
-        """Raise `VolumeError` when the numbers are not finite, too large, or no window."""
+        """Raise `VolumeError` if the numbers are not finite or too large, or do not form a window."""
         if not _is_number(self.offset):
             raise VolumeError(
                 f"{label}: offset is a finite number, at most {LARGEST_COLOUR:g}; got "
@@ -48,15 +48,15 @@ class ValueMap(NamedTuple):
 
     @property
     def is_identity(self) -> bool:
-        """Whether values stay what they are."""
+        """Whether values do not change."""
         return self.offset == 0 and self.window is None
 
     def of_number(self, value: float) -> float:
-        """Return what one stored value becomes."""
+        """Convert one stored value."""
         return float(self.of_array(np.array([value], np.float32))[0])
 
     def of_array(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Map an array in place, and return it."""
+        """Convert an array in place and return it."""
         if self.is_identity:
             return values
         with np.errstate(invalid="ignore", over="ignore"):
@@ -69,14 +69,14 @@ class ValueMap(NamedTuple):
             return np.clip(values, np.float32(0), np.float32(1), out=values)
 
     def of_stored(self, stored: NDArray[np.float32] | Leaves, label: str) -> NDArray[np.float32] | Leaves:
-        """Map voxels as a file stores them: a dense array in place, leaves as new ones.
+        """Convert voxels in their stored form: a dense array in place, leaves as new leaves.
 
-        Leaves become a dense array where the empty space between them does not stay 0.
+        Leaves become a dense array if the empty space between them does not stay 0.
 
         Raises
         ------
         VolumeError
-            That array would be too large.
+            If that array would be too large.
         """
         if not isinstance(stored, Leaves):
             return self.of_array(stored)
@@ -95,7 +95,7 @@ class ValueMap(NamedTuple):
         return self.of_array(stored.to_dense())
 
     def note(self, outside: float, label: str) -> str:
-        """Say what becomes of the value that a file has outside its voxels; nothing where it is 0."""
+        """Describe what becomes of a file's value outside its voxels; empty if it is 0."""
         value = self.of_number(outside)
         if value == 0:
             return ""

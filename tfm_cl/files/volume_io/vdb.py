@@ -85,7 +85,7 @@ EXTENSIONS = (".vdb",)
 _MAGIC = 0x56444220
 _VERSIONS = range(220, 226)
 _FIRST_WITH_KINDS = 222
-"""Version since which blocks leave out inactive values."""
+"""First version whose blocks omit inactive values."""
 _ZLIB, _ACTIVE_MASK, _BLOSC = 1, 2, 4
 _VALUE_TYPES: dict[str, np.dtype[Any]] = {
     "float": np.dtype("<f4"),
@@ -116,23 +116,23 @@ _GRID_CLASSES: dict[str, GridClass] = {
 
 @dataclass(frozen=True)
 class StoredTree:
-    """Where in a file a tree begins and how its values are stored."""
+    """The position of a tree in a file, and how its values are stored."""
 
     at: int
     """Byte where the topology begins."""
     value: np.dtype[Any]
     """Type of a value; bool is uint8."""
     stored: np.dtype[Any]
-    """Type in blocks: ``value``, or half floats."""
+    """Type of the values in blocks: ``value``, or half floats."""
     name: str
     """OpenVDB's name of the type."""
     compression: int
     has_kinds: bool = True
-    """Blocks say which values they leave out, as since version 222."""
+    """Whether blocks state which values they omit, as they do since version 222."""
 
     @property
     def is_bool(self) -> bool:
-        """Whether leaves store bits: those of a mask are its active voxels."""
+        """Whether leaves store bits; the bits of a mask are its active voxels."""
         return self.name in ("bool", "mask")
 
     @property
@@ -142,17 +142,17 @@ class StoredTree:
 
     @property
     def label(self) -> str:
-        """Type as users know it."""
+        """Name of the type as shown to users."""
         return self.name if self.is_bool or self.is_vector else self.stored.name
 
 
 @dataclass(frozen=True)
 class Topology:
-    """A tree without its voxels, and what is needed to read these."""
+    """A tree without its voxels, and the data needed to read them."""
 
     tree: Tree
     background: NDArray[Any]
-    """[1], of the type of the tree's values."""
+    """[1], background, of the type of the tree's values."""
     leaf_masks: NDArray[np.uint8]
     """[n, 64], bits of the active voxels."""
     leaves_at: int
@@ -191,16 +191,16 @@ def open_grids(path: Path) -> list[Grid]:
 
 
 class _Archive(NamedTuple):
-    """What holds for all grids of a file."""
+    """Properties of all grids of a file."""
 
     version: int
     has_offsets: bool
     compression: int
-    """Before version 222, when grids do not tell it."""
+    """Compression before version 222, where it is not stored per grid."""
 
 
 def _read_header(file: Cursor) -> tuple[int, bool, bool]:
-    """Read up to the file's metadata; returns its version, if grids have positions, if all is zlib."""
+    """Read up to the file's metadata: version, whether grids have offsets, whether everything is zlib."""
     if len(file.data) < 8 or file.numbers("q", "magic") != (_MAGIC,):  # noqa: PLR2004 - bytes of the magic
         raise VolumeError(f"{file.source}: not an OpenVDB file: it does not begin with ' BDV'")
     version, _, _, has_offsets = file.numbers("IIIB", "header")
@@ -220,7 +220,7 @@ def _read_header(file: Cursor) -> tuple[int, bool, bool]:
 
 
 def _read_metadata(file: Cursor) -> dict[str, bytes]:
-    """Read a metadata map; values stay as bytes, the last one of a name wins."""
+    """Read a metadata map; values stay bytes, and the last value of a name wins."""
     (count,) = file.numbers("I", "number of metadata items")
     items = {}
     for _ in range(count):
@@ -236,14 +236,14 @@ def _read_metadata(file: Cursor) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class _Found:
-    """A tree met in the file, and what its topology says."""
+    """A tree found in the file, and the contents of its topology."""
 
     stored: StoredTree
     low: NDArray[np.int64]
     """Index coordinates (x, y, z) of the low voxel of its box."""
     shape: tuple[int, int, int]
     background: tuple[float, float, float]
-    """Of numbers, the same three times."""
+    """Background; for scalar values, three times the same."""
     active_voxels: int
     leaf_count: int
 
@@ -258,8 +258,8 @@ def _read_grid(
 ) -> tuple[str, Grid]:
     """Read a grid's unique name and description; leaves the file where the grid ends.
 
-    ``trees`` holds the trees found so far by unique name (or why one is not supported), for instances.
-    Without offsets the end is known only behind the leaf buffers, which ``skip_leaves`` steps over.
+    ``trees`` holds the trees found so far by unique name (or the reason why one is not supported), for
+    instances. Without offsets, the end is only known after the leaf buffers, which ``skip_leaves`` skips.
     """
     unique_name = file.text("grid name")
     tree_type = file.text("tree type")
@@ -326,7 +326,7 @@ def _read_grid(
 
 
 def _find_tree(file: Cursor, stored: StoredTree, *, skip_leaves: bool) -> _Found:
-    """Walk the tree that begins here; leaves the file behind its topology, or its leaf buffers."""
+    """Walk the tree that begins here; leaves the file after its topology, or after its leaf buffers."""
     topology = walk_topology(file, stored)
     if skip_leaves:
         _skip_leaves(file, stored, topology)
@@ -339,7 +339,7 @@ def _find_tree(file: Cursor, stored: StoredTree, *, skip_leaves: bool) -> _Found
 def _stored_tree(
     tree_type: str, compression: int, at: int, *, is_half: bool, has_kinds: bool
 ) -> StoredTree | str:
-    """How the tree's values are stored, or why it is not supported."""
+    """How the tree's values are stored, or the reason why the tree is not supported."""
     match = re.fullmatch(r"Tree_(\w+?)_5_4_3(?:_HalfFloat)?", tree_type)
     if match is None:
         return f"trees of type {shown(tree_type)}; save the grid with OpenVDB's default tree, 5_4_3"
@@ -353,7 +353,7 @@ def _stored_tree(
 
 
 def _unsupported(path: Path, name: str, value_type: str, reason: str, metadata: dict[str, bytes]) -> Grid:
-    """Describe a grid that can be listed only."""
+    """Describe a grid that can only be listed, not read."""
     return Grid(
         name=name,
         grid_class=_grid_class(metadata),
@@ -371,7 +371,7 @@ def _grid_class(metadata: dict[str, bytes]) -> GridClass:
 
 
 def _read_transform(file: Cursor) -> NDArray[np.float64] | str:
-    """World-from-index of the tree's own coordinates, or why the transform is not supported."""
+    """World-from-index matrix of the tree's coordinates, or the reason why it is not supported."""
     map_type = file.text("transform type")
     vectors = {
         "ScaleMap": 5,
@@ -397,21 +397,21 @@ def _read_transform(file: Cursor) -> NDArray[np.float64] | str:
 
 
 def _read_dense(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> NDArray[np.float32]:
-    """Read a grid's voxels as `Grid.read` promises them."""
+    """Read a grid's voxels for `Grid.read`."""
     file = Cursor(map_file(path), str(path), stored.at)
     topology = walk_topology(file, stored)
     return fill_dense(topology.tree, walk_leaves(file, stored, topology), shape, file)
 
 
 def _read_leaves(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> Leaves:
-    """Read a grid's voxels as `Grid.read_leaves` promises them."""
+    """Read a grid's voxels for `Grid.read_leaves`."""
     file = Cursor(map_file(path), str(path), stored.at)
     topology = walk_topology(file, stored)
     return gather_leaves(topology.tree, walk_leaves(file, stored, topology), shape, file)
 
 
 def _read_vectors(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> NDArray[np.float32]:
-    """Read a grid's vectors as `Grid.read_colour` promises them."""
+    """Read a grid's vectors for `Grid.read_colour`."""
     file = Cursor(map_file(path), str(path), stored.at)
     topology = walk_topology(file, stored)
     walk = partial(walk_leaves, file, stored, topology)
@@ -427,9 +427,9 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
     Parameters
     ----------
     file
-        At ``stored.at``; left behind the topology.
+        Positioned at ``stored.at``; left after the topology.
     stored
-        The tree's place and types.
+        The tree's position and types.
 
     Raises
     ------
@@ -458,7 +458,7 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
     if len(root) + child_count != len(np.unique(root_origins, axis=0)) or (root_origins % ROOT_EDGE).any():
         raise file.damaged("origins at the root repeat or are no multiples of 4096")
 
-    # Their leaf buffers follow in this order, whatever the order of the children.
+    # Their leaf buffers follow in this order, regardless of the order of the children.
     branches = [children[origin] for origin in sorted(children)]
     for edge in (UPPER_EDGE, LOWER_EDGE):
         at_edge = [tiles for branch in branches for tiles in branch.tiles if tiles.edge == edge]
@@ -479,7 +479,7 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
 
 @dataclass
 class _Branch:
-    """What is found below one child of the root."""
+    """The contents found below one child of the root."""
 
     tiles: list[Tiles]
     leaf_origins: list[NDArray[np.int64]]
@@ -490,7 +490,7 @@ class _Branch:
 def _walk_upper(
     file: Cursor, stored: StoredTree, background: NDArray[Any], origin: NDArray[np.int64]
 ) -> _Branch:
-    """Read an upper node and all below it, down to the masks of the leaves."""
+    """Read an upper node and everything below it, down to the masks of the leaves."""
     branch = _Branch([], [], [])
     for lower_origin in _read_internal(file, stored, background, origin, UPPER_EDGE, branch):
         leaves = _read_internal(file, stored, background, lower_origin, LOWER_EDGE, branch)
@@ -532,9 +532,9 @@ def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterato
     Parameters
     ----------
     file
-        The tree's file, anywhere.
+        The tree's file, at any position.
     stored, topology
-        The tree, and what `walk_topology` made of it.
+        The tree, and its topology from `walk_topology`.
 
     Raises
     ------
@@ -553,7 +553,7 @@ def walk_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> Iterato
 
 
 def _skip_leaves(file: Cursor, stored: StoredTree, topology: Topology) -> None:
-    """Step over the leaf buffers, which begin here, without decompressing them."""
+    """Skip the leaf buffers, which begin here, without decompressing them."""
     for masks in batches(topology.leaf_masks):
         if stored.is_bool:
             _read_bool_leaves(file, masks, stored)
@@ -579,15 +579,15 @@ class _Block(NamedTuple):
     """The values of a node as stored."""
 
     is_complete: bool
-    """All entries are stored, not the active ones only."""
+    """Whether all entries are stored, not only the active ones."""
     inactive: bytes
-    """Two values for entries not stored; the second where ``choice`` is set."""
+    """Two values for entries that are not stored; the second where ``choice`` is set."""
     choice: memoryview | None
-    """Bits of the entries, or none are set."""
+    """Bits per entry; if missing, none is set."""
     codec: int
     """0, or the codec of ``packed``."""
     size: int
-    """Bytes when unpacked."""
+    """Size in bytes when unpacked."""
     packed: memoryview
 
 
@@ -603,7 +603,7 @@ def _read_leaf_blocks(
 
 
 def _read_block(file: Cursor, stored: StoredTree, background: NDArray[Any], active: int, size: int) -> _Block:
-    """Read the values of a node with ``size`` entries, ``active`` of them active; nothing is unpacked."""
+    """Read the values of a node with ``size`` entries, ``active`` of them active, without unpacking."""
     kind = file.take(1, "kind of a block")[0] if stored.has_kinds else 6
     if kind > 6:  # noqa: PLR2004 - the module's docstring lists them
         raise file.damaged(f"a block of values is of the unknown kind {kind}")
@@ -660,7 +660,7 @@ def _unpack_blocks(
 
 def _unpack(block: _Block, file: Cursor) -> bytes | bytearray | memoryview:
     if block.size == 0:
-        return b""  # Blosc wraps even nothing
+        return b""  # Blosc wraps even empty data
     if block.codec & _BLOSC:
         return unblosc(block.packed, block.size, file)
     return unzip(block.packed, block.size, file) if block.codec else block.packed

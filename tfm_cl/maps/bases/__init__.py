@@ -1,6 +1,6 @@
-"""Bases of the transmittance function: one module and one kernel header each.
+"""Bases of the transmittance function, each with one module and one kernel header.
 
-To add one, write both and list it in ``BASES``.
+To add one, write both and add the basis to ``BASES``.
 """
 
 from tfm_cl.maps.bases.base import Basis
@@ -29,9 +29,9 @@ BASES: dict[str, Basis] = {
         NODES_T,
     )
 }
-"""Name in scene files -> basis."""
+"""The bases by their names in scene files."""
 
 BEST = "klt"
-"""What ``basis = "auto"`` means."""
+"""The basis that ``basis = "auto"`` selects."""
 
 __all__ = ["BASES", "BEST", "Basis"]

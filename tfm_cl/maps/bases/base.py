@@ -1,4 +1,4 @@
-"""What a basis is to the rest of the project."""
+"""The interface of a basis."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ Range = Literal["box", "trimmed", "visible", "global"]
 Lookup = Literal["interpolate", "reconstruct", "stochastic"]
 
 FITS: dict[Fit, int] = {"l2": 0, "visibility": 1}
-"""How its numbers are found, and the number of that in the kernels."""
+"""Methods of finding the coefficients, and their numbers in the kernels."""
 RANGES: tuple[Range, ...] = ("box", "trimmed", "visible", "global")
 LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 2}
 UNIFORM_SHARE = 0.02
-"""Of the visibility-weighted fit: keeps what no light reaches from going anywhere. Of 0.01, 0.02, 0.03, 0.1
-and 0.3 the first three differ by a few per cent on six volumes, the last two are worse by 10 and 20 %."""
+"""Uniform share of the weight of the visibility fit; it constrains the function where no light arrives. On
+six volumes, the values 0.01, 0.02 and 0.03 differ by a few per cent, while 0.1 and 0.3 are worse by 10 and 20
+%."""
 
 
 class Choices(Protocol):
@@ -56,27 +57,27 @@ class Choices(Protocol):
 class Functions(Protocol):
     """The functions B_j(v) of one map, v in [0, 1] along the range of a light ray.
 
-    The target's approximation is Σ_j c_j B_j(v); for the extinction, τ(v) = Σ_j c_j ∫_0^v B_j.
+    The target is approximated by Σ_j c_j B_j(v); for the extinction, τ(v) = Σ_j c_j ∫_0^v B_j.
     """
 
     @property
     def modes(self) -> NDArray[np.float32]:
-        """What the kernel header needs to evaluate them, besides the numbers of a texel; may be empty."""
+        """Data that the kernel header needs to evaluate them, besides the coefficients; may be empty."""
 
     def values(self, v: Floats) -> Floats:
-        """B_j of the target at v: [len(v), n]; the integrals where the target is the extinction."""
+        """B_j of the target at v, [len(v), n]; if the target is the extinction, their integrals."""
 
     def analysis(self, steps: int) -> Floats:
-        """L2: the linear functionals that give the numbers, [steps, n].
+        """L2: the linear functionals that give the coefficients, [steps, n].
 
-        c_j = Σ_k f_k a_jk over the steps' middles, or, for the extinction, Σ_k d_k a_jk with the optical
-        depth d_k of every step.
+        c_j = Σ_k f_k a_jk over the midpoints of the steps or, for the extinction, Σ_k d_k a_jk with the
+        optical depth d_k of every step.
         """
 
 
 @dataclass(frozen=True)
 class Defaults:
-    """What a basis does where the settings say ``auto``."""
+    """The choices of a basis for settings that are ``auto``."""
 
     target: Target
     fit: Fit
@@ -86,36 +87,37 @@ class Defaults:
 
 @dataclass(frozen=True)
 class Basis:
-    """A way to keep the transmittance along a light ray in a few numbers."""
+    """A representation of the transmittance along a light ray by a few coefficients."""
 
     name: str
     """Name in scene files and on the command line."""
     header: str
-    """Kernel header, below ``kernels/``, with the functions that ``kernels/basis/README.md`` names."""
+    """Kernel header, relative to ``kernels/``; ``kernels/basis/README.md`` lists the functions it
+    provides."""
     summary: str
-    """One line for ``--help``."""
+    """One-line description for ``--help``."""
     defaults: Defaults
     functions: Callable[[Choices, Curves | None], Functions] | None
     """Makes the functions of a map; None where the kernel header accumulates in its own way.
     `Curves`, light rays of the map itself, are given where `needs_curves` says so."""
     targets: tuple[Target, ...] = ("transmittance", "optical-depth", "extinction")
-    """That make sense for it."""
+    """The targets that the basis can approximate."""
     fits: tuple[Fit, ...] = ("l2", "visibility")
     needs_curves: bool = False
     lerps: bool = True
-    """Whether numbers of neighbouring texels may be interpolated."""
+    """Whether the coefficients of neighbouring texels may be interpolated."""
     counts: tuple[int, ...] = field(default=tuple(range(1, 33)))
-    """Numbers a texel that it can have."""
+    """Numbers of coefficients per texel that the basis supports."""
 
     def table(self, functions: Functions, choices: Choices, steps: int) -> NDArray[np.float32]:
-        """Make what ``kernels/projection.h`` wants for every step of a march.
+        """Make the table that ``kernels/projection.h`` needs for every step of a march.
 
         Parameters
         ----------
         choices
             Of the map.
         steps
-            Along a ray's range.
+            Number of steps along the range of a ray.
         """
         n = choices.coeffs
         if choices.fit == "l2":
@@ -130,21 +132,22 @@ class Basis:
 
 
 def middles(steps: int) -> Floats:
-    """Middles of equal steps in [0, 1]."""
+    """Midpoints of equal steps in [0, 1]."""
     return (np.arange(steps) + 0.5) / steps
 
 
 def part_before(v: Floats, steps: int) -> Floats:
-    """Share of each of equal steps that lies before each v: [steps, len(v)]."""
+    """Fraction of each of equal steps that lies before each v: [steps, len(v)]."""
     shares: Floats = np.clip(v * steps - np.arange(steps)[:, None], 0, 1)
     return shares
 
 
 def least_squares(values: Floats) -> Floats:
-    """Functionals of the plain least-squares fit to values at the steps' middles, [steps, n].
+    """Functionals of the plain least-squares fit to values at the steps' midpoints, [steps, n].
 
-    ``values`` are [steps, n]. For cosines on the middles they are TFM's eq. 10, normalised: the cosines are
-    orthogonal there too. M middles determine M numbers, and those beyond are 0: they would only alias.
+    ``values`` holds the functions, [steps, n]. For cosines at the midpoints the result is TFM's eq. 10,
+    normalised, since the cosines are orthogonal there too. M midpoints determine M coefficients; further ones
+    would only alias and are 0.
     """
     found = np.zeros_like(values)
     found[:, : len(values)] = np.linalg.pinv(values[:, : len(values)]).T
@@ -152,10 +155,10 @@ def least_squares(values: Floats) -> Floats:
 
 
 def weighted_fit(weight: Floats, target: Floats, functions: Floats) -> Floats:
-    """Weighted least squares of every row of ``target`` [rows, points] in functions: [rows, n]."""
+    """Weighted least-squares coefficients [rows, n] of every row of ``target`` [rows, points]."""
     n = functions.shape[1]
     products = (functions[:, :, None] * functions[:, None, :]).reshape(len(functions), -1)
-    # In float32: it is the largest part of the work, and needs no more digits than the ridge leaves.
+    # In float32: this is most of the work, and the ridge limits the useful precision anyway.
     gram = (weight.astype(np.float32) @ products.astype(np.float32)).astype(np.float64).reshape(-1, n, n)
     ridge = RIDGE / n * np.trace(gram, axis1=1, axis2=2) + 1e-300
     right = ((weight * target) @ functions)[:, :, None]

@@ -1,4 +1,4 @@
-"""Cosines: the paper's transform of the transmittance, and the same cosines of the extinction.
+"""Cosines: the paper's transform of the transmittance, and a cosine series of the extinction.
 
 With v in [0, 1] along the range of a light ray, B_j(v) = cos(jπv).
 
@@ -8,18 +8,19 @@ With v in [0, 1] along the range of a light ray, B_j(v) = cos(jπv).
 
 The paper's equations lack the normalisation (the cosines are orthogonal, not orthonormal): taken
 literally they give (T + mean T)/2. On M midpoints v = (x + ½)/M the cosine is eq. 10's
-cos(jπ(2x + 1)/2M); M midpoints determine M coefficients, and those beyond are 0.
+cos(jπ(2x + 1)/2M). M midpoints determine M coefficients; further ones are 0.
 For T = e^{-τv}: c_0 = (1 - e^{-τ})/τ, c_j = 2τ(1 - (-1)^j e^{-τ})/(τ² + j²π²).
 
 ``hcos``: the half-range cosine series of the extinction σ, integrated analytically as in FOM eq. 3:
 
     τ(v) = c_0 v + Σ_j c_j sin(jπv)/(jπ)
 
-T(0) = 1 and T(1) are exact for any n, a homogeneous medium needs one number, and the numbers are linear
-in the density.
+T(0) = 1 and T(1) are exact for any n, a homogeneous medium needs one coefficient, and the coefficients are
+linear in the density.
 
 Sources: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011 (TFM); Jansen and
-Bavoil, "Fourier Opacity Mapping", I3D 2010, section 5 (FOM), of which ``hcos`` is a case that neither draws.
+Bavoil, "Fourier Opacity Mapping", I3D 2010, section 5 (FOM), of which ``hcos`` is a variant that the paper
+does not show.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class Cosines:
         return integrals
 
     def analysis(self, steps: int) -> Floats:
-        """Inner products with the cosines; of σ, in steps of optical depth d = σ / steps."""
+        """Inner products with the cosines; for σ, over steps of optical depth d = σ / steps."""
         cosines = np.cos(np.multiply.outer(middles(steps), np.pi * np.arange(self.n)))
         return least_squares(cosines) * (steps if self.of_extinction else 1)
 

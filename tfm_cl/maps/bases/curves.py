@@ -1,4 +1,4 @@
-"""Optical depth along some light rays of a map: what data-driven bases learn from."""
+"""Optical depth along some light rays of a map, from which data-driven bases learn."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ class Curves:
     """Light rays sampled over their ranges."""
 
     optical_depth: NDArray[np.float64]
-    """Of the density, [rays, `CELLS` + 1], from 0 at the range's begin to its end."""
+    """Optical depth of the density at the cells' edges, [rays, `CELLS` + 1]; 0 at the beginning of the
+    range."""
     extinction: float
-    """At density 1, for which visibility is meant."""
+    """Extinction at density 1, with which visibility is computed."""
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """Optical depth at the cells' middles, [rays, `CELLS`]."""
+        """Optical depth at the cells' midpoints, [rays, `CELLS`]."""
         depth = self.optical_depth
         return 0.5 * (depth[:, 1:] + depth[:, :-1])
 
     @property
     def visibility(self) -> NDArray[np.float64]:
-        """Light that the density of each cell meets, squared: ∫ D T² over the cell, [rays, `CELLS`]."""
+        """Visibility of the density in each cell: ∫ D T² over the cell, [rays, `CELLS`]."""
         through = np.exp(-2 * self.extinction * self.optical_depth)
         return (through[:, :-1] - through[:, 1:]) / 2

@@ -1,15 +1,15 @@
-"""Fourier's series of the extinction: Fourier opacity maps.
+"""Fourier series of the extinction: Fourier opacity maps.
 
-With v in [0, 1] along the range of a light ray and n = 2K + 1 numbers,
+With v in [0, 1] along the range of a light ray and n = 2K + 1 coefficients,
 
     c_0 = ∫ σ dv,   a_k = 2 ∫ σ cos(2πkv) dv,   b_k = 2 ∫ σ sin(2πkv) dv      (FOM eq. 1–2)
     τ(v) = c_0 v + Σ_k (a_k sin(2πkv) + b_k (1 - cos(2πkv))) / (2πk)           (FOM eq. 3)
 
 in the order c_0, a_1, b_1, a_2, b_2 … (c_0 is the paper's a_0/2). T(0) = 1 and T(1) are exact for any K, a
-homogeneous medium needs one number, and the numbers are sums over the steps of the march in any order. The
-integrals are those of steps of constant density, so that no number of steps aliases: the cosines of the
-middles (FOM eq. 5–6, where a step is a primitive) times sin(πk/M) / (πk/M). The series is periodic: where
-σ(0) ≠ σ(1) it rings, which the half-range cosines of ``hcos`` do not.
+homogeneous medium needs one coefficient, and the coefficients are sums over the steps of the march, in any
+order. The integrals assume steps of constant density, so that there is no aliasing for any number of steps:
+the cosines at the midpoints (FOM eq. 5–6, where a step is a primitive) times sin(πk/M) / (πk/M). The series
+is periodic, so it rings where σ(0) ≠ σ(1); the half-range cosines of ``hcos`` do not.
 
 The same functions serve the other targets, f ≈ c_0 + Σ_k a_k cos(2πkv) + b_k sin(2πkv).
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fourier:
-    """Constant, cos(2πv), sin(2πv), cos(4πv) and so on."""
+    """The functions 1, cos(2πv), sin(2πv), cos(4πv) and so on."""
 
     n: int
     of_extinction: bool
@@ -53,7 +53,7 @@ class Fourier:
         return values
 
     def analysis(self, steps: int) -> Floats:
-        """Inner products with the functions; of σ, constant over each step."""
+        """Inner products with the functions; σ is constant over each step."""
         if not self.of_extinction:
             return least_squares(self.values(middles(steps)))
         norms = np.where(np.arange(self.n) == 0, 1, 0.5)

@@ -1,16 +1,16 @@
-"""The best linear basis of the very map: Karhunen and Loève's, learnt from its own light rays.
+"""The best linear basis for a particular map: its Karhunen–Loève basis, learnt from its own light rays.
 
-A few thousand light rays of the map, sampled in `CELLS` cells, are approximated by Σ_j c_j B_j(v) with
-*common* functions B_j and each ray's own numbers c_j.
+A few thousand light rays of the map, sampled in `CELLS` cells, are approximated by Σ_j c_j B_j(v). The
+functions B_j are *common* to all rays; each ray has coefficients c_j of its own.
 
-With the fit ``visibility`` the functions minimise the sum over rays and cells of w (f - Σ_j c_j B_j)², each
-ray's numbers being its own best ones: a weighted low-rank approximation, found by solving for numbers and
-functions in turn. w is the visibility of `kernels/projection.h`; a ray counts with the light that it loses.
-With the fit ``l2`` the weight is the rays' mean and the answer is a singular value decomposition: the
-functions and the functionals that give the numbers are the same but for the weight (Eckart and Young), and
-the light pass costs no more than that of cosines.
+With the fit ``visibility`` the functions minimise the sum over rays and cells of w (f - Σ_j c_j B_j)², where
+every ray has its optimal coefficients. This is a weighted low-rank approximation, found by solving for the
+coefficients and the functions alternately. w is the visibility of `kernels/projection.h`, so a ray is
+weighted by the light that it loses. With the fit ``l2`` the weight is the mean over the rays, and the
+solution is a singular value decomposition: the functions and the functionals that give the coefficients are
+the same except for the weight (Eckart and Young), and the light pass costs no more than with cosines.
 
-The functions are known by their values on `CELLS` + 1 edges, and linear in between.
+The functions are tabulated at the `CELLS` + 1 cell edges, with linear interpolation in between.
 
 Sources: Eckart and Young, "The approximation of one matrix by another of lower rank", Psychometrika 1936;
 Srebro and Jaakkola, "Weighted low-rank approximations", ICML 2003.
@@ -27,19 +27,20 @@ from tfm_cl.maps.bases.base import UNIFORM_SHARE, Basis, Choices, Defaults, Floa
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 ROUNDS = 6
-"""Of solving in turn. On six volumes 4 rounds leave the error 5 to 12 % above that of 12, 6 within 5 %."""
+"""Rounds of alternate solving. On six volumes, the error after 4 rounds is 5 to 12 % above that after 12
+rounds; after 6 it is within 5 %."""
 TINY = 1e-300
-"""Keeps rays without light from dividing by 0."""
+"""Lower bound of weights, which avoids a division by 0 for rays without light."""
 MEAN_SHARE = 0.1
-"""Uniform part of the mean weight of the fit ``l2``."""
+"""Uniform share of the mean weight in the fit ``l2``."""
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """Functions by their values at the cells' edges."""
+    """Functions given by their values at the cells' edges."""
 
     modes: NDArray[np.float32]
-    """[`CELLS` + 1, n]; 0 at the first edge, where T = 1."""
+    """Values [`CELLS` + 1, n]; 0 at the first edge, where T = 1."""
     functionals: Floats
     """L2: c_j = Σ f_edge functionals[edge, j] over the edges from the second one on; [`CELLS`, n]."""
 
@@ -53,7 +54,7 @@ class Learnt:
         return values
 
     def analysis(self, steps: int) -> Floats:
-        """Take an edge's value as the mean over the steps that lie within half a cell of it."""
+        """Take the value at an edge as the mean over the steps within half a cell of it."""
         begin = (np.arange(CELLS) + 0.5) / CELLS
         end = np.minimum(begin + 1 / CELLS, 1)
         step = np.arange(steps)[:, None] / steps
@@ -63,12 +64,12 @@ class Learnt:
 
 
 def learn(choices: Choices, curves: Curves | None) -> Learnt:
-    """Find the functions for light rays."""
+    """Find the functions for some light rays."""
     assert curves is not None  # noqa: S101 - needs_curves
     n = choices.coeffs
     x = np.linspace(-1, 1, CELLS + 1)[1:]
     polynomials = _orthonormal(np.polynomial.legendre.legvander(x, n - 1).astype(np.float64))
-    if len(curves.optical_depth) == 0:  # nothing to learn from, and nothing to show
+    if len(curves.optical_depth) == 0:  # no density: nothing to learn from, and nothing to represent
         return Learnt(_from_0(polynomials), polynomials / CELLS)
     depth = curves.optical_depth[:, 1:]
     weight = _at_edges(curves.visibility)
@@ -96,13 +97,13 @@ def learn(choices: Choices, curves: Curves | None) -> Learnt:
 
 
 def _orthonormal(functions: Floats) -> Floats:
-    """Orthonormal over [0, 1]; the same span."""
+    """Orthonormalise over [0, 1]; the span stays the same."""
     orthonormal: Floats = np.linalg.qr(functions)[0] * np.sqrt(len(functions))
     return orthonormal
 
 
 def _at_edges(cells: Floats) -> Floats:
-    """Give what lies in the cells, [rays, `CELLS`], to their edges from the second one on."""
+    """Distribute values in cells, [rays, `CELLS`], to the edges from the second one on."""
     shared = np.concatenate([cells, np.zeros((len(cells), 1))], axis=1)
     at_edges: Floats = 0.5 * (shared[:, :-1] + shared[:, 1:])
     return at_edges
@@ -115,7 +116,7 @@ def _from_0(functions: Floats) -> NDArray[np.float32]:
 KLT = Basis(
     name="klt",
     header="basis/tabulated.h",
-    summary="the best linear basis of the very map, learnt from its light rays",
+    summary="the best linear basis for the map, learnt from its own light rays",
     defaults=Defaults("optical-depth", "visibility", "visible", "interpolate"),
     functions=learn,
     targets=("transmittance", "optical-depth"),

@@ -1,14 +1,14 @@
-"""Legendre's polynomials: the best polynomials of the optical depth.
+"""Legendre polynomials: the best polynomials for the optical depth.
 
 With v in [0, 1] along the range of a light ray, B_j(v) = P_j(2v - 1) by Bonnet's recurrence,
 
     (j + 1) P_{j+1}(x) = (2j + 1) x P_j(x) - j P_{j-1}(x)
     ∫_0^v B_j = (P_{j+1} - P_{j-1})(2v - 1) / (2(2j + 1))
 
-For the extinction c_j = (2j + 1) ∫ σ B_j dv with steps of constant density: all integrals but the first
+For the extinction, c_j = (2j + 1) ∫ σ B_j dv with steps of constant density. All integrals except the first
 vanish at both ends, so that T(0) = 1 and T(1) are exact ("Fourier Opacity Mapping", section 5, with these
-functions). The coefficients of an analytic function fall exponentially, those of one with edges like those
-of any series.
+functions). The coefficients of an analytic function decay exponentially; those of a function with edges decay
+like those of any other series.
 
 Sources: Szegő, "Orthogonal Polynomials", AMS 1939, chapter 4; Jansen and Bavoil, "Fourier Opacity Mapping",
 I3D 2010.
@@ -45,7 +45,7 @@ class Legendre:
         return integrals
 
     def analysis(self, steps: int) -> Floats:
-        """Inner products with the polynomials; of σ, constant over each step."""
+        """Inner products with the polynomials; σ is constant over each step."""
         if not self.of_extinction:
             return least_squares(self.values(middles(steps)))
         return (

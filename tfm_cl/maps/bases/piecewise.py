@@ -1,12 +1,13 @@
 """Extinction that is constant in equal parts of the range.
 
-With v in [0, 1] along the range of a light ray and n numbers, part k from k/n to (k + 1)/n:
+With v in [0, 1] along the range of a light ray and n coefficients, where part k extends from k/n to (k +
+1)/n:
 
     c_k = ∫ over part k of σ dv,   τ(v) = Σ_k c_k clamp(nv - k, 0, 1)
 
-the simplified functions of FOM section 5.1. It is the space of ``slices`` with uniform planes, and the same
-function of v: there the numbers are those of here, summed up. T(0) = 1 and T at the ends of all parts are
-exact.
+These are the simplified functions of FOM section 5.1. The reconstruction is the same as that of ``slices``
+with uniform planes, whose coefficients are the cumulative sums of these. T(0) = 1 and T at the ends of all
+parts are exact.
 
 Source: Jansen and Bavoil, "Fourier Opacity Mapping", I3D 2010 (FOM).
 """
@@ -26,18 +27,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parts:
-    """n equal parts."""
+    """The indicator functions of n equal parts."""
 
     n: int
     modes = np.zeros(0, np.float32)
 
     def values(self, v: Floats) -> Floats:
-        """Share of each part that lies before v."""
+        """Fraction of each part that lies before v."""
         shares: Floats = np.clip(np.subtract.outer(v * self.n, np.arange(self.n)), 0, 1)
         return shares
 
     def analysis(self, steps: int) -> Floats:
-        """Share of each step that lies in each part."""
+        """Fraction of each step that lies in each part."""
         return np.diff(part_before(np.arange(self.n + 1) / self.n, steps), axis=1)
 
 
@@ -49,7 +50,7 @@ def _functions(choices: Choices, curves: Curves | None) -> Parts:
 PIECEWISE = Basis(
     name="piecewise",
     header="basis/piecewise.h",
-    summary="extinction constant in equal parts",
+    summary="extinction that is constant in equal parts of the range",
     defaults=Defaults("extinction", "l2", "visible", "interpolate"),
     functions=_functions,
     targets=("extinction",),

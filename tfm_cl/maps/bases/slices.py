@@ -4,18 +4,18 @@ With v in [0, 1] along the range of a light ray and n planes 0 < v_1 < … < v_n
 
     c_j = τ(v_j) = ∫_0^{v_j} σ dv
 
-and τ(0) = 0. ``slices`` is linear between planes (OSM, note 5): exact for a homogeneous medium, of error
-O(n⁻²) where σ is smooth, monotone, and it never rings. ``slices-cubic`` is the higher order that OSM
-mentions, of four planes each: Hermite's cubics whose slope at a plane is that of the chord between its
-neighbours (Catmull and Rom; the intervals at the ends take their own chord there). Its error is O(n⁻³), but
-it overshoots at edges.
+and τ(0) = 0. ``slices`` is linear between planes (OSM, note 5). It is exact for a homogeneous medium, has an
+error of O(n⁻²) where σ is smooth, is monotone and never rings. ``slices-cubic`` is the higher-order
+interpolation that OSM mentions, from four planes each: cubic Hermite splines whose slope at a plane is that
+of the chord between its neighbours (Catmull and Rom; the first and last interval use their own chord at the
+ends). Its error is O(n⁻³), but it overshoots at edges.
 
-Both are linear in the numbers, Σ_j c_j B_j(v), and the numbers in the density: a step of the march that lies
-across a plane gives it its share.
+Both are linear in the coefficients, Σ_j c_j B_j(v), and the coefficients are linear in the density: a step of
+the march that straddles a plane contributes the part before it.
 
-The planes (OSM figure 3): ``uniform``; ``density``, 1-D binary space partition, where the interval that
-holds most of the rays' mean density is halved until there are n; ``gamma``, v_j = (j/n)², closer near the
-light where shadows vary.
+The planes (OSM figure 3) may be ``uniform``; ``density``, a 1-D binary space partition in which the interval
+with most of the rays' mean density is halved until there are n; or ``gamma``, v_j = (j/n)², closer near the
+light, where shadows vary most.
 
 Source: Kim and Neumann, "Opacity Shadow Maps", Eurographics Workshop on Rendering 2001 (OSM).
 """
@@ -31,23 +31,23 @@ from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, part_before
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 GAMMA = 2.0
-"""Of the slicing ``gamma``: the display's, roughly, as in OSM figure 3c."""
+"""Exponent of the slicing ``gamma``: roughly the gamma of a display, as in OSM figure 3c."""
 EVEN_SHARE = 0.02
-"""Of the width in what the slicing ``density`` halves by: no interval is far narrower than density asks
-for."""
+"""Share of an interval's width, beside its density, in the measure by which the slicing ``density`` chooses
+the interval to halve: it keeps intervals from becoming far narrower than the density requires."""
 
 
 @dataclass(frozen=True)
 class Slices:
-    """Cardinal functions of the interpolation between planes."""
+    """The cardinal functions of interpolation between planes."""
 
     planes: Floats
-    """v_1 … v_n = 1, ascending."""
+    """Positions of the planes, v_1 … v_n = 1, ascending."""
     cubic: bool
 
     @property
     def modes(self) -> NDArray[np.float32]:
-        """Begin and 1 / width of the interval before each plane, [n, 2]."""
+        """Beginning and 1 / width of the interval before each plane, [n, 2]."""
         return np.column_stack([self._begins, 1 / self._widths]).astype(np.float32)
 
     @property
@@ -59,13 +59,13 @@ class Slices:
         return np.diff(self.planes, prepend=0.0)
 
     def values(self, v: Floats) -> Floats:
-        """Interpolate between planes of which one has τ = 1."""
+        """Interpolate between planes, with τ = 1 at one plane and 0 at the others."""
         widths = self._widths
         part = np.clip((v[:, None] - self._begins) / widths, 0, 1)
         rise = np.eye(len(widths)) - np.eye(len(widths), k=-1)
         values: Floats = part @ rise
         if self.cubic:
-            # Slopes at the begin and end of every interval, times its width.
+            # Slopes at both ends of every interval, times its width.
             begin, end = rise.copy(), rise.copy()
             chords = (rise[1:] + rise[:-1]) / (widths[1:] + widths[:-1])[:, None]
             begin[1:], end[:-1] = widths[1:, None] * chords, widths[:-1, None] * chords
@@ -74,7 +74,7 @@ class Slices:
         return values
 
     def analysis(self, steps: int) -> Floats:
-        """Share of each step that lies before each plane."""
+        """Fraction of each step that lies before each plane."""
         return part_before(self.planes, steps)
 
 

@@ -1,1 +1,1 @@
-"""Rays among solids."""
+"""Ray tracing of solids."""

@@ -1,9 +1,9 @@
-"""Triangles and rays: Embree 4 finds the triangle, float64 tells where on it.
+"""Intersections of rays and triangles: Embree 4 finds the triangle, float64 the point on it.
 
 Embree computes in float32. Its coordinates are relative to a centre and scaled to the meshes' size, and rays
-start where they reach the sphere around the meshes: neither a scene far from the world's origin nor a camera
-far from the scene costs digits. Its robust mode lets no ray through an edge that triangles share; of rays
-aimed at a vertex to the last bit a few in a thousand may pass.
+start where they enter the sphere around the meshes. Neither a scene far from the world's origin nor a camera
+far from the scene therefore loses precision. In robust mode no ray passes through an edge shared by
+triangles; of rays aimed exactly at a vertex, a few in a thousand may pass.
 """
 
 from dataclasses import dataclass
@@ -17,28 +17,29 @@ from numpy.typing import NDArray
 from tfm_cl.scene.solids.mesh import MeshSolid
 
 BEYOND = 16.0
-"""Past every triangle, in Embree's units, in which the meshes' sphere has a radius of at most about 3."""
+"""A distance beyond every triangle, in Embree's units, in which the meshes' sphere has a radius of at most
+about 3."""
 
 MARGIN = 1 + 2.0**-20
-"""Of the sphere around the meshes: float32 roundings keep their triangles inside."""
+"""Relative margin of the sphere around the meshes: triangles rounded to float32 stay inside."""
 
 
 @dataclass(frozen=True)
 class MeshHits:
-    """Where some of the rays meet a triangle."""
+    """Intersections of some of the rays with triangles."""
 
     rays: NDArray[np.intp]
-    """[M], which rays."""
+    """[M], indices of the rays."""
     distances: NDArray[np.float64]
-    """[M], world units."""
+    """[M], distances, world units."""
     normals: NDArray[np.float64]
-    """[M, 3], unit, either side."""
+    """[M, 3], unit normals, on either side."""
     albedo: NDArray[np.float32]
-    """[M, 3]."""
+    """[M, 3], linear albedo."""
 
 
 class Meshes:
-    """All the meshes of a scene in one Embree tree."""
+    """All the meshes of a scene in a single Embree tree."""
 
     def __init__(self, solids: list[MeshSolid], origin: NDArray[np.float64] | None) -> None:
         loaded = [solid.load() for solid in solids]
@@ -63,19 +64,19 @@ class Meshes:
         self._radius = max(float(np.linalg.norm(high - low)) / 2, 1e-290) * MARGIN
         self._zero = self._centre if origin is None else origin
         self.size = self._radius + float(np.linalg.norm(self._centre - self._zero))
-        """Largest distance from Embree's zero, world units."""
-        # A power of two, so that scaling rounds nothing.
+        """Largest distance of a vertex from Embree's origin, world units."""
+        # A power of two, so that scaling is exact.
         self._scale = 2.0 ** -np.ceil(np.log2(self.size))
         local = ((self._vertices - self._zero) * self._scale).astype(np.float32)
         local[~used] = 0
         self._device = EmbreeDevice()
         self._scene = EmbreeScene(self._device, robust=True)
         self._geometry = TriangleMesh(self._scene, local, self._faces)
-        # The first query builds the tree; the next ones may come from several threads.
+        # The first query builds the tree; later ones may come from several threads.
         self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
     def nearest(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> MeshHits:
-        """Find the first triangles along world rays, [N, 3] each, with float64 distances."""
+        """Find the first triangles along world rays (origins, directions [N, 3]), with float64 distances."""
         rays, starts, local, towards = self._local(origins, directions)
         found = self._scene.run(local, towards, query="INTERSECT", output=1, dists=BEYOND)
         hit = np.flatnonzero(found["primID"] >= 0)
@@ -91,11 +92,12 @@ class Meshes:
         along = np.einsum("ijk,ik->ij", reach, directions)
         coarse = starts[hit] + found["tfar"][hit].astype(np.float64) / self._scale
         exact = np.divide(height, slope, out=coarse, where=slope != 0)
-        # At a grazing angle the plane may be met beside the triangle that Embree's roundings met.
+        # At a grazing angle the exact point on the plane may lie beside the triangle that Embree hit after
+        # rounding.
         distances = np.clip(exact, np.maximum(along.min(axis=1), 0), np.maximum(along.max(axis=1), 0))
         u, v = found["u"][hit, None], found["v"][hit, None]
         colours = self._colours[self._colour_of[triangles]]
-        # Differences, so that one colour at all corners stays what it is.
+        # Differences, so that a colour that is the same at all corners stays exact.
         first = colours[:, 0]
         albedo = first + u * (colours[:, 1] - first) + v * (colours[:, 2] - first)
         return MeshHits(rays, distances, normals, np.clip(albedo, 0, 1))
@@ -103,7 +105,7 @@ class Meshes:
     def distances(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Find how far world rays go, to Embree's float32: the rays that end [M], and where [M]."""
+        """Find where world rays end, in Embree's float32: indices [M] of rays that hit, distances [M]."""
         rays, starts, local, towards = self._local(origins, directions)
         found = self._scene.run(local, towards, query="DISTANCE", dists=BEYOND)
         hit = np.flatnonzero(found < BEYOND)
@@ -126,7 +128,7 @@ class Meshes:
     def _local(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
-        """Rays that reach the meshes' sphere [M], where they do [M], and Embree's rays from there [M, 3]."""
+        """Rays that meet the meshes' sphere [M], the distances [M], and Embree's rays from there [M, 3]."""
         offset = origins - self._centre
         middle = -np.einsum("ij,ij->i", offset, directions)
         passing = offset + middle[:, None] * directions

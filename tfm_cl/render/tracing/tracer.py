@@ -16,49 +16,52 @@ if TYPE_CHECKING:
     from tfm_cl.render.tracing.embree import Meshes
 
 CHUNK = 1 << 17
-"""Rays traced at a time by a thread: some 50 MB."""
+"""Number of rays that a thread traces at a time: some 50 MB."""
 
 LIFT = 2.0**-20
-"""Part of the meshes' size, or of a ray's length, by which shadow rays start above the surface.
+"""Height above the surface at which shadow rays start, as a fraction of the meshes' size or the ray's length.
 
-In float32 a vertex and a ray's origin each move by up to √3·2⁻²⁴ of the meshes' size, the ray's direction
-bends it by as much over its length, and a distance kept as float32 is wrong by 2⁻²⁴ of itself: 2⁻²² in all.
+In float32 a vertex and a ray's origin each move by up to √3·2⁻²⁴ of the meshes' size, the rounded direction
+moves the end of the ray by as much of its length, and a distance stored as float32 has an error of 2⁻²⁴ of
+itself: 2⁻²² in all.
 """
 
 LIFT_EXACT = 2.0**-40
-"""The same for shapes, which are traced in float64, in parts of the coordinates."""
+"""The same for analytic shapes, which are traced in float64, as a fraction of the coordinates."""
 
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays meet first."""
+    """The first surfaces that rays meet."""
 
     distance: NDArray[np.float32]
-    """[N], world units; inf where nothing."""
+    """[N], distances, world units; inf for rays that miss."""
     normal: NDArray[np.float32]
-    """[N, 3], unit, world, towards the ray's origin; 0 where nothing."""
+    """[N, 3], unit normals, world, towards the ray's origin; 0 for rays that miss."""
     albedo: NDArray[np.float32]
-    """[N, 3], linear; 0 where nothing."""
+    """[N, 3], linear albedo; 0 for rays that miss."""
 
 
 class Tracer:
-    """Solids ready for rays. Its methods take many rays at once, use all cores and may be interrupted.
+    """Solids prepared for ray tracing.
 
-    Rays are float64, [N, 3], in world units; either of origin and direction may be one [3] for all.
+    The methods trace many rays at once, use all cores and may be interrupted.
+
+    Rays are float64, [N, 3], in world units; the origin or the direction may be one [3] for all rays.
     Directions have unit length.
 
     Parameters
     ----------
     solids
-        What there is; mesh files are read here.
+        The solids; mesh files are read here.
     origin
-        Where meshes are traced with the finest coordinates, [3], world; None: their middle. Of use for a
-        detail that is small next to all the meshes.
+        Point at which coordinates of meshes are most precise, [3], world; None: their centre. Useful for a
+        detail that is small compared with all the meshes.
 
     Raises
     ------
     SceneError
-        A mesh file that cannot be used.
+        If a mesh file cannot be used.
     """
 
     def __init__(self, solids: Sequence[Solid], origin: ArrayLike | None = None) -> None:
@@ -67,13 +70,13 @@ class Tracer:
         self._meshes = _embree(meshes, origin) if meshes else None
         boxes = [box for box in (solid.bounds() for solid in solids) if box is not None]
         self.bounds: NDArray[np.float64] | None = None
-        """Low and high corner of the finite solids, [2, 3], world; None without."""
+        """Low and high corner of the finite solids, [2, 3], world; None if there are none."""
         if boxes:
             corners = np.stack(boxes)
             self.bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
     def nearest(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
-        """Find the first surface along rays; the distance is that of float64 vertices, then rounded."""
+        """Find the first surface along rays; distances are computed in float64, then rounded."""
         rays = _Rays(origins, directions)
         hits = Hits(
             np.full(rays.count, np.inf, np.float32),
@@ -89,10 +92,10 @@ class Tracer:
         return hits
 
     def distances(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.float32]:
-        """Find how far rays go, [N]; inf where nothing. Faster than `nearest`.
+        """Find the distances to the first surfaces, [N]; inf for rays that miss. Faster than `nearest`.
 
-        Meshes' distances are Embree's, in float32: wrong by some `LIFT` of the meshes' size, divided by the
-        cosine at which the ray meets the triangle.
+        The distances to meshes are Embree's, in float32: their error is about `LIFT` of the meshes' size,
+        divided by the cosine of the angle of incidence.
         """
         rays = _Rays(origins, directions)
         result = np.full(rays.count, np.inf, np.float32)
@@ -111,17 +114,17 @@ class Tracer:
         return result
 
     def occluded(self, origins: ArrayLike, directions: ArrayLike, distances: ArrayLike) -> NDArray[np.bool_]:
-        """Tell whether any solid is strictly between the two ends of rays, [N].
+        """Tell whether any solid lies strictly between the ends of rays, [N].
 
-        What is within `LIFT` of the far end does not count. Rays that start on a surface should start at
+        Surfaces within `LIFT` of the far end do not count. Rays that start on a surface should start at
         `lifted` points.
 
         Parameters
         ----------
         origins, directions
-            As for `nearest`.
+            As in `nearest`.
         distances
-            Length of each ray, [N] or one for all, world units; inf for a light without an end.
+            Length of each ray, [N] or one for all, world units; may be infinite.
         """
         rays = _Rays(origins, directions)
         lengths = np.broadcast_to(np.asarray(distances, dtype=np.float64), rays.count)
@@ -143,21 +146,21 @@ class Tracer:
         return result
 
     def lifted(self, points: ArrayLike, normals: ArrayLike, distances: ArrayLike) -> NDArray[np.float64]:
-        """Move points off the surface they lie on, to where shadow rays may start.
+        """Move points off their surface, to where shadow rays may start.
 
-        They move along the normal by `LIFT` times the larger of the meshes' size and the length of the ray
-        that found them. A shadow ray on the normal's side then starts above its surface at any angle; a
-        surface hides what is behind it if it is thicker than that. On the other side (a cosine ≤ 0) the
-        surface itself is in the way: such light needs no ray.
+        Points move along the normal by `LIFT` times the larger of the meshes' size and the length of the ray
+        that found them. A shadow ray on the side of the normal then starts above its surface at any angle.
+        Solids thicker than that cast shadows. On the other side (a cosine ≤ 0) the surface itself blocks the
+        light, so no ray is needed.
 
         Parameters
         ----------
         points
             [N, 3], float64, world.
         normals
-            [N, 3], unit, on the side that is lit, as `Hits.normal`.
+            [N, 3], unit, on the lit side, as in `Hits.normal`.
         distances
-            Length of the rays that found the points in float32, [N] or one for all; 0 for float64 points.
+            Lengths, [N] or one for all, of the rays that found the points in float32; 0 for float64 points.
         """
         points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         size = 0.0 if self._meshes is None else self._meshes.size
@@ -169,7 +172,7 @@ class Tracer:
     def _nearest(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Trace one chunk; as `Hits`, in float64."""
+        """Trace one chunk of rays; like `Hits`, in float64."""
         nearest = np.full(len(origins), np.inf)
         normals, albedo = np.zeros(origins.shape), np.zeros(origins.shape)
         if self._meshes is not None:
@@ -195,7 +198,7 @@ def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> "Meshes":
 
 
 class _Rays:
-    """Origins and directions of N rays, without copies of what all share."""
+    """Origins and directions of N rays, without copying values shared by all of them."""
 
     def __init__(self, origins: ArrayLike, directions: ArrayLike) -> None:
         one, other = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
@@ -208,7 +211,7 @@ class _Rays:
 
 
 def _in_chunks(count: int, trace: Callable[[slice], None]) -> None:
-    """Call ``trace`` for all rays in parts; Embree and NumPy leave Python's lock, so threads help."""
+    """Call ``trace`` for all rays in chunks, in threads: Embree and NumPy release Python's lock."""
     parts = [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
     workers = min(len(parts), _cores())
     if workers <= 1:
@@ -220,7 +223,7 @@ def _in_chunks(count: int, trace: Callable[[slice], None]) -> None:
         for future in [pool.submit(trace, part) for part in parts]:
             future.result()
     finally:
-        pool.shutdown(cancel_futures=True)  # after Ctrl-C only what runs is finished
+        pool.shutdown(cancel_futures=True)  # after Ctrl-C, only running chunks are completed
 
 
 def _cores() -> int:

@@ -1,4 +1,4 @@
-"""Lights: one module each.
+"""Lights, one module per kind.
 
 To add one, write a module with a `Light` subclass and its kernel header, and list the class here.
 """

@@ -1,8 +1,8 @@
-"""Lights that are not a point, as the sum of many that are: each with a map of its own.
+"""Extended lights as the sum of many point-like parts, each with a map of its own.
 
-What a medium point receives is the mean of T over them: the shadow of the whole light, up to the number of
-points. Blurring one map instead (`tfm_cl.maps.prefilter`) blurs the density: it takes the geometric mean
-of T, which is darker.
+A point in the medium receives the mean of T over the parts. With enough parts that is the soft shadow of
+the whole light. Blurring a single map instead (`tfm_cl.maps.prefilter`) blurs the density: it takes the
+geometric mean of T, which is darker.
 """
 
 import math
@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_SAMPLES = 256
-"""Parts of a light: each has a map."""
+"""Largest number of parts of a light; each part has a map of its own."""
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-"""Radians between a point and the next: no two come to lie on one ray (Vogel, 1979)."""
+"""Golden angle: the angle in radians between consecutive points of the spiral, with which no two points lie
+on one ray from the centre (Vogel, 1979)."""
 
 
 def disk_points(count: int) -> NDArray[np.float64]:
-    """Spread points over the unit disk: Vogel's spiral, moved so that their mean is the centre.
+    """Spread points over the unit disk on Vogel's spiral, shifted so that their mean is the centre.
 
     Returns
     -------
     points
-        [count, 2], each for the same share of the area; always the same.
+        [count, 2], each representing the same share of the area; deterministic.
     """
     number = np.arange(count)
     radius, angle = np.sqrt((number + 0.5) / count), number * GOLDEN_ANGLE
@@ -33,12 +34,12 @@ def disk_points(count: int) -> NDArray[np.float64]:
 
 
 def sphere_directions(count: int) -> NDArray[np.float64]:
-    """Spread unit vectors over the sphere: the same spiral, from +y to -y, its bands of equal area.
+    """Spread unit vectors over the sphere on the same spiral, from +y to -y in bands of equal area.
 
     Returns
     -------
     directions
-        [count, 3], each for the same solid angle 4π / count; always the same.
+        [count, 3], each representing the same solid angle 4π / count; deterministic.
     """
     number = np.arange(count)
     y, angle = 1 - (2 * number + 1) / count, number * GOLDEN_ANGLE

@@ -1,4 +1,4 @@
-"""What a light is to the rest of the project."""
+"""The interface of a light."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
@@ -15,73 +15,75 @@ from tfm_cl.scene.lights.texels import look_up
 Floats = NDArray[np.float64]
 
 SHORTEST_REACH = 1e-9
-"""World units: the square of its inverse is far from float32's limit."""
+"""Smallest reach of a light, world units: the square of its inverse is still far below the largest
+float32."""
 
 TINY = 1e-100
-"""Keeps points at the light from dividing by 0."""
+"""Lower bound of distances to a light, which avoids a division by 0 at the light itself."""
 
 
 @dataclass(frozen=True)
 class LightFrame:
-    """Where a light and its map lie in the world, as the kernels need it."""
+    """Position and orientation of a light and its map in the world, in the form that the kernels need."""
 
     world_from_light: NDArray[np.float64]
-    """4×4 with orthonormal axes: x right, y up, z where the map looks."""
+    """4×4 with orthonormal axes: x to the right, y up, z in the viewing direction of the map."""
     shape: tuple[float, ...]
-    """Up to four numbers that the light's kernel header finds in ``params->light_shape``."""
+    """Up to four parameters of the light, which its kernel header finds in ``params->light_shape``."""
     chart: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
-    """The window of its chart, `tfm_cl.scene.lights.charts.Chart.window`, for lights that have one."""
+    """Window of the chart (`tfm_cl.scene.lights.charts.Chart.window`), for lights that have a chart."""
     cone_from_light: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
-    """3×3, rotation to where a spot's axis is z."""
+    """3×3 rotation from light space to a space whose z axis is the axis of the spot's cone."""
 
 
 class Arrival(NamedTuple):
-    """How the light arrives at world points; float64, as ``LightSample`` of the kernels."""
+    """How the light arrives at world points: the kernels' ``LightSample`` in float64."""
 
     direction: Floats
-    """[points, 3] of travel, world, unit; 0 at the light itself."""
+    """[points, 3], unit direction of travel, world; 0 at the light itself."""
     distance: Floats
-    """[points] travelled, world units: from the light, or from where a sun's rays begin."""
+    """[points], distance travelled, world units: from the light or, for a sun, from where its rays begin."""
     position: Floats
-    """[points, 2]: u, v in the map; beyond [0, 1] where the map does not reach."""
+    """[points, 2], u and v in the map; outside [0, 1] for points that the map does not cover."""
     strength: Floats
-    """[points]: falloff and edge, what the intensity is multiplied by without medium, solids and texture."""
+    """[points], factor of the intensity due to falloff and cone edge, without medium, solids and texture."""
     texture: Floats
-    """[points, 2]: u, v in the light's image, for lights that have one."""
+    """[points, 2], u and v in the light's texture, for lights that have one."""
 
 
 class LitCone(NamedTuple):
-    """All that a light with a place of its own can reach."""
+    """The region that a light with a position can reach."""
 
     world_from_light: Floats
-    """4×4: the apex at the origin, the axis along z."""
+    """4×4; in light space the apex is at the origin and the axis points along z."""
     slope: float
-    """Tangent of the half angle; infinite for light to all sides."""
+    """Tangent of the half angle; infinite for light in all directions."""
     reach: float
-    """Distance beyond which there is none, world units; infinite without."""
+    """Distance beyond which there is no light, world units; may be infinite."""
 
 
 class Light(Model):
     """A light with a projective space: every point it reaches lies on one ray of its map.
 
-    The kernels' geometry is here once more in float64: `rays`, `arrival`, `reaches`, `interval` and
-    `projective_depth`. All points, origins and directions are in the world.
+    `rays`, `arrival`, `reaches`, `interval` and `projective_depth` repeat the geometry of the kernels in
+    float64. All points, origins and directions are in world space.
     """
 
     SECTION: ClassVar[str] = "light"
     HEADER: ClassVar[str]
-    """Kernel header, below ``kernels/``, with the functions that ``kernels/light/README.md`` names."""
+    """Kernel header, relative to ``kernels/``; ``kernels/light/README.md`` lists the functions it
+    provides."""
 
     @property
     def headers(self) -> tuple[str, ...]:
-        """Kernel headers, in order: its chart's, if any, and its own."""
+        """Kernel headers in the order of inclusion: that of the chart, if any, then that of the light."""
         return (self.HEADER,)
 
     type: str = Field(description="kind of light")
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB; its unit depends on falloff")
+    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB; the unit depends on falloff")
     falloff: Literal["none", "inverse-square"] = Field(
         "none",
-        description="none: the papers' (intensity is irradiance everywhere); "
+        description="none, as in the papers: intensity is the irradiance everywhere; "
         "inverse-square: intensity is per steradian, distance in world units",
     )
 
@@ -92,19 +94,19 @@ class Light(Model):
         Raises
         ------
         SceneError
-            When the map has to be `fitted` first, or the light is the sum of its `parts` only.
+            When the map has to be `fitted` first, or only the `parts` of the light have maps.
         """
 
     @abstractmethod
     def footprint(self, distance: float) -> float:
-        """Width of the map at a distance from the light's origin if all texels were as wide as the widest.
+        """Width of the map at a distance from the light's origin, if all texels were as wide as the widest.
 
-        World units.
+        In world units.
         """
 
     @abstractmethod
     def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Origins and unit directions, both [rays, 3], of map positions u, v [rays, 2] in [0, 1]²."""
+        """Origins and unit directions, both [rays, 3], for map positions u, v [rays, 2] in [0, 1]²."""
 
     @abstractmethod
     def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
@@ -113,37 +115,37 @@ class Light(Model):
         Parameters
         ----------
         points
-            Anywhere; strength and position mean something where the light `reaches`.
+            Any points; strength and position are meaningful only where the light `reaches`.
         nearest
             Distance below which inverse-square falloff stops growing.
         """
 
     @abstractmethod
     def begins(self, points: Floats) -> Floats:
-        """Where the light's rays through points begin, both [points, 3]."""
+        """Points [points, 3] where the light's rays through points [points, 3] begin."""
 
     def reaches(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether points [points, 3] lie in what the light can reach, were there nothing in its way."""
+        """Whether the light could reach points [points, 3] if nothing were in its way."""
         return np.ones(len(points), dtype=bool)
 
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Part of rays (both [rays, 3]) that the light can reach: begin ≥ 0, end, both [rays].
+        """Part of rays (origins, directions [rays, 3]) that the light can reach: begin ≥ 0 and end, [rays].
 
-        The end may be infinite; both are 0 where the light reaches nothing.
+        The end may be infinite; both are 0 for rays that the light does not reach.
         """
         del directions
         return np.zeros(len(origins)), np.full(len(origins), np.inf)
 
     def projective_depth(self, points: Floats) -> Floats:
-        """Depth w ≥ 0 of the light's projective space, [points]; constant where world steps are even."""
+        """Depth w ≥ 0 in the light's projective space, [points]; constant for parallel light."""
         return np.ones(len(points))
 
     def source_distance(self, points: Floats) -> Floats:
-        """How far a ray from points [points, 3] against the light travels until it is at the light."""
+        """Distance from points [points, 3] to the light, along a ray towards it."""
         return self.arrival(points).distance
 
     def lit_cone(self) -> LitCone | None:
-        """Return a cone, or a ball, that all the light lies in; None where it may go anywhere."""
+        """Return a cone or sphere that contains all points the light can reach; None if it is unbounded."""
         return None
 
     @property
@@ -169,22 +171,22 @@ class Light(Model):
 
     @property
     def needs_fitting(self) -> bool:
-        """Whether `frame` raises until the light is `fitted`."""
+        """Whether the light must be `fitted` before `frame` can be called."""
         return False
 
     def parts(self) -> tuple["Light", ...]:
-        """Return the lights, each with a map of its own, whose sum this one is: mostly itself."""
+        """Return the lights whose sum this one is, each with a map of its own; for most lights, itself."""
         return (self,)
 
     def texture_image(self) -> NDArray[np.float32] | None:
-        """Colours that the light is multiplied by, [height, width, RGB], or None.
+        """Texture that the light is multiplied by, [height, width, RGB], or None.
 
-        Row 0 is at v = 1, column 0 at u = 0; between the texels' centres bilinear (``kernels/texture.h``).
+        Row 0 is at v = 1, column 0 at u = 0; bilinear between texel centres (``kernels/texture.h``).
 
         Raises
         ------
         SceneError
-            Naming the key and the file that cannot be used.
+            When the file cannot be used; names the key and the file.
         """
         return None
 
@@ -198,20 +200,20 @@ class Light(Model):
         """
 
     def intensity_at(self, positions: Floats) -> Floats:
-        """Intensity times texture at the image's positions u, v: [points, 2] to [points, RGB]."""
+        """Intensity times texture [points, RGB] at positions u, v [points, 2] in the image."""
         intensity = np.broadcast_to(np.asarray(self.intensity), (len(positions), 3))
         image = self.texture_image()
         return intensity if image is None else intensity * look_up(image, positions)
 
     def falloff_at(self, distance: Floats, nearest: float) -> Floats:
-        """1, or 1 / distance², which stops growing at ``nearest``."""
+        """1, or 1 / distance², which does not grow further below the distance ``nearest``."""
         gain = np.ones(len(distance))
         if self.falloff == "inverse-square":
             gain /= np.maximum(distance, max(nearest, TINY)) ** 2
         return gain
 
     def window_at(self, distance: Floats) -> Floats:
-        """1, or for a light with a `reach` (1 - (d / reach)⁴)², 0 beyond it: ``light_window``.
+        """1, or (1 - (d / reach)⁴)² for a light with a `reach`, and 0 beyond it: ``light_window``.
 
         Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 course notes.
         """
@@ -222,7 +224,7 @@ class Light(Model):
         return window
 
     def map_key(self) -> tuple[object, ...]:
-        """All of the light that its transmittance map depends on: not its colour."""
+        """Everything that the light's transmittance map depends on; that excludes its colour."""
         frame = self.frame()
         cone = frame.cone_from_light.tobytes()
         return (self.headers, frame.world_from_light.tobytes(), frame.shape, frame.chart, cone)
@@ -247,13 +249,13 @@ def parse_light(values: dict[str, Any]) -> Light:
 
 
 Reach = Annotated[float | None, number_or_none(SHORTEST_REACH, LARGEST_COORDINATE)]
-"""Distance beyond which a light is dark, world units; None: it has no end."""
+"""Distance beyond which a light is dark, world units; None: unlimited."""
 
 
 def ball_interval(offsets: Floats, directions: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Part of rays inside a ball: begin, end ≥ 0, both [rays]; both 0 where there is none.
+    """Part of rays inside a sphere: begin and end ≥ 0, both [rays]; both 0 for rays that miss it.
 
-    ``offsets`` [rays, 3] of the rays' origins from its middle, unit ``directions`` [rays, 3].
+    ``offsets`` [rays, 3]: from the sphere's centre to the rays' origins; ``directions`` [rays, 3]: unit.
     """
     nearest = -(offsets * directions).sum(axis=-1)
     passing = offsets + nearest[:, None] * directions
@@ -264,6 +266,6 @@ def ball_interval(offsets: Floats, directions: Floats, radius: float) -> tuple[F
 
 
 def texel_positions(res: int) -> Floats:
-    """Texel centres of a map ``[res², 2]``; x runs fastest, and the first row is the lowest y."""
+    """Texel centres of a map, ``[res², 2]``; x varies fastest, and the first row has the lowest y."""
     at = (np.arange(res) + 0.5) / res
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)

@@ -1,11 +1,12 @@
-"""Charts: where the rays of a light with a place lie in the square of its maps, u and v in [0, 1]².
+"""Charts: how the rays of a light with a position are laid out on the square of its maps, u and v in [0, 1]².
 
-A chart maps directions of light space, whose z runs through the middle of what is mapped, to a plane, and a
-window of the plane to the square. The kernels' headers do the same (``kernels/light/chart``).
+A chart maps directions in light space, whose z axis points to the centre of the chart, to a plane, and a
+window of that plane to the square. The kernel headers in ``kernels/light/chart`` do the same.
 
-- `Perspective`: the plane z = 1. Right for narrow views; its texels shrink as cos³ of the angle.
-- `Hemisphere`: half an octahedron, a square that stands on its corner, turned by an eighth.
-- `Octahedron`: all directions; the lower half (z < 0) is folded out into the square's corners.
+- `Perspective`: the plane z = 1. Suits narrow views; the solid angle of its texels shrinks as cos³ of the
+  angle.
+- `Hemisphere`: half an octahedron, a square that stands on a corner, rotated by 45°.
+- `Octahedron`: all directions; the lower half (z < 0) is folded out into the corners of the square.
 
 Engelhardt, Dachsbacher, "Octahedron Environment Maps", VMV 2008; Cigolle et al., "A Survey of Efficient
 Representations for Independent Unit Vectors", JCGT 3(2), 2014.
@@ -22,41 +23,44 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 BORDER = 1 / 32
-"""Width of an octahedron's border on every side, in parts of the map.
+"""Width of the border on every side of an octahedral map, as a fraction of the map's width.
 
-It repeats the rays from across the seam. A fraction, not a texel, because transmittance map, shadow map and
-probes of one light differ in resolution but share u, v. Bilinear look-ups reach half a texel beyond the
-octahedron: they see no seam in maps of 16 texels or more, and filters of k more texels on every side none
-from 32 k + 16 texels on. In smaller maps the look-up is clamped at the outermost texels' centres.
+The border repeats the rays from across the seam. Its width is a fraction and not a number of texels because
+the transmittance map, the shadow map and the probes of a light differ in resolution but share u and v.
+Bilinear look-ups reach half a texel beyond the octahedron, so they see no seam in maps of at least 16 texels
+per side; filters that extend k texels further need 32 k + 16. In smaller maps, look-ups are clamped to the
+centres of the outermost texels.
 """
 MARGIN = 1 / 256
-"""Of a window's width, around what has to lie in it: look-ups near its side find texels on both sides."""
+"""Margin of a chart's window around what it has to cover, as a fraction of its width: look-ups near the
+boundary then find texels on both sides."""
 OUTSIDE = -1.0
-"""u and v of what no texel can show."""
+"""The u and v of directions that a chart does not cover."""
 COARSEST = 27**0.25
-"""The octahedron's texels are widest in the middle of its faces, by this factor over those at its corners."""
+"""Width of an octahedral map's texels at the centres of the faces, where they are widest, relative to those
+at the corners."""
 NARROWEST = 1e-30
-"""Width of a window, at least: its inverse is a float32."""
+"""Smallest width of a chart's window: its inverse must be a finite float32."""
 TINY = 1e-100
 
 
 @dataclass(frozen=True)
 class Chart(ABC):
-    """A plane map of directions, and the window of it that the square shows."""
+    """A mapping of directions to a plane, and the window of that plane that fills the square of a map."""
 
     low: tuple[float, float]
     high: tuple[float, float]
 
     HEADER: ClassVar[str]
-    """Kernel header, below ``kernels/``."""
+    """Kernel header, relative to ``kernels/``."""
 
     @abstractmethod
     def plane(self, directions: Floats) -> Floats:
-        """Places [n, 2] of directions [n, 3] of any length; NaN where there is none."""
+        """Positions [n, 2] in the plane of directions [n, 3] of any length; NaN for those not covered."""
 
     @abstractmethod
     def lifted(self, places: Floats) -> Floats:
-        """Directions [n, 3], of any length, of places [n, 2]."""
+        """Directions [n, 3], of any length, for positions [n, 2] in the plane."""
 
     @property
     @abstractmethod
@@ -65,32 +69,32 @@ class Chart(ABC):
 
     @property
     def window(self) -> tuple[float, float, float, float]:
-        """Return what kernels are told: u = window[0] x + window[2], v = window[1] y + window[3]."""
+        """Parameters for the kernels: u = window[0] x + window[2], v = window[1] y + window[3]."""
         scale = 1 / np.maximum(np.subtract(self.high, self.low), NARROWEST)
         offset = -scale * self.low
         return (*scale.tolist(), *offset.tolist())
 
     def positions(self, directions: Floats) -> Floats:
-        """u, v [n, 2] of directions [n, 3] of any length; `OUTSIDE` for those that have none."""
+        """u, v [n, 2] of directions [n, 3] of any length; `OUTSIDE` for those not covered."""
         scale_u, scale_v, *offset = self.window
         position = self.plane(directions) * (scale_u, scale_v) + offset
         return np.where(np.isnan(position), OUTSIDE, position)
 
     def directions(self, positions: Floats) -> Floats:
-        """Return unit directions [n, 3] of u, v [n, 2]."""
+        """Return unit directions [n, 3] for u, v [n, 2]."""
         directions = self.lifted(self.low + positions * np.subtract(self.high, self.low))
         unit: Floats = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         return unit
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What tells charts apart."""
+        """Values that identify the chart."""
         return self.HEADER, self.low, self.high
 
 
 @dataclass(frozen=True)
 class Perspective(Chart):
-    """x / z and y / z: everything before the light."""
+    """x / z and y / z: directions in front of the light."""
 
     HEADER: ClassVar[str] = "light/chart/perspective.h"
 
@@ -106,19 +110,19 @@ class Perspective(Chart):
 
     @property
     def width(self) -> float:
-        """The window's: texels on the axis are the widest."""
+        """Width of the window: the texels on the axis are the widest."""
         return float(np.subtract(self.high, self.low).max())
 
 
 @dataclass(frozen=True)
 class Hemisphere(Chart):
-    """The upper half of |x| + |y| + |z| = 1 seen along z, its square turned by an eighth."""
+    """The upper half of |x| + |y| + |z| = 1 seen along z, its square rotated by 45°."""
 
     HEADER: ClassVar[str] = "light/chart/hemisphere.h"
 
     @classmethod
     def around(cls, slope: float) -> "Hemisphere":
-        """Show the cone around z of a half angle whose tangent is ``slope``, infinite for a right angle."""
+        """Cover the cone around z whose half angle has the tangent ``slope``, infinite for 90°."""
         # x / (|x| + |y| + z) + y / (…) is largest where x = y.
         half = 1 / (1 + math.sqrt(0.5) / slope)
         half *= 1 + 2 * MARGIN
@@ -132,13 +136,13 @@ class Hemisphere(Chart):
         return np.column_stack([(x + y) / size, (x - y) / size])
 
     def lifted(self, places: Floats) -> Floats:
-        """As `Chart.lifted`; beyond the square, below the horizon."""
+        """As `Chart.lifted`; positions beyond the square give directions below the horizon."""
         x, y = places.sum(axis=1) / 2, (places[:, 0] - places[:, 1]) / 2
         return np.column_stack([x, y, 1 - np.abs(x) - np.abs(y)])
 
     @property
     def width(self) -> float:
-        """Of texels in the middle of faces."""
+        """Width for the texels at the centres of the faces."""
         return COARSEST * float(np.subtract(self.high, self.low).max()) / math.sqrt(2)
 
 
@@ -150,12 +154,12 @@ class Octahedron(Chart):
 
     @classmethod
     def whole(cls) -> "Octahedron":
-        """Show all directions."""
+        """Cover all directions."""
         half = 1 / (1 - 2 * BORDER)
         return cls((-half, -half), (half, half))
 
     def plane(self, directions: Floats) -> Floats:
-        """As `Chart.plane`; the middle for a direction of no length."""
+        """As `Chart.plane`; the centre for a vector of length 0."""
         size = np.abs(directions).sum(axis=-1)
         x, y, _ = directions.T / np.maximum(size, TINY)
         return _folded(directions[:, 2] < 0, x, y)
@@ -163,8 +167,8 @@ class Octahedron(Chart):
     def lifted(self, places: Floats) -> Floats:
         """As `Chart.lifted`.
 
-        Beyond a side the square goes on as its own half turn about the middle of that side, so that
-        neighbours have neighbouring directions.
+        Beyond a side the square continues as a copy of itself, rotated by 180° about the centre of that
+        side, so that neighbouring positions have neighbouring directions.
         """
         x, y = places.T
         outside = np.abs(x) > 1
@@ -176,12 +180,12 @@ class Octahedron(Chart):
 
     @property
     def width(self) -> float:
-        """Of texels in the middle of faces."""
+        """Width for the texels at the centres of the faces."""
         return COARSEST * float(np.subtract(self.high, self.low).max())
 
 
 def _folded(lower: NDArray[np.bool_], x: Floats, y: Floats) -> Floats:
-    """Swap the corners (z < 0) and where the lower half would lie if it were seen from above."""
+    """Exchange the corners (z < 0) with the projection of the lower half along z; its own inverse."""
     return np.column_stack(
         [
             np.where(lower, np.copysign(1 - np.abs(y), x), x),

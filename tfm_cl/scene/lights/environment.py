@@ -1,4 +1,4 @@
-"""Light from everywhere: a sky of one colour, or an image of one."""
+"""Light from all directions: a uniform sky, or an image of one."""
 
 from functools import lru_cache
 from itertools import pairwise
@@ -16,26 +16,27 @@ from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
 from tfm_cl.scene.lights.sun import SunLight
 
 BLOCKS = (512, 1024)
-"""Rows and columns at most that an image is summed to before each goes to the nearest direction."""
+"""Largest size of an environment image, rows and columns, after downsampling; then each pixel is assigned to
+the nearest direction."""
 
 
 class EnvironmentLight(Light):
-    """Radiance from all directions, as the sum of suns: the directions are fixed, and each has a map.
+    """Radiance from all directions, as the sum of suns in fixed directions, each with a map of its own.
 
     ``texture`` is a latitude-longitude image with +y up, as OpenEXR defines it: the top row is +y, the
-    middle of the image +z, a quarter to the left of it +x, both sides -z. Whoever stands in the middle sees
-    it upright and not mirrored. Its pixels are multiplied by ``intensity``; what is transparent is dark.
+    centre of the image +z, a quarter to the left of it +x, and both sides are -z. A viewer inside sees it
+    upright and not mirrored. Its pixels are multiplied by ``intensity``; transparent pixels are dark.
     """
 
     HEADER: ClassVar[str] = SunLight.HEADER
 
     type: Literal["environment"] = "environment"
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB radiance, or what the image is multiplied by")
+    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB radiance, or factor of the image")
     falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
     texture: ImagePath = Field(
         "",
-        description="latitude-longitude image of the radiance, +y up, +z in its middle: .png .exr .npy; "
-        "empty: the same everywhere",
+        description="latitude-longitude image of the radiance, +y up, +z in the centre: .png .exr .npy; "
+        "empty: the same in all directions",
     )
     samples: int = Field(
         32,
@@ -47,8 +48,8 @@ class EnvironmentLight(Light):
     def parts(self) -> tuple[Light, ...]:
         """Return ``samples`` suns in evenly spread directions.
 
-        Each has the radiance of its cell, the directions that it is nearest to, integrated over the cell;
-        without an image that is 4π / samples times the radiance.
+        The irradiance of each is the radiance integrated over its cell, the directions to which it is the
+        nearest; without an image that is 4π / samples times the radiance.
 
         Raises
         ------
@@ -72,11 +73,11 @@ class EnvironmentLight(Light):
 
     @property
     def needs_fitting(self) -> bool:
-        """Whether its parts do."""
+        """Whether its parts must be fitted."""
         return True
 
     def frame(self) -> LightFrame:
-        """Raise: only its parts have maps."""
+        """Raise an error: only its parts have maps."""
         self._refuse()
 
     def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
@@ -85,22 +86,22 @@ class EnvironmentLight(Light):
         return self
 
     def footprint(self, distance: float) -> float:
-        """Raise: only its parts have maps."""
+        """Raise an error: only its parts have maps."""
         del distance
         self._refuse()
 
     def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Raise: only its parts have rays."""
+        """Raise an error: only its parts have rays."""
         del positions
         self._refuse()
 
     def begins(self, points: Floats) -> Floats:
-        """Raise: only its parts have rays."""
+        """Raise an error: only its parts have rays."""
         del points
         self._refuse()
 
     def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
-        """Raise: only its parts arrive from one direction."""
+        """Raise an error: only its parts arrive from a single direction."""
         del points, nearest
         self._refuse()
 
@@ -109,11 +110,11 @@ class EnvironmentLight(Light):
         return np.full(len(points), np.inf)
 
     def _refuse(self) -> NoReturn:
-        raise SceneError("light: an environment has no map of its own; take those of its parts()")
+        raise SceneError("light: an environment has no map of its own; use the maps of its parts()")
 
 
 def directions_of(rows: Floats, columns: Floats) -> Floats:
-    """Return the unit directions [rows, columns, 3] that pixels of a latitude-longitude image show.
+    """Return the unit directions [rows, columns, 3] of the pixels of a latitude-longitude image.
 
     ``rows`` from 0 (top) to 1, ``columns`` from 0 (left) to 1.
     """
@@ -131,7 +132,7 @@ def _image_flux(path: str, _stamp: tuple[int, int], count: int) -> NDArray[np.fl
 def flux_of(image: NDArray[np.float32], count: int) -> NDArray[np.float64]:
     """Integrate radiance [height, width, RGB] over the cells of ``count`` directions: [count, RGB].
 
-    The sum over the cells is the integral over the sphere, each pixel by its exact solid angle.
+    Each pixel is weighted by its exact solid angle, so that the cells sum to the integral over the sphere.
     """
     height, width = image.shape[:2]
     row_edges, column_edges = (

@@ -1,4 +1,4 @@
-"""Where the map of a light with a place looks: at what the light reaches of the medium, and no farther."""
+"""Fits the map of a light with a position to the part of the medium that the light reaches."""
 
 import itertools
 import math
@@ -13,34 +13,35 @@ from tfm_cl.scene.lights.charts import MARGIN, Chart, Hemisphere, Octahedron, Pe
 Floats = NDArray[np.float64]
 
 WIDEST_SLOPE = 1.0
-"""Tangent up to which a view is mapped in perspective: there its texels are as wide as a hemisphere's, on the
-axis wider, at its side narrower."""
+"""Tangent of the half angle up to which a view uses the perspective chart. At that angle its texels are as
+wide as those of the hemisphere chart: wider on the axis, narrower at the edge."""
 LEAST_GAIN = 1.1
-"""A view must be that much narrower to be preferred to one named before it: maps should not turn about for
-nothing."""
+"""Factor by which a view must be narrower than an earlier candidate to replace it, so that maps do not rotate
+without a benefit."""
 NEAR = 1e-3
-"""Part of its distance that a point must lie before a light to be mapped in perspective."""
+"""Relative tolerance of distances: a point is in front of the light if its depth exceeds this fraction of its
+distance, and the light is outside a box if its distance to it exceeds this fraction of the diagonal."""
 
 
 class View(NamedTuple):
-    """How a map looks out of a light."""
+    """Orientation and chart of a light's map."""
 
     axes: Floats
-    """3×3, orthonormal, world from light; the chart's middle is along z."""
+    """3×3, orthonormal, world from light; z points to the centre of the chart."""
     chart: Chart
 
 
 class Cone(NamedTuple):
-    """Light around an axis."""
+    """A cone of light around an axis."""
 
     axes: Floats
-    """3×3, world from light, the axis along z."""
+    """3×3, world from light; z is the axis."""
     slope: float
     """Tangent of the half angle, finite."""
 
 
 def whole_view(cone: Cone | None) -> View:
-    """Look at all that a cone holds, or all around without one."""
+    """Cover a whole cone, or all directions without one."""
     if cone is None:
         return View(np.eye(3), Octahedron.whole())
     if cone.slope <= WIDEST_SLOPE:
@@ -49,23 +50,23 @@ def whole_view(cone: Cone | None) -> View:
 
 
 def fitted_view(origin: Floats, bounds: Floats, cone: Cone | None, reach: float) -> View:
-    """Look at what a light reaches of a box, as closely as can be.
+    """Cover the part of a box that a light reaches, as tightly as possible.
 
     Parameters
     ----------
     origin
-        [3], the light, world.
+        [3], position of the light, world.
     bounds
-        [2, 3], the box, world.
+        [2, 3], low and high corner of the box, world.
     cone
-        That holds all light; None for light to all sides.
+        Cone that contains all the light; None for light in all directions.
     reach
-        Distance where the light ends; may be infinite.
+        Distance at which the light ends; may be infinite.
 
     Returns
     -------
     View
-        `whole_view` where nothing is reached, or the box has no end.
+        `whole_view` if the light does not reach the box, or the box is infinite.
     """
     low, high = np.maximum(bounds[0] - origin, -reach), np.minimum(bounds[1] - origin, reach)
     if not np.isfinite([low, high]).all() or (low >= high).any():
@@ -102,7 +103,7 @@ def fitted_view(origin: Floats, bounds: Floats, cone: Cone | None, reach: float)
 
 
 def _window(axes: Floats, corners: Floats | None, cone: Cone | None) -> Floats | None:
-    """Box [2, 2] on the plane z = 1 that holds the corners and the cone, both; None if that has no end."""
+    """Intersection [2, 2] of the corners' and the cone's bounds on the plane z = 1; None if unbounded."""
     windows = []
     if corners is not None:
         local = corners @ axes
@@ -118,7 +119,7 @@ def _window(axes: Floats, corners: Floats | None, cone: Cone | None) -> Floats |
 
 
 def _window_of_cone(axes: Floats, cone: Cone) -> tuple[Floats, Floats] | None:
-    """Box on the plane z = 1 around a cone's section with it; None where that has no end."""
+    """Bounds of a cone's section with the plane z = 1; None if they are infinite."""
     axis = axes.T @ cone.axes[:, 2]
     sine = math.sin(math.atan(cone.slope))
     low, high = np.zeros(2), np.zeros(2)

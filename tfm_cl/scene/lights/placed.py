@@ -1,4 +1,4 @@
-"""What lights with a place share: rays from a point, and a map that looks where there is medium."""
+"""Lights with a position: rays from a point, and a map fitted to the medium."""
 
 import math
 from abc import abstractmethod
@@ -15,27 +15,27 @@ from tfm_cl.scene.transform import turned
 
 
 class PlacedLight(Light):
-    """Light from a point; its map shows what it reaches, and once `fitted` what it reaches of the medium."""
+    """Light from a point; its map covers all that it reaches or, once `fitted`, the medium within reach."""
 
     from_: Vec3 = Field(alias="from", description="position, world units")
     reach: Reach = Field(
         None,
-        description="distance beyond which the light is dark, world units: it fades smoothly to there; left "
-        "out: it has no end",
+        description="distance beyond which the light is dark, world units; it fades out smoothly towards it; "
+        "default: unlimited",
     )
     _view: View | None = PrivateAttr(default=None)
 
     @abstractmethod
     def cone_of_light(self) -> Cone | None:
-        """Return the cone that all light is in; None for light to all sides."""
+        """Return the cone that contains all the light; None for light in all directions."""
 
     def _shape(self) -> tuple[float, float, float]:
-        """First three numbers of the kernels' ``light_shape``."""
+        """First three parameters in the kernels' ``light_shape``."""
         return 0.0, 0.0, 0.0
 
     @property
     def view(self) -> View:
-        """How its map looks out."""
+        """Orientation and chart of the map."""
         return whole_view(self.cone_of_light()) if self._view is None else self._view
 
     @property
@@ -53,7 +53,10 @@ class PlacedLight(Light):
         return light
 
     def frame(self) -> LightFrame:
-        """Light at the origin, the map's middle along z; the shape ends with 1 / reach (0 without)."""
+        """As `Light.frame`.
+
+        The light is at the origin and the map's centre along z; the shape ends with 1 / reach, or 0 without.
+        """
         axes, chart = self.view
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = axes, self.from_
@@ -70,13 +73,13 @@ class PlacedLight(Light):
         return distance * self.view.chart.width
 
     def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """All from the light."""
+        """All rays start at the light."""
         axes, chart = self.view
         directions = turned(chart.directions(positions), axes.T)
         return np.broadcast_to(np.asarray(self.from_), directions.shape), directions
 
     def begins(self, points: Floats) -> Floats:
-        """At the light."""
+        """All rays start at the light."""
         return np.broadcast_to(np.asarray(self.from_), points.shape)
 
     def map_positions(self, offsets: Floats) -> Floats:
@@ -85,5 +88,5 @@ class PlacedLight(Light):
         return chart.positions(turned(offsets, axes))
 
     def within_reach(self, distance: Floats) -> NDArray[np.bool_]:
-        """Whether distances [n] lie before the light's end."""
+        """Whether distances [n] are within the light's reach."""
         return distance < (math.inf if self.reach is None else self.reach)

@@ -14,23 +14,23 @@ from tfm_cl.scene.lights.placed import PlacedLight
 
 
 class PointLight(PlacedLight):
-    """Light from a point to everywhere.
+    """Light from a point in all directions.
 
-    Its map is an octahedron unfolded into a square, or what looks at the medium only, where that lies to one
-    side (`tfm_cl.scene.lights.charts`).
+    Its map is an octahedron unfolded into a square or, if the medium lies to one side of the light, a
+    narrower view that covers only the medium (`tfm_cl.scene.lights.charts`).
     """
 
     HEADER: ClassVar[str] = "light/point.h"
 
     type: Literal["point"] = "point"
     radius: float = Field(
-        0.0, ge=0, description="of a sphere that the light comes from, world units; 0 is a point"
+        0.0, ge=0, description="radius of the sphere that emits the light, world units; 0: a point"
     )
     samples: int = Field(
         16,
         ge=1,
         le=MOST_SAMPLES,
-        description=f"points of the sphere, 1 to {MOST_SAMPLES}, each with a map of its own",
+        description=f"points on the sphere, 1 to {MOST_SAMPLES}, each with a map of its own",
     )
 
     @model_validator(mode="after")
@@ -40,16 +40,16 @@ class PointLight(PlacedLight):
         return self
 
     def cone_of_light(self) -> None:
-        """Return None: it shines to all sides."""
+        """Return None: the light shines in all directions."""
 
     def lit_cone(self) -> LitCone:
-        """Return the ball it reaches."""
+        """Return the sphere that it reaches, if it has a reach."""
         matrix = np.eye(4)
         matrix[:3, 3] = self.from_
         return LitCone(matrix, math.inf, math.inf if self.reach is None else self.reach)
 
     def parts(self) -> tuple[Light, ...]:
-        """Itself, or with a ``radius`` points on the sphere that share the intensity."""
+        """Return itself or, with a ``radius``, points on the sphere that share the intensity."""
         if self.radius == 0:
             return (self,)
         part = {"intensity": np.divide(self.intensity, self.samples), "radius": 0.0}
@@ -65,12 +65,12 @@ class PointLight(PlacedLight):
         return Arrival(offset / np.maximum(distance, TINY)[:, None], distance, position, strength, position)
 
     def reaches(self, points: Floats) -> NDArray[np.bool_]:
-        """Within its reach."""
+        """As `Light.reaches`: the points within its reach."""
         distance: Floats = np.linalg.norm(points - np.asarray(self.from_), axis=-1)
         return self.within_reach(distance)
 
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Within its reach."""
+        """As `Light.interval`: the part within its reach."""
         if self.reach is None:
             return super().interval(origins, directions)
         return ball_interval(origins - np.asarray(self.from_), directions, self.reach)

@@ -21,9 +21,9 @@ from tfm_cl.scene.transform import turned
 class SpotLight(PlacedLight):
     """A cone of light from a point (TFM section 4).
 
-    With a ``radius`` it comes from a disk instead, of which `parts` makes points. A ``texture`` is thrown
-    through the square around the cone: upright and not mirrored for who stands behind the light and looks
-    along it.
+    With a ``radius`` the light comes from a disk instead; `parts` returns points on it. A ``texture`` is
+    projected through the square around the cone. Seen from behind the light, looking along its axis, the
+    image is upright and not mirrored.
     """
 
     HEADER: ClassVar[str] = "light/spot.h"
@@ -35,21 +35,21 @@ class SpotLight(PlacedLight):
         0.0,
         ge=0,
         le=1,
-        description="part of the half angle over which the edge softens (smoothstep); 0 is a hard edge",
+        description="fraction of the half angle over which the edge softens (smoothstep); 0: a hard edge",
     )
     radius: float = Field(
         0.0,
         ge=0,
-        description="of a disk across the axis that the light comes from, world units; 0 is a point",
+        description="radius of the disk across the axis that emits the light, world units; 0: a point",
     )
     samples: int = Field(
         16,
         ge=1,
         le=MOST_SAMPLES,
-        description=f"points of the disk, 1 to {MOST_SAMPLES}, each with a map of its own",
+        description=f"points on the disk, 1 to {MOST_SAMPLES}, each with a map of its own",
     )
     texture: ImagePath = Field(
-        "", description="image thrown through the square around the cone: .png .exr .npy; empty: none"
+        "", description="image projected through the square around the cone: .png .exr .npy; empty: none"
     )
 
     @model_validator(mode="after")
@@ -83,10 +83,10 @@ class SpotLight(PlacedLight):
         return LitCone(self._world_from_cone, self._slope, reach)
 
     def parts(self) -> tuple[Light, ...]:
-        """Itself, or with a ``radius`` its ``samples`` points.
+        """Return itself or, with a ``radius``, its ``samples`` points.
 
-        They lie on the disk, which faces the axis; each has its part of the intensity and the same cone,
-        turned to look at the same ``to``.
+        They lie on the disk, which is perpendicular to the axis. Each has its share of the intensity and the
+        same cone, turned towards the same ``to``.
         """
         if self.radius == 0:
             return (self,)
@@ -104,7 +104,7 @@ class SpotLight(PlacedLight):
         _ = self._held
 
     def texture_image(self) -> NDArray[np.float32] | None:
-        """As `Light.texture_image`; what is transparent in the image is dark."""
+        """As `Light.texture_image`; transparent parts of the image are dark."""
         return texture_for(self.texture, self.intensity)
 
     def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
@@ -126,7 +126,7 @@ class SpotLight(PlacedLight):
         )
 
     def reaches(self, points: Floats) -> NDArray[np.bool_]:
-        """In the cone."""
+        """As `Light.reaches`: the points in the cone."""
         x, y, z = self._from_apex(points)[1].T
         inside: NDArray[np.bool_] = (z > 0) & (np.hypot(x, y) <= self._slope * z)
         return inside & self.within_reach(np.sqrt(x * x + y * y + z * z))
@@ -137,14 +137,15 @@ class SpotLight(PlacedLight):
         return False
 
     def projective_depth(self, points: Floats) -> Floats:
-        """Along the axis."""
+        """As `Light.projective_depth`: the depth along the axis."""
         return np.maximum(self._from_apex(points)[1][:, 2], 0)
 
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """In the solid cone."""
+        """As `Light.interval`: the part of rays in the solid cone."""
         slope, axes = self._slope, self._world_from_cone[:3, :3]
         origin, direction = self._from_apex(origins)[1], turned(directions, axes)
-        # From the ray's point nearest to the apex the roots keep their digits however far the camera is.
+        # Measured from the ray's point nearest to the apex, the roots keep their precision however far the
+        # camera is.
         nearest = -(origin * direction).sum(axis=-1)
         origin = origin + nearest[:, None] * direction
         # Both nappes: z² slope² - x² - y² = a t² + 2 b t + c ≥ 0.
@@ -155,11 +156,11 @@ class SpotLight(PlacedLight):
         )
         discriminant = b * b - a * c
         root = -(b + np.copysign(np.sqrt(np.maximum(discriminant, 0)), b))
-        # A ray parallel to the side (a = 0) has one of its roots at infinity.
+        # A ray parallel to the surface (a = 0) has one of its roots at infinity.
         one = np.divide(root, a, out=np.copysign(np.inf, -b), where=a != 0)
         other = np.divide(c, root, out=np.zeros_like(c), where=root != 0)
         low, high = np.minimum(one, other), np.maximum(one, other)
-        # a ≥ 0: the ray runs from one nappe into the other. a < 0: it crosses one nappe, if any.
+        # a ≥ 0: the ray passes from one nappe to the other. a < 0: it crosses at most one nappe.
         steep, forward = a >= 0, direction[:, 2] > 0
         height = origin[:, 2] - np.divide(b, a, out=np.zeros_like(b), where=a != 0) * direction[:, 2]
         begin = np.where(steep, np.where(forward, high, -np.inf), low)
@@ -173,7 +174,7 @@ class SpotLight(PlacedLight):
         return np.where(hit, begin, 0), np.where(hit, end, 0)
 
     def _from_apex(self, points: Floats) -> tuple[Floats, Floats]:
-        """Points relative to the apex, in the world's axes and in the cone's."""
+        """Points relative to the apex, in the axes of the world and of the cone."""
         matrix = self._world_from_cone
         offset = points - matrix[:3, 3]
         return offset, turned(offset, matrix[:3, :3])

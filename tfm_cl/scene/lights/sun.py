@@ -14,24 +14,27 @@ from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
 from tfm_cl.scene.transform import turned
 
 MARGIN = 1e-5
-"""Of the bounds' diagonal, around what the map covers: some hundred roundings of float32."""
+"""Margin of a sun's map, as a fraction of the bounds' diagonal: some hundred rounding errors of float32."""
 BEFORE = 1e-3
-"""Of the diagonal of all that is to be lit, before the first of it: distances are > 0 in float32."""
+"""Gap between the plane where a sun's distances begin and the first lit point, as a fraction of the diagonal
+of all that is lit: it keeps distances > 0 in float32."""
 
 
 class SunLight(Light):
-    """Parallel light along from → to; its map is a rectangle across, fitted to the medium's bounds.
+    """Parallel light along from → to; its map is a perpendicular rectangle, fitted to the medium's bounds.
 
-    ``from`` and ``to`` give the direction only. Distances begin on a plane before all that the light was
-    `fitted` to.
+    ``from`` and ``to`` only define the direction. Distances are measured from a plane in front of everything
+    that the light was `fitted` to.
     """
 
     HEADER: ClassVar[str] = "light/sun.h"
 
     type: Literal["sun"] = "sun"
-    from_: Vec3 = Field(alias="from", description="the light travels from here to to, from any distance")
-    to: Vec3 = Field(description="point that gives the direction, world units")
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB irradiance on a plane that faces the light")
+    from_: Vec3 = Field(
+        alias="from", description="start of the direction, world units; how far away it is does not matter"
+    )
+    to: Vec3 = Field(description="end of the direction in which the light travels, world units")
+    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB irradiance on a plane facing the light")
     falloff: Literal["none"] = Field("none", description="none: a sun is equally bright everywhere")
     _corners: Floats | None = PrivateAttr(default=None)
     _all_corners: Floats | None = PrivateAttr(default=None)
@@ -44,8 +47,8 @@ class SunLight(Light):
     def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
         """Fit the map to the bounds' corners, and begin before these.
 
-        What casts shadows further upstream has no part in it: it may lie so far away that distances would
-        lose their digits.
+        Objects further upstream that cast shadows are not included: they may be so far away that distances
+        would lose precision.
         """
         sun = self.model_copy()
         sun._corners = _corners_of(bounds)  # noqa: SLF001 - of the same class
@@ -54,19 +57,22 @@ class SunLight(Light):
 
     @property
     def needs_fitting(self) -> bool:
-        """Whether there are no bounds yet."""
+        """Whether the light has not been `fitted` yet."""
         return self._corners is None
 
     def replace(self, **changes: Any) -> Self:
-        """As `Model.replace`; what the map was fitted to stays."""
+        """As `Model.replace`; the map stays fitted to the same bounds."""
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
         return sun
 
     def frame(self) -> LightFrame:
-        """Origin in the middle of where the rays begin; shape = half width, half height of the map."""
+        """As `Light.frame`.
+
+        The origin is the centre of the plane where rays begin; shape = half width, half height of the map.
+        """
         if self._corners is None:
-            raise SceneError("light: a sun's map is fitted to the medium first, SunLight.fitted(bounds)")
+            raise SceneError("light: fit the sun's map to the medium first, with SunLight.fitted(bounds)")
         axes = facing(self.from_, self.to)
         corners = self._corners @ axes[:3, :3]
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -78,26 +84,26 @@ class SunLight(Light):
         return LightFrame(axes, (float(half_width), float(half_height)))
 
     def footprint(self, distance: float) -> float:
-        """Width of the map's longer side, everywhere."""
+        """Width of the map's longer side; the same at any distance."""
         del distance
         return 2 * max(self.frame().shape)
 
     def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Parallel, from the plane where distances begin."""
+        """Parallel rays from the plane where distances begin."""
         frame = self.frame()
         axes, origin = frame.world_from_light[:3, :3], frame.world_from_light[:3, 3]
         origins = turned((2 * positions - 1) * frame.shape, axes[:, :2].T) + origin
         return origins, np.broadcast_to(axes[:, 2], origins.shape)
 
     def begins(self, points: Floats) -> Floats:
-        """On the plane, against the direction."""
+        """As `Light.begins`: points projected to the plane where distances begin."""
         matrix = self.frame().world_from_light
         distance = turned(points - matrix[:3, 3], matrix[:3, 2:3])[:, 0]
         start: Floats = points - distance[:, None] * matrix[:3, 2]
         return start
 
     def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
-        """Distances are < 0 upstream of the plane where they begin."""
+        """As `Light.arrival`; distances are < 0 upstream of the plane where they begin."""
         frame = self.frame()
         axes, origin = frame.world_from_light[:3, :3], frame.world_from_light[:3, 3]
         local = turned(points - origin, axes)
@@ -116,5 +122,5 @@ class SunLight(Light):
 
 
 def _corners_of(bounds: Floats | Sequence[Sequence[float]]) -> Floats:
-    """Corners of a box, [2, 3] to [8, 3]."""
+    """Corners [8, 3] of a box [2, 3]."""
     return np.array(list(product(*np.asarray(bounds, dtype=np.float64).T)))

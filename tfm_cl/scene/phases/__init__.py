@@ -1,4 +1,4 @@
-"""Phase functions: one module each.
+"""Phase functions, one module per kind.
 
 To add one, write a module with a `Phase` subclass and its kernel header, and list the class here.
 """

@@ -1,4 +1,4 @@
-"""What a phase function is to the rest of the project."""
+"""The interface of a phase function."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -13,27 +13,27 @@ from tfm_cl.model import Model, unknown_key
 class Phase(Model):
     """A phase function p(μ) that integrates to 1 over the sphere.
 
-    μ is the cosine between the direction in which the light travels and the direction towards the
-    camera: 1 is forward scattering.
+    μ is the cosine of the angle between the direction in which the light travels and the direction to the
+    camera; 1 is forward scattering.
     """
 
     SECTION: ClassVar[str] = "medium.phase"
     HEADER: ClassVar[str]
-    """Kernel header, below ``kernels/``, with ``float phase_eval(PARAMS, float)``."""
+    """Kernel header, relative to ``kernels/``; provides ``float phase_eval(PARAMS, float)``."""
 
     type: str = Field(description="name of the phase function")
 
     def kernel_parameters(self) -> tuple[float, ...]:
-        """Up to four numbers that the kernel finds in ``params->phase``."""
+        """Up to four parameters, which the kernel finds in ``params->phase``."""
         return ()
 
     @abstractmethod
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
-        """p(μ) per steradian, in double precision: the reference of the kernel header."""
+        """p(μ) per steradian in double precision: the reference for the kernel header."""
 
     @classmethod
     def from_text(cls, text: str) -> "Phase":
-        """Make one from what follows the colon of ``--phase name:text``."""
+        """Make a phase function from the text after the colon in ``--phase name:text``."""
         if text:
             raise ValueError(f"takes no parameter; got '{text}'")
         return cls()  # type: ignore[call-arg]  # every subclass has a default type

@@ -19,7 +19,7 @@ class HenyeyGreenstein(Phase):
 
     type: Literal["hg"] = "hg"
     g: float = Field(
-        0.0, gt=-1, lt=1, description="mean cosine: > 0 scatters forward, < 0 back, 0 is isotropic"
+        0.0, gt=-1, lt=1, description="mean cosine: > 0 scatters forwards, < 0 backwards, 0 is isotropic"
     )
 
     def __init__(self, g: float = 0.0, /, **values: Any) -> None:
@@ -32,7 +32,7 @@ class HenyeyGreenstein(Phase):
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ), in double precision."""
         size, peak = abs(self.g), np.copysign(1.0, self.g)
-        # 1 + g² - 2 g μ, written so that it does not cancel at the peak.
+        # 1 + g² - 2 g μ, written so as to avoid cancellation at the peak.
         base = (1 - size) ** 2 + 2 * size * np.maximum(1 - peak * np.asarray(mu, dtype=np.float64), 0)
         density: NDArray[np.float64] = (1 - size**2) / (4 * np.pi * base**1.5)
         return density

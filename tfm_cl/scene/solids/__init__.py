@@ -1,6 +1,6 @@
-"""Solids: opaque diffuse surfaces that stop rays and receive light; one module a kind.
+"""Solids: opaque, diffuse surfaces that block rays and receive light; one module per kind.
 
-To add a shape, write a module with an `AnalyticSolid` subclass and list the class in ``SOLIDS``.
+To add a shape, write a module with an `AnalyticSolid` subclass and add the class to ``SOLIDS``.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from tfm_cl.scene.solids.sphere import SphereSolid
 SOLIDS: dict[str, type[AnalyticSolid]] = {
     cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid)
 }
-"""Shape's name in scene files -> class; what is not a shape is a mesh."""
+"""The analytic shapes by their names in scene files; any other solid is a mesh."""
 
 __all__ = [
     "SOLIDS",
@@ -39,7 +39,7 @@ def parse_solid(values: dict[str, Any]) -> Solid:
         Neither or both of the two, an unknown shape or key, or an impossible value.
     """
     if "mesh" in values and "shape" in values:
-        raise SceneError("solid: has both mesh and shape; leave one of them out")
+        raise SceneError("solid: has both mesh and shape; remove one of them")
     if "mesh" in values:
         return MeshSolid.from_table(values)
     if "shape" not in values:

@@ -1,4 +1,4 @@
-"""What a solid is to the rest of the project."""
+"""The interface of a solid."""
 
 from abc import abstractmethod
 from functools import cached_property
@@ -29,26 +29,26 @@ class Solid(Model):
     SECTION: ClassVar[str] = "solid"
 
     def __eq__(self, other: object) -> bool:
-        """Compare what it is, not what was made of it since."""
+        """Compare the fields, not the values cached since."""
         return type(self) is type(other) and all(
             getattr(self, name) == getattr(other, name) for name in type(self).model_fields
         )
 
     def __hash__(self) -> int:
-        """Hash what `__eq__` compares."""
+        """Hash the fields that `__eq__` compares."""
         return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
 
-    transform: Transform = Field(IDENTITY, description="world_from_object: 16 numbers row by row")
+    transform: Transform = Field(IDENTITY, description="world-from-object matrix: 16 numbers, row by row")
 
     @cached_property
     def world_from_object(self) -> NDArray[np.float64]:
-        """4×4, read only."""
+        """4×4, read-only."""
         matrix = np.array(self.transform, dtype=np.float64)
         matrix.flags.writeable = False
         return matrix
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the solid as a scene file writes it; `parse_solid` reads it."""
+        """Return the solid as a table for a scene file; `parse_solid` reads it."""
         return {key: value for key, value in super().to_dict().items() if value is not None}
 
     def read_files(self) -> None:
@@ -62,13 +62,13 @@ class Solid(Model):
 
     @abstractmethod
     def bounds(self) -> NDArray[np.float64] | None:
-        """Low and high corner, [2, 3], world units; None for what has no end."""
+        """Low and high corner, [2, 3], world units; None for an infinite solid."""
 
 
 class AnalyticSolid(Solid):
-    """A shape that rays meet in closed form, in its own (object) space and in float64.
+    """A shape whose intersection with rays has a closed form, evaluated in object space in float64.
 
-    Directions are transformed without bringing them to unit length: distances along a ray are the world's.
+    Directions are transformed without normalisation, so distances along a ray remain world distances.
     """
 
     shape: str = Field(description="kind of solid")
@@ -76,27 +76,27 @@ class AnalyticSolid(Solid):
 
     @cached_property
     def _object_axes(self) -> NDArray[np.float64]:
-        """3×3 object-from-world without the offset."""
+        """3×3, the linear part of object-from-world."""
         return np.linalg.inv(self.world_from_object[:3, :3]).astype(np.float64)
 
     def object_rays(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Take world rays, [N, 3] each, to object space."""
+        """Transform world rays (origins and directions [N, 3]) to object space."""
         axes = self._object_axes.T
-        # The offset goes first: far from the world's origin little is left to round.
+        # Subtract the offset first: far from the world's origin this loses the least precision.
         return turned(origins - self.world_from_object[:3, 3], axes), turned(directions, axes)
 
     def world_normals(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take object normals [N, 3] of any length to unit ones of the world (inverse transpose)."""
+        """Transform object normals [N, 3] of any length to unit world normals (inverse transpose)."""
         world = turned(normals, self._object_axes)
         unit: NDArray[np.float64] = world / np.linalg.norm(world, axis=1, keepdims=True)
         return unit
 
     @abstractmethod
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """First distance > 0 along object rays [N, 3], [N]; inf without."""
+        """First distance > 0 along object rays [N, 3]: [N]; inf for rays that miss."""
 
     @abstractmethod
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Object normals [N, 3] at points [N, 3] of the surface, either side, any length."""
+        """Object normals [N, 3] at surface points [N, 3], on either side and of any length."""

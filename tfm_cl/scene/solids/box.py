@@ -1,4 +1,4 @@
-"""The box, and under a transform any parallelepiped."""
+"""The box; with a transform, any parallelepiped."""
 
 from itertools import product
 from typing import Literal, Self
@@ -11,11 +11,11 @@ from tfm_cl.model import Vec3
 from tfm_cl.scene.solids.base import AnalyticSolid
 
 SMALLEST = 1e-290
-"""In place of a direction's 0: its quotients are as good as infinite, and never 0/0."""
+"""Substitute for a zero component of a direction: quotients become practically infinite, but never 0/0."""
 
 
 class BoxSolid(AnalyticSolid):
-    """The six faces between two corners; seen from outside and inside."""
+    """The six faces between two corners; visible from outside and inside."""
 
     shape: Literal["box"] = "box"
     from_: Vec3 = Field((-1.0, -1.0, -1.0), alias="from", description="low corner")
@@ -28,7 +28,7 @@ class BoxSolid(AnalyticSolid):
         return self
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Slabs: where the ray enters the last, or from inside where it leaves the first."""
+        """Slab method: where the ray enters the last slab or, from inside, where it leaves the first."""
         steps = np.where(np.abs(directions) < SMALLEST, SMALLEST, directions)
         with np.errstate(over="ignore"):
             low, high = (self.from_ - origins) / steps, (self.to - origins) / steps
@@ -37,7 +37,7 @@ class BoxSolid(AnalyticSolid):
         return np.where((enter <= leave) & (nearest > 0), nearest, np.inf)
 
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the face that is nearest, in parts of the box."""
+        """As `AnalyticSolid.normals`: of the face that is nearest relative to the size of the box."""
         half = np.subtract(self.to, self.from_) / 2
         place = (points - self.from_) / half - 1
         axis = np.abs(np.abs(place) - 1).argmin(axis=1)
@@ -47,7 +47,7 @@ class BoxSolid(AnalyticSolid):
         return normals
 
     def bounds(self) -> NDArray[np.float64]:
-        """Around its eight corners."""
+        """Bounds of its eight corners."""
         corners = np.array(list(product(*zip(self.from_, self.to, strict=True))))
         matrix = self.world_from_object
         world = corners @ matrix[:3, :3].T + matrix[:3, 3]

@@ -1,4 +1,4 @@
-"""The mesh of triangles, from a file or from arrays."""
+"""Triangle meshes, from a file or from arrays."""
 
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ from tfm_cl.scene.solids.base import Albedo, Solid
 from tfm_cl.scene.transform import IDENTITY
 
 EXTENSIONS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-"""What is read: formats of plain numbers, without archives, programs or pickles."""
+"""Mesh formats that are read: they hold plain numbers, and no archives, programs or pickles."""
 
 
 def _mesh(value: Any) -> str | Triangles:
@@ -28,16 +28,18 @@ def _mesh(value: Any) -> str | Triangles:
 
 
 class MeshSolid(Solid):
-    """Triangles with flat (geometric) normals; seen from both sides.
+    """Triangles with flat (geometric) normals, visible from both sides.
 
-    The file is read when it is first needed, once for each object.
+    The file is read when it is first needed, once per object.
     """
 
     mesh: Annotated[str | Triangles, PlainValidator(_mesh)] = Field(
         description=f"file: {' '.join(EXTENSIONS)}"
     )
     albedo: Albedo | None = Field(
-        None, description="diffuse reflectance, linear RGB, 0 to 1; left out: the file's colours, else 0.8"
+        None,
+        description="diffuse reflectance, linear RGB, 0 to 1; default: the file's colours, or 0.8 if it has "
+        "none",
     )
 
     @classmethod
@@ -49,23 +51,23 @@ class MeshSolid(Solid):
         *,
         transform: Any = IDENTITY,
     ) -> Self:
-        """Make a mesh of arrays.
+        """Make a mesh from arrays.
 
         Parameters
         ----------
         vertices
             [V, 3], object units.
         faces
-            [F, 3], whole numbers: rows of ``vertices``.
+            [F, 3], integers: rows of ``vertices``.
         albedo
-            One colour, or one for each vertex [V, 3], interpolated in between; linear, 0 to 1; 0.8 when None.
+            One colour, or one per vertex [V, 3], interpolated in between; linear, 0 to 1; None means 0.8.
         transform
-            World_from_object, 4×4.
+            World-from-object matrix, 4×4.
 
         Raises
         ------
         SceneError
-            As for a file: shapes, values or indices that cannot be.
+            As for a file: invalid shapes, values or indices.
         """
         name = "MeshSolid.from_arrays"
         if np.ndim(albedo) < 2:  # noqa: PLR2004 - a colour for each vertex
@@ -85,12 +87,12 @@ class MeshSolid(Solid):
         return read_mesh(source_of(self.mesh, error=SceneError), self.albedo)
 
     def load(self) -> Triangles:
-        """Read the file, once; object space.
+        """Read the file, once; the triangles are in object space.
 
         Raises
         ------
         SceneError
-            Missing, damaged, too large or unknown file, or one without triangles.
+            The file is missing, damaged, too large, of unknown type, or has no triangles.
         """
         return self._triangles
 
@@ -113,22 +115,22 @@ class MeshSolid(Solid):
         return vertices @ matrix[:3, :3].T + matrix[:3, 3]
 
     def bounds(self) -> NDArray[np.float64]:
-        """Around the vertices of its triangles; reads the file."""
+        """Bounds of the vertices of its triangles; reads the file."""
         used = np.zeros(len(self.load().vertices), dtype=bool)
         used[self.load().faces] = True
         world = self.world_vertices()[used]
         return np.stack([world.min(axis=0), world.max(axis=0)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the solid as a scene file writes it.
+        """Return the solid as a table for a scene file.
 
         Raises
         ------
         SceneError
-            A mesh of arrays has no file to name.
+            If the mesh was made from arrays: it has no file to refer to.
         """
         if isinstance(self.mesh, Triangles):
             raise SceneError(
-                "solid.mesh: a mesh of arrays cannot be written to a scene file; save it as .ply"
+                "solid.mesh: a mesh made from arrays cannot be written to a scene file; save it as .ply"
             )
         return super().to_dict()

@@ -12,11 +12,11 @@ from tfm_cl.scene.transform import turned
 
 
 class PlaneSolid(AnalyticSolid):
-    """All points at right angles to ``normal`` from ``point``; seen from both sides."""
+    """The plane through ``point`` perpendicular to ``normal``; visible from both sides."""
 
     shape: Literal["plane"] = "plane"
-    point: Vec3 = Field((0.0, 0.0, 0.0), description="a point of the plane")
-    normal: Vec3 = Field((0.0, 1.0, 0.0), description="direction at right angles to it, any length")
+    point: Vec3 = Field((0.0, 0.0, 0.0), description="a point on the plane")
+    normal: Vec3 = Field((0.0, 1.0, 0.0), description="direction perpendicular to the plane, of any length")
 
     @model_validator(mode="after")
     def _has_a_normal(self) -> Self:
@@ -25,7 +25,7 @@ class PlaneSolid(AnalyticSolid):
         return self
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """One division; rays within the plane do not meet it."""
+        """As `AnalyticSolid.distances`; rays within the plane do not meet it."""
         normal = np.divide(self.normal, np.linalg.norm(self.normal))
         height = turned(self.point - origins, normal[:, None])[:, 0]
         slope = turned(directions, normal[:, None])[:, 0]
@@ -34,9 +34,9 @@ class PlaneSolid(AnalyticSolid):
         return result
 
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Everywhere the same."""
+        """As `AnalyticSolid.normals`: the same everywhere."""
         return np.broadcast_to(np.divide(self.normal, np.linalg.norm(self.normal)), points.shape)
 
     def bounds(self) -> None:
-        """None: a plane has no end."""
+        """Return None: a plane is infinite."""
         return

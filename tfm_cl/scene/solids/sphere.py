@@ -1,4 +1,4 @@
-"""The sphere, and under a transform any ellipsoid."""
+"""The sphere; with a transform, any ellipsoid."""
 
 from typing import Literal
 
@@ -11,24 +11,26 @@ from tfm_cl.scene.solids.base import AnalyticSolid
 
 
 class SphereSolid(AnalyticSolid):
-    """All points at ``radius`` from ``centre``; seen from outside and inside."""
+    """The sphere of ``radius`` around ``centre``; visible from outside and inside."""
 
     shape: Literal["sphere"] = "sphere"
-    centre: Vec3 = Field((0.0, 0.0, 0.0), description="the middle")
-    radius: float = Field(1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="of the sphere")
+    centre: Vec3 = Field((0.0, 0.0, 0.0), description="centre of the sphere")
+    radius: float = Field(
+        1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius of the sphere"
+    )
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Roots of the quadratic without cancellation (Haines et al., Ray Tracing Gems, chapter 7)."""
         offset = origins - self.centre
         square = np.einsum("ij,ij->i", directions, directions)
         half = np.einsum("ij,ij->i", directions, offset)  # of the linear coefficient
-        # What the ray passes the centre by: no difference of large squares.
+        # The distance at which the ray passes the centre; this avoids a difference of large squares.
         passing = offset - (half / square)[:, None] * directions
         discriminant = self.radius**2 - np.einsum("ij,ij->i", passing, passing)
         far = np.linalg.norm(offset, axis=1)
         constant = (far - self.radius) * (far + self.radius)
         root = np.sqrt(np.maximum(discriminant, 0) * square)
-        larger = -half - np.copysign(root, half)  # of the two sums, the one that adds
+        larger = -half - np.copysign(root, half)  # the one of the two sums that does not cancel
         none = np.full(len(origins), np.inf)
         one = np.divide(constant, larger, out=none.copy(), where=larger != 0)
         other = larger / square
@@ -37,12 +39,12 @@ class SphereSolid(AnalyticSolid):
         return np.where(discriminant >= 0, np.minimum(one, other), none)
 
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Away from the centre."""
+        """As `AnalyticSolid.normals`: away from the centre."""
         outward: NDArray[np.float64] = (points - self.centre) / self.radius
         return outward
 
     def bounds(self) -> NDArray[np.float64]:
-        """Exact also for ellipsoids: along an axis they reach as far as the matrix's row is long."""
+        """Exact for ellipsoids too: the extent along an axis is the length of the matrix's row."""
         matrix = self.world_from_object
         centre = matrix[:3, :3] @ self.centre + matrix[:3, 3]
         reach = self.radius * np.linalg.norm(matrix[:3, :3], axis=1)

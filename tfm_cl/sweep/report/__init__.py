@@ -1,1 +1,1 @@
-"""What a sweep's report is made of: groups of rows, pictures, curves, and the page they go into."""
+"""The report of a sweep: groups of rows, pictures, curves, and the page that shows them."""

@@ -1,4 +1,4 @@
-"""Rows that can be compared: those of one reference, and what tells their maps apart."""
+"""Groups of comparable rows: those of one reference, and the settings in which their maps differ."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETTINGS = {
     "storage": "{}",
     "map_res": "map {}²",
 }
-"""What tells two maps of one basis and one number of coefficients apart, and how a label says it."""
+"""Settings in which two maps with one basis and number of coefficients may differ, with their labels."""
 
 
 @dataclass(frozen=True)
@@ -26,29 +26,29 @@ class Group:
     """The rows of one reference: one volume, light, camera and device."""
 
     title: str
-    """The volume's name; with the beginning of the reference's key where other groups have that name."""
+    """Name of the volume, with the beginning of the reference's key if other groups have the same name."""
     rows: list[SweepRow]
-    """By basis and settings, then bytes."""
+    """The rows, ordered by basis and settings, then bytes."""
     varying: list[str]
-    """Which of `SETTINGS` differ among the rows."""
+    """The `SETTINGS` that differ among the rows."""
     varying_of_basis: dict[str, list[str]]
-    """Which of them differ among the rows of one basis."""
+    """Those that differ among the rows of one basis."""
     budgets: dict[str, list[int]]
-    """Of a row's key, at which of `BUDGETS` it is the best of its basis."""
+    """For the key of a row, the `BUDGETS` at which it is the best of its basis."""
 
     @property
     def first(self) -> SweepRow:
-        """Any of the rows, for what all have in common."""
+        """Any of the rows, for values that all have in common."""
         return self.rows[0]
 
     @property
     def converged(self) -> str | None:
-        """Key of the converged dual march, if any row was measured against one."""
+        """Key of the converged dual march, if any row was compared with one."""
         return next((row.converged for row in self.rows if row.converged is not None), None)
 
     @property
     def settings(self) -> str:
-        """What all rows have in common, in words."""
+        """The values that all rows have in common, in words."""
         row = self.first
         words = [
             f"{row.width}×{row.height} pixels",
@@ -58,7 +58,7 @@ class Group:
         return "; ".join([", ".join(words), *self._stand_ins()])
 
     def _stand_ins(self) -> list[str]:
-        """Say where a basis has not the number of coefficients that was asked for, basis by basis."""
+        """Say for each basis which requested numbers of coefficients it does not support."""
         taken: dict[str, dict[int, int]] = {}
         for row in self.rows:
             for asked in row.stands_for:
@@ -66,16 +66,16 @@ class Group:
         return [f"{basis} with {in_place_of(counts)} coefficients" for basis, counts in taken.items()]
 
     def variant(self, row: SweepRow) -> str:
-        """Say what tells a row's map from others of its basis, but for its size."""
+        """Name the settings that distinguish a row's map from others of its basis, except its size."""
         return ", ".join(_word(name, row) for name in self.varying_of_basis[row.basis])
 
 
 def grouped(rows: Iterable[SweepRow]) -> list[Group]:
-    """Group rows by volume and reference, in the order in which they come."""
+    """Group rows by volume and reference, in the order of the rows."""
     found: dict[tuple[str, str], list[SweepRow]] = {}
     for row in rows:
         found.setdefault((row.volume, row.reference), []).append(row)
-    # The same volume under another medium, camera, device or version: the key tells them apart.
+    # The same volume with another medium, camera, device or version: the key distinguishes them.
     times = Counter(volume for volume, _ in found)
     return [
         _group(volume if times[volume] == 1 else f"{volume} [{reference[:6]}]", members)
@@ -106,7 +106,7 @@ def _varying(rows: list[SweepRow]) -> list[str]:
 
 
 def _sortable(value: float | str) -> tuple[float, str]:
-    """Order numbers, then words as "auto"."""
+    """Order numbers before words such as "auto"."""
     return (float("inf"), value) if isinstance(value, str) else (value, "")
 
 

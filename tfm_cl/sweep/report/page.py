@@ -1,4 +1,4 @@
-"""The report of a sweep: one HTML file that needs nothing else."""
+"""The report of a sweep: a single, self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tfm_cl.sweep.report.pictures import Pictures, pictures
 from tfm_cl.sweep.rows import BUDGETS, SweepRow, kept_image
 
 LIMIT = 40_000_000
-"""Bytes of the file; pictures beyond it are left out, and the page says which."""
+"""Largest number of bytes of the file; further pictures are left out, and the page says which."""
 SCRIPTS = ("common.js", "plots.js", "viewer.js", "table.js", "page.js")
 _ASSETS = files("tfm_cl.sweep.report") / "assets"
 
@@ -34,14 +34,14 @@ def page(groups: list[Group], out: Path, limit: int = LIMIT) -> str:
     out
         The sweep's folder: images and curves are read from it.
     limit
-        Bytes that the page may take; it is larger only where its figures alone are.
+        Bytes that the page may take; it is larger only if its figures without pictures are.
 
     Returns
     -------
     str
-        HTML that loads nothing: scripts, figures and pictures are in it.
+        HTML that loads nothing else: it contains scripts, figures and pictures.
     """
-    # Slow to import, and without types.
+    # Slow to import, and untyped.
     from plotly.offline import get_plotlyjs  # type: ignore[import-untyped] # noqa: PLC0415
 
     plotly = _script(get_plotlyjs())
@@ -62,12 +62,12 @@ def page(groups: list[Group], out: Path, limit: int = LIMIT) -> str:
     parts["DATA"] = _json(_data(groups, figures))
     parts["PICTURES"] = _json(found.encoded)
     head, *rest = _asset("page.html").split("@")
-    # The template's odd parts are names; what is put in is not looked at again.
+    # The odd parts of the template are names; inserted text is not expanded again.
     return head + "".join(parts[part] if index % 2 == 0 else part for index, part in enumerate(rest))
 
 
 _RESERVE = 100_000
-"""Bytes for the template, and for what is said of each row's picture."""
+"""Bytes reserved for the template, and for the description of each row's picture."""
 
 
 def _asset(name: str) -> str:
@@ -75,7 +75,7 @@ def _asset(name: str) -> str:
 
 
 def _script(text: str) -> str:
-    """Keep text inside its script element: an end tag in a string or a regular expression is the same."""
+    """Escape end tags, so that text stays inside its script element; in strings the meaning is the same."""
     return text.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
@@ -84,7 +84,7 @@ def _hash(script: str) -> str:
 
 
 def _json(value: Any) -> str:
-    """JSON without a character that means something to HTML."""
+    """JSON without characters that have a meaning in HTML."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -121,7 +121,7 @@ def _group(group: Group, out: Path) -> dict[str, Any]:
 
 
 def _dual(group: Group, out: Path) -> dict[str, Any] | None:
-    """Measure the dual march of the rows' steps against the converged one; figures are named as a row's."""
+    """Compare the dual march of the rows' steps with the converged one; figures are named as in a row."""
     row = group.first
     if group.converged is None:
         return None
@@ -147,7 +147,7 @@ def _row(row: SweepRow, group: Group) -> dict[str, Any]:
 
 
 def _number(value: Any) -> Any:
-    """Spell what JSON has no number for."""
+    """Write values that JSON has no number for as strings."""
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return None if math.isnan(value) else "inf" if value > 0 else "-inf"

@@ -1,4 +1,4 @@
-"""The images of a sweep as small PNGs: what is shown, and by how much it is wrong."""
+"""The images of a sweep and their errors, as small PNGs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tfm_cl.sweep.report.groups import Group
 from tfm_cl.sweep.rows import kept_image
 
 SIDES = (640, 448, 320)
-"""Pixels: the longest side of a picture; the next where those of the one before are too many bytes."""
+"""Longest side of a picture in pixels; a smaller value is used if pictures take too many bytes."""
 COMPRESSION = 4
-"""Of PNG, 1 to 9: beyond it, files get smaller by a twentieth and take twice as long."""
+"""PNG compression level, 1 to 9: beyond this one, files get smaller by a twentieth and take twice as long."""
 
 
 @dataclass(frozen=True)
@@ -27,29 +27,29 @@ class Pictures:
     """PNGs in base64, by name.
 
     ``KEY`` is an image (of a row or a reference), ``KEY-REFERENCEKEY`` the error of one against the other:
-    the signed difference d of display luma as the grey value 128 + 127 sign(d) √|d|, which is precise where
-    d is small. Differences add up: a row's error against the converged reference is its error against the
-    dual march and that one's against the converged.
+    the signed difference d of display luma as the grey value 128 + 127 sign(d) √|d|, which is precise for
+    small d. Differences add up: a row's error against the converged reference is its error against the dual
+    march plus the error of the dual march against the converged reference.
     """
 
     encoded: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
-    """Keys of rows whose image is not in the folder, or damaged."""
+    """Keys of rows whose image is missing from the folder or damaged."""
     left_out: list[str] = field(default_factory=list)
-    """Keys of rows that had no room."""
+    """Keys of rows for whose pictures there was no room."""
 
 
 def pictures(groups: list[Group], out: Path, room: int) -> Pictures:
-    """Encode references first, then rows that are best at equal bytes, then the others.
+    """Encode references first, then the rows that are best at equal bytes, then the others.
 
     Parameters
     ----------
     groups
-        All that the report shows.
+        All groups that the report shows.
     out
         The sweep's folder.
     room
-        Characters that all PNGs together may take. Pictures get smaller to fit into it, then fewer.
+        Characters that all PNGs together may take. To fit, pictures first get smaller, then fewer.
     """
     found = Pictures()
     for side in SIDES:
@@ -60,7 +60,7 @@ def pictures(groups: list[Group], out: Path, room: int) -> Pictures:
 
 
 def _encode(groups: list[Group], out: Path, room: int, side: int, *, whole: bool) -> Pictures:
-    """Encode at one size; where only the whole counts, stop at the first that has no room."""
+    """Encode at one size; if all pictures are required, stop at the first for which there is no room."""
     found = Pictures()
     views = [_View.of(group, out, side) for group in groups]
     for view in views:
@@ -69,7 +69,7 @@ def _encode(groups: list[Group], out: Path, room: int, side: int, *, whole: bool
                 found.encoded.update(encoded)
                 room -= _size(encoded)
     ranked = [(group, view, row) for group, view in zip(groups, views, strict=True) for row in group.rows]
-    ranked.sort(key=lambda item: item[2].key not in item[0].budgets)  # stable: else as they come
+    ranked.sort(key=lambda item: item[2].key not in item[0].budgets)  # stable: otherwise in their order
     for _, view, row in ranked:
         image = kept_image(out, row.key, (row.width, row.height))
         if image is None:
@@ -92,16 +92,16 @@ def _size(encoded: dict[str, str]) -> int:
 
 @dataclass(frozen=True)
 class _View:
-    """What is shown of a group: the part of the frame where the reference is lit, over its white."""
+    """The part of the frame that is shown of a group, where the reference is lit, and its white."""
 
     window: tuple[slice, slice]
-    """Rows and columns of the frame."""
+    """Rows and columns of the frame that are shown."""
     white: float
     side: int
     """Longest side of a picture, pixels."""
     truths: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    """Display images [h, w, 3] of the references that are there, by key: the dual march of the same steps,
-    then the converged one."""
+    """Display images [h, w, 3] of the existing references by key: the dual march of the same steps, then the
+    converged one."""
 
     @classmethod
     def of(cls, group: Group, out: Path, side: int) -> _View:
@@ -120,7 +120,7 @@ class _View:
     def shown(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the display image [h, w, 3], 0 to 1, of an image [H, W, 4]."""
         display = display_rgb(image[self.window], self.white).astype(np.float32)
-        # Whole blocks of pixels are averaged, so that nothing is sharpened or shifted.
+        # Average whole blocks of pixels, so that nothing is sharpened or shifted.
         factor = -(-max(display.shape[:2]) // self.side)
         if factor == 1:
             return display
@@ -147,7 +147,7 @@ class _View:
 
 
 def _occupied(counts: NDArray[np.int_]) -> slice:
-    """Range of the counts above 0 and a margin; all of them if none is."""
+    """Range of the counts above 0, with a margin; the whole range if none is."""
     occupied = np.flatnonzero(counts)
     if occupied.size == 0:
         return slice(0, counts.size)

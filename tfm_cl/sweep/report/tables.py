@@ -1,4 +1,4 @@
-"""The rows of a sweep as Markdown: for reading in a terminal, for pasting, for comparing two sweeps."""
+"""The rows of a sweep as Markdown, to read in a terminal, to paste, or to compare two sweeps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _Column = tuple[str, Callable[[SweepRow], str]]
 
 _HEADINGS = {"density_weighting": "α", "map_res": "map"}
 _FIGURES: tuple[_Column, ...] = (
-    ("bytes a texel", lambda row: f"{row.bytes_per_texel:g}"),
+    ("bytes per texel", lambda row: f"{row.bytes_per_texel:g}"),
     ("error of T / %", lambda row: _percent(row.t_error)),
     ("SSIM lit", lambda row: _similarity(row.lit_ssim)),
     ("PSNR lit / dB", lambda row: _decibel(row.lit_psnr)),
@@ -51,7 +51,7 @@ _FIGURES: tuple[_Column, ...] = (
 )
 
 _LEGEND = (
-    "n coefficients a texel, density weighting α; reference: the dual march of the same steps, or "
+    "n coefficients per texel, density weighting α; reference: the dual march of the same steps, or "
     "(*converged*) of more. *Lit* is over the pixels where the reference's alpha exceeds 0.001. The error of "
     "T is relative, RMS, weighted by density, over the map's own light rays. RMSE is of linear values, "
     "relative to the reference's mean; times are the device's, compilation excluded; the speed-up is of "
@@ -72,7 +72,7 @@ def markdown(groups: Iterable[Group]) -> str:
             "",
             "### At equal bytes",
             "",
-            "The best map of each basis (PSNR lit) within so many bytes a texel: PSNR in dB, error of T.",
+            "The best map of each basis (PSNR lit) within a budget of bytes per texel: PSNR, error of T.",
             "",
             *_equal_bytes(group),
             "",
@@ -107,7 +107,7 @@ def _table(columns: list[_Column], rows: Iterable[SweepRow]) -> list[str]:
 
 
 def _equal_bytes(group: Group) -> list[str]:
-    """Make a line for each basis, a column for each budget."""
+    """Make a line for each basis and a column for each budget."""
     cells = {
         (row.basis, budget): f"**{_decibel(row.lit_psnr)}** {_percent(row.t_error)} % (n = {row.coeffs})"
         for row in group.rows
@@ -126,5 +126,5 @@ def _line(cells: Iterable[str]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Keep names, which come from files, from being markup."""
+    """Escape names, which come from files, so that they are not markup."""
     return "".join(f"\\{c}" if c in "\\`*_[]<>|#" else c if c.isprintable() else " " for c in text)

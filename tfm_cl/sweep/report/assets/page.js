@@ -9,7 +9,7 @@ function chooseGroup(group) {
   state.row = best(within.length > 0 ? within : group.rows);
   byId("settings").textContent = `${group.settings}; ${group.device}; tfm_cl ${group.version}`;
   byId("table-about").textContent =
-    `${group.rows.length} maps of ${group.title}. ★ marks the best map of its basis within so many bytes a texel. ` +
+    `${group.rows.length} maps of ${group.title}. ★ marks the best map of its basis within a budget of bytes per texel. ` +
     "Lit: pixels where the reference's alpha exceeds 0.001. RMSE is of linear values, relative to the reference's mean; times are the device's, compilation excluded. Bars: longer is worse.";
   drawChoices();
   drawLegend();

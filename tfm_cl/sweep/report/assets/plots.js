@@ -69,7 +69,7 @@ function hover(row) {
   const lines = [
     `<b>${plain(rowName(row))}</b>`,
     `${plain(state.metric.name)}: ${plain(drawnText(row))}`,
-    `${number(row.bytes_per_texel)} bytes a texel`,
+    `${number(row.bytes_per_texel)} bytes per texel`,
     `light ${ms(row.seconds_light_pass)} + view ${ms(row.seconds_view_pass)}`,
   ];
   return lines.join("<br>");
@@ -133,10 +133,10 @@ function drawBytes() {
   const x = logAxis([...all.map((row) => row.bytes_per_texel), ...data.budgets], { binary: true, pad: 0.04 });
   const y = qualityAxis(state.metric, all.map((row) => drawn(state.metric, row)));
   draw("plot-bytes", [...traces, ring((row) => row.bytes_per_texel)], layout({
-    xaxis: { title: "bytes a texel", ...x }, yaxis: y, shapes, annotations,
+    xaxis: { title: "bytes per texel", ...x }, yaxis: y, shapes, annotations,
   }));
   byId("note-bytes").textContent = notDrawn(traces);
-  describe("plot-bytes", "bytes a texel", traces);
+  describe("plot-bytes", "bytes per texel", traces);
 }
 
 function drawSeconds() {
@@ -240,7 +240,7 @@ function drawBudgets() {
   const metric = state.metric;
   const cards = data.budgets.map((budget) => {
     const rows = state.group.rows.filter((row) => row.budgets.includes(budget)).sort(compareBy(metric));
-    const card = make("div", { className: "budget" }, make("h3", { textContent: `within ${budget} bytes a texel` }));
+    const card = make("div", { className: "budget" }, make("h3", { textContent: `within ${budget} bytes per texel` }));
     if (rows.length === 0) {
       card.append(make("p", { className: "note", textContent: "No map of this sweep is this small." }));
       return card;
@@ -293,7 +293,7 @@ function drawCurves() {
     return;
   }
   byId("curves-about").textContent =
-    `What each map says of the light ray through (${number(curves.u)}, ${number(curves.v)}) of the first light's map, ` +
+    `What each map gives for the light ray through (${number(curves.u)}, ${number(curves.v)}) of the first light's map, ` +
     "and below by how much that is wrong: figure 8 of the paper on transmittance function maps, for every basis.";
   const exact = {
     type: "scatter", mode: "lines", name: "exact", x: curves.distance, y: curves.exact, line: { color: css("--ink"), width: 3.5 }, opacity: 0.85,

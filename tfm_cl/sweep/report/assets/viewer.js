@@ -230,7 +230,7 @@ function drawNumbers() {
   const row = state.row;
   const faster = row.seconds_reference / seconds(row);
   const figures = [
-    ["bytes a texel", number(row.bytes_per_texel)],
+    ["bytes per texel", number(row.bytes_per_texel)],
     ...METRICS.filter((m) => ["t_error", "converged_lit_rmse", "lit_rmse", "lit_psnr", "lit_ssim", "flip"].includes(m.id)).map((m) => [
       m.id.endsWith("ssim") ? "SSIM, lit pixels" : m.name, metricText(m, row),
     ]),
