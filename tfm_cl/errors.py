@@ -62,6 +62,10 @@ class NoDeviceError(DeviceError):
     """No OpenCL device at all, or none with the name asked for."""
 
 
+class CancelledError(TfmError):
+    """Work was ended from another thread, by `Renderer.cancel`."""
+
+
 class DeviceMemoryError(DeviceError):
     """More memory is needed than the device allows; the message gives both numbers."""
 

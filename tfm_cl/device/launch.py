@@ -1,5 +1,6 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.program import Kernel, KernelLibrary, build
-from tfm_cl.errors import DeviceError, DeviceMemoryError
+from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
@@ -110,6 +111,7 @@ class Launcher:
             **WORK_GROUPS,
             2: tiles if work_group == "auto" else work_group,
         }
+        self._cancelled = threading.Event()
         self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
 
     # All that is done on the device goes through one of these three.
@@ -142,6 +144,9 @@ class Launcher:
         arguments
             All that the kernel's signature names: buffers, numbers, and tuples for vectors.
         """
+        if self._cancelled.is_set():
+            self._cancelled.clear()
+            raise CancelledError("the rendering was cancelled")
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
         try:
@@ -193,6 +198,14 @@ class Launcher:
             if done is not None:
                 done(windows.done)
         return seconds
+
+    def begin(self) -> None:
+        """Begin work that may be cancelled: what was cancelled before has ended."""
+        self._cancelled.clear()
+
+    def cancel(self) -> None:
+        """Let the next launch raise `CancelledError`; from any thread."""
+        self._cancelled.set()
 
     def tiles(self, window: tuple[int, int, int, int]) -> tuple[int, int]:
         """Tiles along x and y that x0, y0, x1, y1 touches."""

@@ -43,6 +43,11 @@ class Probe:
     seconds: float
     """Device time."""
 
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        return sum(one.nbytes for one in (self.begin, self.end, self.slope, self.optical_depth, self.last))
+
     def field(self) -> NDArray[np.float32]:
         """Ranges for all texels between these rays: begin, end, slope, last; float32 [size, size, 4].
 

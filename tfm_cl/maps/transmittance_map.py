@@ -117,6 +117,13 @@ class TransmittanceMap:
         return STORAGE_BITS[self.settings.storage] // 8 * self.settings.coeffs * self.settings.res**2
 
     @property
+    def kept_bytes(self) -> int:
+        """Size on the device of all that belongs to it, and on the host of what it was planned with."""
+        occupied = 8 * self.settings.res**2
+        clip = 0 if self.plan.clip is None else self.plan.clip.nbytes
+        return self.nbytes + occupied + self.field.nbytes + clip
+
+    @property
     def bytes_per_texel(self) -> float:
         """All numbers of a texel and its share of the ranges."""
         return self.settings.bytes_per_texel

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
@@ -17,6 +19,7 @@ from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 if TYPE_CHECKING:
     import pyopencl as cl
 
+    from tfm_cl.device.cache import Cache
     from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
@@ -38,10 +41,18 @@ Clip = Callable[["Light", int], np.ndarray | None]
 
 
 class Planner:
-    """Looks at the light rays of a scene and plans its maps."""
+    """Looks at the light rays of a scene and plans its maps.
 
-    def __init__(self, launcher: Launcher) -> None:
-        self._launcher = launcher
+    Parameters
+    ----------
+    launcher
+        The device.
+    cache
+        Of the session: what light rays were found to hold.
+    """
+
+    def __init__(self, launcher: Launcher, cache: Cache) -> None:
+        self._launcher, self._cache = launcher, cache
         self._probe = LightProbe(launcher)
 
     def plans(self, scene: Scene, media: MediaOnDevice, clip: Clip) -> list[Planned]:
@@ -55,20 +66,35 @@ class Planner:
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
         lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
-        of_fields = [self._of_field(scene, lights, medium, clip) for medium in media.of_fields]
+        of_fields = [
+            self._of_field(scene, lights, medium, clip, field_key(scene, media, medium.index))
+            for medium in media.of_fields
+        ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
     def _of_field(
-        self, scene: Scene, of_lights: list[cl.Buffer], medium: FieldOnDevice, clip: Clip
+        self,
+        scene: Scene,
+        of_lights: list[cl.Buffer],
+        medium: FieldOnDevice,
+        clip: Clip,
+        key: tuple[object, ...],
     ) -> list[Planned]:
-        """Plan the maps of one field."""
+        """Plan the maps of one field, of which ``key`` holds all that its density depends on."""
         settings, extinction = resolve(scene.map), medium.extinction
         lights = list(zip(scene.lights, of_lights, strict=True))
-        coarse = [
-            self._probe.ranges(
-                light, of_light, medium, PROBE_RES, np.inf, settings.steps, clip(light, PROBE_RES)
+        shadow_res = scene.shadow.res if scene.solids else 0
+
+        def probed(light: Light, of_light: cl.Buffer, size: int, cut: float, steps: int) -> Probe:
+            return self._cache.get(
+                "probe",
+                (key, light.map_key(), shadow_res, size, cut, steps),
+                lambda: self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size)),
+                lambda probe: probe.nbytes,
             )
-            for light, of_light in lights
+
+        coarse = [
+            probed(light, of_light, PROBE_RES, float("inf"), settings.steps) for light, of_light in lights
         ]
         deepest = max((float(probe.optical_depth.max()) for probe in coarse), default=0.0)
         alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
@@ -82,14 +108,17 @@ class Planner:
         for (light, of_light), probe in zip(lights, coarse, strict=True):
             if settings.range != "box":
                 size = field_res(settings.res)
-                probe = self._probe.ranges(  # noqa: PLW2901 - the coarse one has served
-                    light, of_light, medium, size, cut, probe_steps, clip(light, size)
-                )
+                probe = probed(light, of_light, size, cut, probe_steps)  # noqa: PLW2901 - the coarse one has served
             field, seconds = _field(settings, probe), probe.seconds
             curves: Curves | None = None
             if BASES[settings.basis].needs_curves:
                 ranges = None if settings.range == "box" else field
-                curves, took = self._probe.curves(light, of_light, medium, probe, ranges, extinction)
+                curves, took = self._cache.get(
+                    "curves",
+                    (key, light.map_key(), shadow_res, settings, cut, extinction),
+                    partial(self._probe.curves, light, of_light, medium, probe, ranges, extinction),
+                    lambda found: found[0].optical_depth.nbytes,
+                )
                 seconds += took
             plans.append(
                 Planned(
@@ -105,6 +134,17 @@ class Planner:
                 )
             )
         return plans
+
+
+def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:
+    """All that one field's density depends on, and where the device has it; with the solids among it."""
+    return (
+        tuple(grid.density_key for grid in scene.grids),
+        media.fields.weights[:, :, field].tobytes(),
+        world_from_device(scene).tobytes(),
+        scene.march.voxels,
+        scene.solids,
+    )
 
 
 def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | None:

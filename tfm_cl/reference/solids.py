@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.device.cache import Cache
 from tfm_cl.reference.geometry import Floats, Rays, corners
 from tfm_cl.reference.light import fitted
 from tfm_cl.render.visibility import Visibility, clip_of
@@ -25,7 +26,7 @@ Shadows = Literal["exact", "map"]
 
 def solid_distances(scene: Scene, light: Light) -> NDArray[np.float32]:
     """Map of distances ``[y, x]`` from a light to the first solid, infinite without: ``shadow.res`` wide."""
-    distances = Visibility().distances(scene, fitted(scene, light))
+    distances = Visibility(Cache()).distances(scene, fitted(scene, light))
     res = scene.shadow.res
     return np.full((res, res), np.inf, np.float32) if distances is None else distances
 

@@ -111,8 +111,9 @@ class Frame:
                 camera_is_seen = True
             for indices in batches.cut(members):
                 of_batch = self.maps.of(sources, indices, self.progress) if sources and reads_maps else []
+                built = self.maps.built if maps is None else frozenset[int]()
                 for light_map in of_batch:
-                    stats.add_map(light_map, built=maps is None)
+                    stats.add_map(light_map, built=id(light_map) in built)
                     warnings |= dict.fromkeys(_warnings(light_map))
                 batch = batches.batch(variant, indices, of_batch, whole=shares and not camera_is_seen)
                 stage = f"view pass, {batch.name}"

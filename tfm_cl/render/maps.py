@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,16 +14,17 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.light_pass import LightPass
 from tfm_cl.maps.transmittance_map import TransmittanceMap
-from tfm_cl.plan.maps import Planner
-from tfm_cl.render.visibility import clip_of
+from tfm_cl.plan.maps import Planner, field_key
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.light_pass import Numbers
     from tfm_cl.maps.planned import Planned
+    from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
@@ -40,6 +42,20 @@ class Sources:
         self.scene, self.media, self.plans, self.maps = scene, media, plans, maps
 
 
+class _Rooms:
+    """Room for the maps of a batch, in one buffer; none is allocated before the first is asked for."""
+
+    def __init__(self, light_pass: LightPass, settings: ResolvedMap, count: int) -> None:
+        self._make = partial(light_pass.room, settings, count)
+        self._rooms: Iterator[Numbers] | None = None
+
+    def next(self) -> Numbers:
+        """Return the next one."""
+        if self._rooms is None:
+            self._rooms = iter(self._make())
+        return next(self._rooms)
+
+
 class MapBuilder:
     """Makes the maps of frames.
 
@@ -49,11 +65,15 @@ class MapBuilder:
         The device.
     visibility
         What solids leave lit.
+    cache
+        Of the session: probes of light rays, and maps.
     """
 
-    def __init__(self, launcher: Launcher, visibility: Visibility) -> None:
-        self._launcher, self._visibility = launcher, visibility
-        self._planner, self._light_pass = Planner(launcher), LightPass(launcher)
+    def __init__(self, launcher: Launcher, visibility: Visibility, cache: Cache) -> None:
+        self._launcher, self._visibility, self._cache = launcher, visibility, cache
+        self._planner, self._light_pass = Planner(launcher, cache), LightPass(launcher)
+        self.built: set[int] = set()
+        """Which of the maps that `of` returned last were built for it, by ``id``."""
 
     def sources(self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap] | None) -> Sources:
         """Plan the maps of a resolved scene of single, fitted lights, or check those that are there.
@@ -68,22 +88,56 @@ class MapBuilder:
             return Sources(scene, media, (), maps)
 
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
-            distances = self._visibility.distances(scene, light)
-            return None if distances is None else clip_of(distances, size)
+            return self._visibility.clip(scene, light, size)
 
         return Sources(scene, media, self._planner.plans(scene, media, clip), ())
 
-    def of(self, sources: Sources, lights: Sequence[int], progress: Progress) -> list[TransmittanceMap]:
-        """Return the maps of some lights, in the order of lights and fields."""
+    def of(
+        self, sources: Sources, lights: Sequence[int], progress: Progress, *, kept: bool = True
+    ) -> list[TransmittanceMap]:
+        """Return the maps of some lights, in the order of lights and fields.
+
+        Parameters
+        ----------
+        kept
+            Take those that the session has already, and keep the others.
+        """
         count = sources.media.fields.count
         places = [count * light + field for light in lights for field in range(count)]
-        if sources.maps:
+        if sources.maps or not places:
             return [sources.maps[place] for place in places]
-        rooms = self._light_pass.room(sources.plans[places[0]].settings, len(places)) if places else []
+        rooms = _Rooms(self._light_pass, sources.plans[places[0]].settings, len(places))
+
+        self.built = set()
+
+        def build(place: int) -> TransmittanceMap:
+            number, field = divmod(place, count)
+            built = self._build(sources, number, field, sources.plans[place], rooms.next(), progress)
+            self.built.add(id(built))
+            return built
+
+        if not kept:
+            return [build(place) for place in places]
         return [
-            self._build(sources, place // count, place % count, sources.plans[place], room, progress)
-            for place, room in zip(places, rooms, strict=True)
+            self._cache.get(
+                "map", self._key(sources, place), partial(build, place), lambda built: built.kept_bytes
+            )
+            for place in places
         ]
+
+    def _key(self, sources: Sources, place: int) -> tuple[object, ...]:
+        """All that a map depends on."""
+        scene, plan = sources.scene, sources.plans[place]
+        number, field = divmod(place, sources.media.fields.count)
+        return (
+            field_key(scene, sources.media, field),
+            scene.lights[number].map_key(),
+            scene.map,
+            plan.settings,
+            plan.number_unit,
+            plan.extinction,
+            scene.shadow.res if scene.solids else 0,
+        )
 
     def _build(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
-from tfm_cl.device.brick_cache import BrickCache
+from tfm_cl.device.bricks import build_bricks
+from tfm_cl.device.cache import BUDGET, Cache
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.frame import check_distances
 from tfm_cl.device.kernel_cache import take_notes
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.buffers import Sums
+    from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene
 
 Crop = tuple[int, int, int, int]
@@ -56,6 +58,9 @@ class Renderer:
     work_group
         Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
 
+    cache_bytes
+        Bytes of voxels, maps, shadow maps and G-buffers, at most, that are kept for the next frames.
+
     Raises
     ------
     NoDeviceError
@@ -72,6 +77,7 @@ class Renderer:
         lanes: int | None = None,
         largest_buffer: int | None = None,
         work_group: tuple[int, int] | Literal["auto"] | None = "auto",
+        cache_bytes: int = BUDGET,
     ) -> None:
         self._launcher = Launcher(
             choose_device(device),
@@ -80,9 +86,9 @@ class Renderer:
             largest_buffer=largest_buffer,
             work_group=work_group,
         )
-        self._visibility = Visibility()
-        self._maps = MapBuilder(self._launcher, self._visibility)
-        self._bricks = BrickCache(self._launcher)
+        self._cache = Cache(cache_bytes)
+        self._visibility = Visibility(self._cache)
+        self._maps = MapBuilder(self._launcher, self._visibility, self._cache)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
 
     @property
@@ -97,7 +103,7 @@ class Renderer:
 
     def close(self) -> None:
         """Release the device's memory."""
-        self._bricks.clear()
+        self._cache.clear()
         self._choice = None
         self._visibility.clear()
         self._launcher.release()
@@ -126,6 +132,7 @@ class Renderer:
         DeviceError
             Memory or compilation.
         """
+        self._launcher.begin()
         scene.read_files()
         progress = progress or _silent
         if scene.map.max_error is not None:
@@ -135,11 +142,25 @@ class Renderer:
         if not media.fields.count:
             return []
         sources = self._maps.sources(scene, media, None)
-        return self._maps.of(sources, range(len(scene.lights)), progress)
+        return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
 
     def _media(self, scene: Scene) -> MediaOnDevice:
         """Put the media of a scene on the device."""
-        return media_on_device(self._launcher, scene, self._bricks.bricks(scene.grids, scene.march.voxels))
+        grids, voxels, bricks = scene.grids, scene.march.voxels, None
+        if grids:
+            bricks = self._cache.get(
+                "bricks",
+                (voxels, *(grid.content for grid in grids)),
+                lambda: build_bricks(
+                    self._launcher, [grid.channel_leaves for grid in grids], _what(grids), voxels
+                ),
+                lambda built: built.nbytes,
+            )
+        return media_on_device(self._launcher, scene, bricks)
+
+    def cancel(self) -> None:
+        """End what another thread is rendering: it raises `CancelledError` before its next launch."""
+        self._launcher.cancel()
 
     def render(
         self,
@@ -175,7 +196,10 @@ class Renderer:
             Unknown method, a crop outside the frame, or maps of another scene.
         DeviceError
             Memory or compilation.
+        CancelledError
+            `cancel` was called meanwhile.
         """
+        self._launcher.begin()
         scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         if scene.map.max_error is not None:
@@ -237,6 +261,7 @@ class Renderer:
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         compiled, started = self._launcher.kernels.seconds, time.perf_counter()
+        made = self._cache.made.copy()
         traced = self._visibility.seconds
         points = _single_lights(scene)
         frame = Frame(
@@ -261,11 +286,17 @@ class Renderer:
             "compile": self._launcher.kernels.seconds - compiled,
             "total": time.perf_counter() - started,
         }
+        stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
         warnings += take_notes()
         lit = any(row[:, 3].any() for row in sums.light_seen)
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
         return RenderResult(_image(sums), layers, stats, scene, crop, (*notes, *warnings), lit)
+
+
+def _what(grids: Sequence[Volume]) -> str:
+    """Return what messages call the voxels of grids."""
+    return "the volume ({})".format(", ".join("{2}×{1}×{0} voxels".format(*grid.shape) for grid in grids))
 
 
 def _single_lights(scene: Scene) -> Scene:

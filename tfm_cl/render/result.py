@@ -29,6 +29,8 @@ class RenderStats:
     device, over lights and tiles; ``total`` of everything."""
     samples: dict[str, int] = field(default_factory=lambda: {"light_pass": 0, "view_pass": 0})
     """Density samples of ``light_pass`` and ``view_pass``."""
+    made: dict[str, int] = field(default_factory=dict)
+    """What was made, as no earlier frame had it, and how many: ``bricks``, ``map``, ``probe``, …"""
     map_bytes: int = 0
     """Of the numbers of all maps together."""
     map: ResolvedMap | None = None

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,21 @@ from numpy.typing import NDArray
 from tfm_cl.scene.lights.base import texel_positions
 
 if TYPE_CHECKING:
+    from tfm_cl.device.cache import Cache
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
-T = TypeVar("T")
 
-KEPT_BYTES = 256 << 20
-"""Of G-buffers and shadow maps kept for the next frame."""
+class Sized(Protocol):
+    """What is kept: arrays, and what holds some."""
+
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+
+
+T = TypeVar("T", bound=Sized)
 
 
 @dataclass(frozen=True)
@@ -81,20 +87,24 @@ class GBuffer:
 class Visibility:
     """Traces the solids of scenes, and keeps what the next frame may ask for again.
 
-    Kept are the tracer of the last solids, and G-buffers and shadow maps up to `KEPT_BYTES`.
+    Kept are the tracer of the last solids, and G-buffers and shadow maps in the session's cache.
+
+    Parameters
+    ----------
+    cache
+        Of the session.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, cache: Cache) -> None:
         self._solids: tuple[Any, ...] = ()
         self._tracer: Tracer | None = None
-        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self._cache = cache
         self.seconds = 0.0
         """Spent so far on reading and tracing solids."""
 
     def clear(self) -> None:
         """Forget everything."""
         self._solids, self._tracer = (), None
-        self._kept.clear()
 
     def tracer(self, scene: Scene) -> Tracer | None:
         """Return the solids of a scene ready for rays; None without any.
@@ -119,7 +129,8 @@ class Visibility:
         tracer = self.tracer(scene)
         if tracer is None:
             return None
-        return self._keep((scene.camera, crop), lambda: _gbuffer(tracer, scene, crop))
+        key = scene.solids, scene.camera, crop
+        return self._keep("G-buffer", key, lambda: _gbuffer(tracer, scene, crop))
 
     def distances(self, scene: Scene, light: Light, res: int | None = None) -> NDArray[np.float32] | None:
         """Trace a light's rays: distances to the nearest solid, [res, res], infinite without one.
@@ -135,7 +146,8 @@ class Visibility:
         if tracer is None:
             return None
         res = res or scene.shadow.res
-        return self._keep((light.map_key(), res), lambda: _distances(tracer, light, res))
+        key = scene.solids, light.map_key(), res
+        return self._keep("shadow map", key, lambda: _distances(tracer, light, res))
 
     @contextmanager
     def timed(self) -> Iterator[None]:
@@ -144,16 +156,23 @@ class Visibility:
         yield
         self.seconds += time.perf_counter() - started
 
-    def _keep(self, key: Hashable, make: Callable[[], T]) -> T:
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        else:
+    def clip(self, scene: Scene, light: Light, size: int) -> NDArray[np.float32] | None:
+        """Find beyond which distance nothing is lit near each of size × size rays (`clip_of`).
+
+        None without solids.
+        """
+        distances = self.distances(scene, light)
+        if distances is None:
+            return None
+        key = scene.solids, light.map_key(), scene.shadow.res, size
+        return self._keep("clip", key, lambda: clip_of(distances, size))
+
+    def _keep(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
+        def timed() -> T:
             with self.timed():
-                self._kept[key] = make()
-            while len(self._kept) > 1 and sum(kept.nbytes for kept in self._kept.values()) > KEPT_BYTES:
-                self._kept.popitem(last=False)
-        kept: T = self._kept[key]
-        return kept
+                return make()
+
+        return self._cache.get(kind, key, timed, lambda value: value.nbytes)
 
 
 def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:

@@ -393,9 +393,17 @@ class Volume(Body):
         return sums.ravel()
 
     @property
-    def stores(self) -> tuple[object, ...]:
-        """What holds its voxels, and their colour: the same objects for volumes that share these."""
-        return (self._voxels,) if self._colour is None else (self._voxels, self._colour)
+    def content(self) -> tuple[int, ...]:
+        """Numbers that tell its voxels, and their colour, from all others of this process.
+
+        They are the same for volumes that share these, and never given twice.
+        """
+        return (self._voxels.number,) if self._colour is None else (self._voxels.number, self._colour.number)
+
+    @property
+    def density_key(self) -> tuple[Any, ...]:
+        """All that its density in space depends on."""
+        return self.content, self.density_scale, self.world_from_index.tobytes()
 
     def same_voxels(self, other: Volume) -> bool:
         """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
@@ -444,11 +452,16 @@ class Volume(Body):
         return f"{self.source}: grid {shown(self.name)}" if self.name else str(self.source)
 
 
+_NUMBERS = itertools.count()
+"""Of voxels and colours, in the order in which this process made them."""
+
+
 class _Voxels:
     """Voxels in the form they came in, and what was made of them; shared by volumes of another scale."""
 
     def __init__(self, stored: NDArray[np.float32] | Leaves) -> None:
         self.stored = stored
+        self.number = next(_NUMBERS)
 
     @property
     def leaves(self) -> Leaves | None:
@@ -495,6 +508,7 @@ class _Colour:
     """The colour of voxels, and what they are in each channel; shared by volumes of another scale."""
 
     def __init__(self, voxels: _Voxels, rgb: ArrayLike, label: str, *, sanitize: bool) -> None:
+        self.number = next(_NUMBERS)
         self.rgb = _as_colour(rgb, voxels.shape, label, sanitize=sanitize)
         self._voxels = voxels
         largest = float(voxels.stored.max()) * float(self.rgb.max())  # NaN where there are no leaves

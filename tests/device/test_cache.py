@@ -1,0 +1,61 @@
+"""The session's cache: what is kept, and for how long."""
+
+import pytest
+
+from tfm_cl.device.cache import Cache
+
+
+def made(cache, key, size=1, kind="map"):
+    """Ask for a value that says which making it was."""
+    return cache.get(kind, key, lambda: object(), lambda _: size)
+
+
+def test_what_is_kept_is_not_made_again():
+    cache = Cache(10)
+    assert made(cache, "a") is made(cache, "a")
+    assert made(cache, "a") is not made(cache, "b")
+    assert cache.made == {"map": 2}
+
+
+def test_kinds_do_not_share_keys():
+    cache = Cache(10)
+    assert made(cache, "a", kind="map") is not made(cache, "a", kind="bricks")
+
+
+def test_the_least_recently_used_goes_first():
+    cache = Cache(3)
+    first, second = made(cache, "first"), made(cache, "second")
+    assert made(cache, "first") is first  # which is the more recent one now
+    made(cache, "large", 2)
+    assert cache.nbytes == 3
+    assert made(cache, "first") is first
+    assert made(cache, "second") is not second
+
+
+@pytest.mark.parametrize("budget", [0, 3])
+def test_the_latest_stays_whatever_its_size(budget):
+    cache = Cache(budget)
+    made(cache, "small")
+    large = made(cache, "large", 100)
+    assert made(cache, "large", 100) is large
+    assert cache.nbytes == 100
+
+
+def test_what_fails_is_not_kept():
+    cache = Cache(10)
+
+    def fail():
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        cache.get("map", "a", fail, lambda _: 1)
+    assert cache.nbytes == 0
+    assert made(cache, "a") is made(cache, "a")
+
+
+def test_nothing_is_left_when_it_is_cleared():
+    cache = Cache(10)
+    before = made(cache, "a")
+    cache.clear()
+    assert cache.nbytes == 0
+    assert made(cache, "a") is not before

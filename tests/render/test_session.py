@@ -1,0 +1,135 @@
+"""Frames one after the other: what changed is made again, and nothing else."""
+
+import threading
+
+import numpy as np
+import pytest
+from memory import resident
+from scenes import blobs, make_scene
+
+import tfm_cl as tfm
+from tfm_cl.errors import CancelledError
+
+SPOT = tfm.SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=24, intensity=3)
+POINT = tfm.PointLight(from_=(2, 2, 2))
+BALL = tfm.SphereSolid(centre=(0.2, -0.1, 0.3), radius=0.3)
+FOG = tfm.BoxVolume(density=0.1, medium=tfm.Medium(sigma_s=0.4))
+SCENE = make_scene(lights=[SPOT, POINT])
+GRID = SCENE.bodies[0]
+IN_FOG = SCENE.replace(volume=[GRID, FOG])
+BESIDE_BALL = SCENE.replace(solids=[BALL], shadow=tfm.ShadowSettings(res=32))
+SMALL = GRID.with_density_scale(2.0)
+TWO = SCENE.replace(volume=[GRID, SMALL.transformed(np.diag([0.5, 0.5, 0.5, 1.0]))])
+
+
+def other_grid():
+    """The same place, other voxels."""
+    return tfm.Volume(blobs(seed=8), world_from_index=GRID.world_from_index, density_scale=4.0)
+
+
+CHANGES = {
+    "nothing": (SCENE, SCENE, {}),
+    "camera": (SCENE, SCENE.replace(camera=SCENE.camera.replace(fov=30.0)), {}),
+    "march": (SCENE, SCENE.replace(march=SCENE.march.replace(steps=20)), {}),
+    "intensity": (SCENE, SCENE.replace(lights=[SPOT.replace(intensity=(9, 1, 4)), POINT]), {}),
+    "albedo": (SCENE, SCENE.replace(medium=SCENE.medium.replace(sigma_s=(0.9, 0.8, 0.5), sigma_a=(0.2, 0.3, 0.2))), {}),
+    "phase": (SCENE, SCENE.replace(medium=SCENE.medium.replace(phase=tfm.Isotropic())), {}),
+    "ambient": (SCENE, SCENE.replace(ambient=tfm.Ambient(radiance=1)), {}),
+    "fog's density": (IN_FOG, IN_FOG.replace(volume=[GRID, FOG.replace(density=0.3)]), {}),
+    "one light": (SCENE, SCENE.replace(lights=[SPOT, POINT.replace(from_=(2.5, 2, 2))]), {"probe": 1, "map": 1}),
+    "a light more": (SCENE, SCENE.replace(lights=[SPOT, POINT, SPOT.replace(cone=30)]), {"probe": 1, "map": 1}),
+    "map settings": (SCENE, SCENE.replace(map=SCENE.map.replace(coeffs=4)), {"map": 2}),
+    "density": (SCENE, SCENE.replace(volume=SMALL), {"probe": 2, "map": 2}),
+    "voxels": (SCENE, SCENE.replace(volume=other_grid()), {"bricks": 1, "probe": 2, "map": 2}),
+    "a solid's place": (
+        BESIDE_BALL,
+        BESIDE_BALL.replace(solids=[BALL.replace(radius=0.4)]),
+        {"G-buffer": 1, "shadow map": 2, "clip": 4, "probe": 2, "map": 2},
+    ),
+    "camera before a solid": (
+        BESIDE_BALL,
+        BESIDE_BALL.replace(camera=SCENE.camera.replace(fov=30.0)),
+        {"G-buffer": 1},
+    ),
+    "place of one of two grids": (
+        TWO,
+        TWO.replace(volume=[GRID, TWO.bodies[1].transformed(np.diag([1.1, 1, 1, 1.0]))]),
+        {"probe": 2, "map": 2},
+    ),
+}
+
+
+@pytest.fixture
+def session(device_name):
+    """A renderer of its own, which has made nothing yet."""
+    with tfm.Renderer(device_name, build_options=("-Werror",)) as renderer:
+        yield renderer
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_frame_makes_what_it_must(session, renderer, change):
+    before, after, expected = CHANGES[change]
+    session.render(before)
+    second = session.render(after)
+    assert second.stats.made == expected
+    assert (second.stats.seconds["light_pass"] > 0) == ("map" in expected)
+    # What was kept is what would be made.
+    fresh = renderer.render(after)
+    np.testing.assert_array_equal(second.image, fresh.image)
+
+
+def test_the_first_frame_makes_everything(session):
+    assert session.render(SCENE).stats.made == {"bricks": 1, "probe": 2, "map": 2}
+
+
+def test_without_room_only_the_last_is_kept(device_name):
+    with tfm.Renderer(device_name, cache_bytes=0) as tight:
+        first = tight.render(SCENE)
+        again = tight.render(SCENE)
+    np.testing.assert_array_equal(first.image, again.image)
+    assert again.stats.made["map"] == 2
+
+
+def test_maps_of_the_caller_are_not_kept(session):
+    session.build_maps(SCENE)
+    assert session.render(SCENE).stats.made["map"] == 2
+
+
+def test_a_frame_can_be_cancelled_from_another_thread(session):
+    started, caught = threading.Event(), []
+
+    def render():
+        slow = SCENE.replace(map=SCENE.map.replace(res=2048, steps=400))
+        try:
+            session.render(slow, progress=lambda stage, part: started.set())
+        except CancelledError as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=render)
+    thread.start()
+    assert started.wait(100)
+    session.cancel()
+    thread.join(100)
+    assert len(caught) == 1
+    # The next frame is whole.
+    assert session.render(SCENE).image[..., :3].max() > 0
+
+
+def test_cancelling_nothing_does_nothing(session):
+    session.cancel()
+    assert session.render(SCENE).image[..., :3].max() > 0
+
+
+@pytest.mark.slow
+def test_memory_is_level_over_a_thousand_frames(session):
+    scene = BESIDE_BALL.replace(lights=[SPOT, POINT, tfm.SunLight(from_=(1, 3, 1), to=(0, 0, 0))])
+    sizes = []
+    for number in range(1000):
+        angle = 0.01 * number
+        camera = scene.camera.replace(from_=(4 * np.sin(angle), 0.8, 4 * np.cos(angle)))
+        moving = tfm.PointLight(from_=(2 * np.cos(angle), 2, 2 * np.sin(angle)))
+        session.render(scene.replace(camera=camera, lights=[SPOT, moving]))
+        if number >= 300 and number % 100 == 0:
+            sizes.append(resident())
+    # Once the cache is full of what changes, or holds it all, nothing grows: 4 MiB are the allocator's own.
+    assert max(sizes) - sizes[0] < (4 << 20) + session._cache.nbytes
