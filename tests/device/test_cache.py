@@ -7,7 +7,7 @@ from tfm_cl.device.cache import Cache
 
 def made(cache, key, size=1, kind="map"):
     """Ask for a value that says which making it was."""
-    return cache.get(kind, key, lambda: object(), lambda _: size)
+    return cache.get(kind, key, object, lambda _: size)
 
 
 def test_what_is_kept_is_not_made_again():

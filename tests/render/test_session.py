@@ -113,7 +113,7 @@ def test_a_frame_can_be_cancelled_from_another_thread(session):
     def render():
         slow = SCENE.replace(map=SCENE.map.replace(res=2048, steps=400))
         try:
-            session.render(slow, progress=lambda stage, part: started.set())
+            session.render(slow, progress=lambda *_: started.set())
         except CancelledError as error:
             caught.append(error)
 

@@ -223,8 +223,8 @@ class TransmittanceMap:
         transmittance: NDArray[np.float32] = np.where(reached, np.exp(-sigma * np.maximum(depths, 0)), 0)
         return transmittance.astype(np.float32)
 
-    def check_serves(self, scene: Scene, light: Light, fields: Fields) -> None:
-        """Raise `SceneError` unless this map is right for a fitted light of a scene and its fields."""
+    def check_serves(self, scene: Scene, light: Light, fields: Fields, field: int) -> None:
+        """Raise `SceneError` unless this map is right for a fitted light of a scene and one of its fields."""
         same_grids = len(self.grids) == len(scene.grids) and all(
             one.same_density(other) for one, other in zip(self.grids, scene.grids, strict=False)
         )
@@ -232,6 +232,7 @@ class TransmittanceMap:
         for what, same in (
             ("volume", same_grids),
             (f"colour of {_name(scene, changed)}: its share of what maps hold has changed", changed is None),
+            ("field of density", self.field_index == field),
             ("set of solids", self.solids == scene.solids),
             ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
             ("light", self.light.map_key() == light.map_key()),

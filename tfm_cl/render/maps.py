@@ -185,8 +185,8 @@ class MapBuilder:
     def _check_one(
         self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap], place: int
     ) -> None:
-        light = scene.lights[place // media.fields.count]
+        number, field = divmod(place, media.fields.count)
         try:
-            maps[place].check_serves(scene, light, media.fields)
+            maps[place].check_serves(scene, scene.lights[number], media.fields, field)
         except SceneError as error:
             raise SceneError(f"map {place + 1} {error}") from None

@@ -45,7 +45,12 @@ class RenderStats:
             self.seconds["light_pass"] += light_map.buffers.seconds
         self.samples["light_pass"] += light_map.buffers.samples
         self.map_bytes += light_map.nbytes
-        self.map = light_map.settings
+        alone = self.map is None
+        if not alone and self.map != light_map.settings:
+            # Fields have an α of their own: then only the request tells all of them.
+            self.map = light_map.settings.replace(density_weighting=None)
+        elif alone:
+            self.map = light_map.settings
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
