@@ -123,6 +123,12 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_BODIES
   Floats step_begin = begin;
 #endif
+#if !TFM_SHARED
+  /* In the order of the steps, so that those that are left out leave no trace in its rounding. */
+  Floats sum[TFM_CHANNELS];
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sum[c] = floats(0.0f);
+#endif
   while (any_lane(alive) && find_steps(scene->padded, &walk, alive, 0, &list)) {
     Amounts step[MOST_STEPS];
     int count = 0;
@@ -158,7 +164,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       LIGHT light = lights->of + lights->numbers[i];
       const Ray light_space_ray = ray_in_light(light, ray);
       LightArrival arrival[MOST_STEPS];
-      Floats arrives[MOST_STEPS][TFM_CHANNELS], sum[TFM_CHANNELS];
+      Floats arrives[MOST_STEPS][TFM_CHANNELS];
       for (int k = 0; k < count; ++k)
         arrival[k] = light_arrival(scene, light, lights->buffers, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0);
       for (int k = 0; k < count; ++k) {
@@ -169,9 +175,12 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
           for (int c = 0; c < TFM_CHANNELS; ++c)
             arrives[k][c] = floats(0.0f);
       }
-      for (int c = 0; c < TFM_CHANNELS; ++c)
-        sum[c] = floats(0.0f);
-      for (int k = 0; k < count; ++k)
+      for (int k = 0; k < count; ++k) {
+#if TFM_SHARED
+        Floats sum[TFM_CHANNELS];
+        for (int c = 0; c < TFM_CHANNELS; ++c)
+          sum[c] = floats(0.0f);
+#endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
           Floats source = source_of(media, &step[k], &arrival[k], c);
@@ -181,12 +190,17 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
           sum[c] += opacity[k][c] * left * source;
           sums->seen[c] += weight[k] * left;
         }
-      for (int k = 0; k < count; ++k)
         sums->seen_opacity += weight[k];
-      add_light(media, light, sum, sums);
+#if TFM_SHARED
+        add_light(media, light, sum, sums);
+#endif
+      }
     }
     alive = active & is_visible(view, state);
   }
+#if !TFM_SHARED
+  add_light(media, lights->of + lights->numbers[0], sum, sums);
+#endif
   sums->samples += active ? read : ints(0);
 }
 #endif

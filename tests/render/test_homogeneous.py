@@ -10,7 +10,7 @@ from tfm_cl.device import launch
 from tfm_cl.errors import SceneError
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image
-from tfm_cl.render import fog
+from tfm_cl.render import batches as module
 from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
 from tfm_cl.scene.solids import PlaneSolid, SphereSolid
 
@@ -274,9 +274,9 @@ def test_batches_do_not_show(renderer, rng, monkeypatch):
     scene = scene_of(VOLUMES["box"], random_lights(rng, 20), solids=SOLIDS, march=tfm.MarchSettings(steps=10))
     whole = renderer.render(scene)
     batches = []
-    monkeypatch.setattr(fog, "BATCH_BYTES", 1 << 18)
+    monkeypatch.setattr(module, "BATCH_BYTES", 1 << 18)
     monkeypatch.setattr(launch, "MOST_SAMPLES", 4 * 1024 * 10)
-    monkeypatch.setattr(fog, "RAYS", 1)
+    monkeypatch.setattr(module, "RAYS", 1)
 
     cut = renderer.render(scene, progress=lambda stage, _: batches.append(stage))
 
@@ -342,14 +342,14 @@ def test_solids_outside_the_medium(renderer):
 
 def test_small_lights_have_small_shadow_maps(renderer, monkeypatch):
     sizes = []
-    shadows = fog._Batches.shadows
+    shadows = module.Batches._shadows
 
     def watched(self, batch):
         maps = shadows(self, batch)
-        sizes.extend(self._params["shadow_res"][batch].tolist())
+        sizes.extend(self._structs["shadow_res"][batch].tolist())
         return maps
 
-    monkeypatch.setattr(fog._Batches, "shadows", watched)
+    monkeypatch.setattr(module.Batches, "_shadows", watched)
     camera = CAMERA.replace(res=(320, 240))
     tiny = SpotLight(from_=(0, 0.3, 0), to=(0, 0, 0), cone=20, reach=0.15)
     small = tiny.replace(reach=0.6)

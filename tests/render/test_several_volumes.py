@@ -186,9 +186,9 @@ def scene_file(tmp_path):
 def test_a_scene_file_names_several(scene_file, renderer):
     scene = tfm.Scene.load(scene_file)
 
-    assert [volume.density_scale for volume in scene.volume.parts] == [0.4, 0.3]
-    low, high = scene.volume.bounds
-    each = [volume.bounds for volume in scene.volume.parts]
+    assert [volume.density_scale for volume in scene.bodies] == [0.4, 0.3]
+    low, high = scene.bounds
+    each = [volume.bounds for volume in scene.bodies]
     assert (low == np.minimum(each[0][0], each[1][0])).all()
     assert (high == np.maximum(each[0][1], each[1][1])).all()
     assert renderer.render(scene).image[..., 3].max() > 0.1
@@ -204,9 +204,9 @@ def test_the_command_line_changes_one_of_them(scene_file, tmp_path, capsys):
     again = tmp_path / "again.toml"
     again.write_text(changed, encoding="utf-8")
     scene = tfm.Scene.load(again)
-    assert [volume.density_scale for volume in scene.volume.parts] == [0.4, 0.7]
+    assert [volume.density_scale for volume in scene.bodies] == [0.4, 0.7]
     original = tfm.Scene.load(scene_file)
-    assert (scene.volume.bounds == original.volume.bounds).all()
+    assert (scene.bounds == original.bounds).all()
     assert scene.camera == original.camera
 
     assert main(["render", str(again), "--print-config"]) == 0
