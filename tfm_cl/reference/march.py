@@ -60,7 +60,7 @@ class Step(NamedTuple):
     distance: Floats
     """``[n]``, of its middle."""
     mean: Floats
-    """``[n, RGB]``: where its opacity is on the mean; its middle where grids are, whose density is read there."""
+    """``[n, RGB]``: mean place of its opacity; its middle where grids are, whose density is read there."""
     amounts: list[Floats]
     """Of each body, grids first: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
     depth: Floats
