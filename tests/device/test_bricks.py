@@ -461,6 +461,7 @@ def test_colours_in_several_pools(launcher, rng, voxels):
     assert 3 <= len(parts.bricks.pools) <= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pools", [2, 5, 8])
 def test_pools_do_not_show(device_name, launcher, pools):
     data = clumps((160, 40, 40), 60, 0.3)  # a pool holds more than a light's coarse ranges
