@@ -5,10 +5,11 @@
 """
 
 import sys
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 import tfm_cl as tfm
@@ -231,8 +232,11 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
 
 def _run_broken(name: str) -> None:
     launcher = Launcher(choose_device(DEVICE))
-    kernel = cl.Kernel(cl.Program(launcher.context, BROKEN_KERNELS).build(), name)
-    launcher.run(kernel, (4,), launcher.upload("four values", np.zeros(4, np.float32)))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "broken.cl"
+        file.write_text(BROKEN_KERNELS, encoding="utf-8")
+        kernel = launcher.kernels.kernel(name, str(file))
+        launcher.run(kernel, (4,), {"values": launcher.upload("four values", np.zeros(4, np.float32))})
 
 
 def _main(what: str, *out: str) -> None:
