@@ -27,6 +27,8 @@ from tfm_cl.device.launch import Launcher
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import Leaves
 
+pytestmark = pytest.mark.lanes
+
 VOXELS = ["f32", "f16", "u8"]
 HALF = 2.0**-11
 """Half a unit in the last place of a half, relative."""
@@ -243,21 +245,6 @@ def test_a_lone_voxel_beside_the_borders_of_bricks_and_blocks(launcher, rng, pla
     assert np.abs(device.densities(points) - expected).max() <= DEVICE_FUNCTION * 2.0
 
 
-@pytest.mark.parametrize("voxels", VOXELS)
-def test_layers_uploaded_one_by_one(launcher, rng, voxels, monkeypatch):
-    data = clumps((60, 12, 9), 8, 0.03)
-    data[30:45] = 0
-    whole = OnDevice(launcher, a_volume(data), voxels)
-    monkeypatch.setattr(module, "SLAB_BYTES", 1)
-
-    parts = check(launcher, a_volume(leaves_of(data, (5, 0, 2))), data, rng, voxels)
-
-    points = points_of(data.shape, rng)
-    assert (parts.densities(points) == whole.densities(points)).all()
-    assert parts.bricks.records == whole.bricks.records
-    assert parts.bricks.occupied == whole.bricks.occupied
-
-
 def test_8_bits_span_what_lies_near(launcher, rng):
     # A block that is a million times brighter takes nothing from a dim one far away.
     data = np.zeros((12, 12, 60), np.float32)
@@ -428,10 +415,11 @@ def several_pools(launcher, nbytes):
 
 
 @pytest.mark.parametrize("voxels", VOXELS)
-def test_density_in_several_pools(launcher, rng, voxels):
+def test_density_in_several_pools_uploaded_layer_by_layer(launcher, rng, voxels):
     data = clumps((160, 10, 12), 9, 0.05)
-    volume = a_volume(data)
-    whole = OnDevice(launcher, volume, voxels)
+    data[60:90] = 0
+    volume = a_volume(leaves_of(data, (5, 0, 2)))
+    whole = OnDevice(launcher, a_volume(data), voxels)
     size = record_bytes(launcher.lanes, voxels)
     # The leaves of a layer of blocks have to fit as well.
     small = several_pools(launcher, max(size * -(-whole.bricks.records // 7), 26_000))
@@ -444,6 +432,7 @@ def test_density_in_several_pools(launcher, rng, voxels):
     assert parts.bricks.defines["TFM_POOLS"] == 8
     assert whole.bricks.defines["TFM_POOLS"] == 1
     assert parts.bricks.records == whole.bricks.records
+    assert parts.bricks.occupied == whole.bricks.occupied
 
 
 @pytest.mark.parametrize("voxels", VOXELS)

@@ -11,6 +11,8 @@ from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.media import media_on_device
 from tfm_cl.reference.march import mean_distance
 
+pytestmark = pytest.mark.lanes
+
 COUNT = 4003
 """Not a multiple of any number of lanes."""
 WARM, COLD = tfm.Medium(sigma_s=1.0), tfm.Medium(sigma_s=(0.2, 0.5, 1.1))

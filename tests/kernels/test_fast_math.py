@@ -7,6 +7,8 @@ from tolerances import DEVICE_FUNCTION, EXPONENT, FAST_MATH, FLOAT32, STEP
 
 from tfm_cl import reference
 
+pytestmark = pytest.mark.lanes
+
 SMALLEST = float(np.finfo(np.float32).tiny)
 """The least normal float32."""
 LARGEST = float(np.finfo(np.float32).max)

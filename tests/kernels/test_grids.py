@@ -11,6 +11,8 @@ from tfm_cl import reference
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.media import media_on_device
 
+pytestmark = pytest.mark.lanes
+
 COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1))
 
 

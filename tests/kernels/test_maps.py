@@ -12,6 +12,8 @@ from tfm_cl.maps.bases.cosine import Cosines
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import resolve
 
+pytestmark = pytest.mark.lanes
+
 STORED = {32: np.float32, 16: np.uint16, 8: np.uint8}
 
 

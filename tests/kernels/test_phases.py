@@ -12,6 +12,8 @@ from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic
 
+pytestmark = pytest.mark.lanes
+
 EVERY_PHASE = [Isotropic(), *(HenyeyGreenstein(g) for g in (-0.99, -0.4, 0.0, 0.3, 0.8, 0.99))]
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from kernel_calls import Calls
 
+pytestmark = pytest.mark.lanes
+
 COUNT = 1003
 """Not a multiple of any number of lanes."""
 MISSING = -7.0

@@ -15,6 +15,8 @@ from tfm_cl.scene.lights import LIGHTS, PointLight, SunLight
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.lights.texels import look_up
 
+pytestmark = pytest.mark.lanes
+
 KERNELS = str(Path(__file__).with_name("light_functions.cl"))
 COUNT = 5003
 """Not a multiple of any number of lanes."""
