@@ -48,8 +48,9 @@ def device_name(request):
 
 def pytest_generate_tests(metafunc):
     """Run what has the mark `lanes` with one ray a work-item and with as many as the device likes."""
-    if "renderer" in metafunc.fixturenames and metafunc.definition.get_closest_marker("lanes"):
-        metafunc.parametrize("renderer", LANES.values(), ids=LANES, indirect=True, scope="session")
+    if metafunc.definition.get_closest_marker("lanes"):
+        for name in {"renderer", "launcher"} & set(metafunc.fixturenames):
+            metafunc.parametrize(name, LANES.values(), ids=LANES, indirect=True, scope="session")
 
 
 @pytest.fixture(scope="session")
@@ -60,11 +61,11 @@ def renderer(device_name, request):
         yield renderer
 
 
-@pytest.fixture(scope="session", params=LANES.values(), ids=LANES)
+@pytest.fixture(scope="session")
 def launcher(device_name, request):
     """Kernels of ``tests/kernels`` as well as the project's own."""
-    folder = Path(__file__).parent / "kernels"
-    return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)), lanes=request.param)
+    folder, lanes = Path(__file__).parent / "kernels", getattr(request, "param", None)
+    return Launcher(choose_device(device_name), (*STRICT, "-I", str(folder)), lanes=lanes)
 
 
 @pytest.fixture(scope="session")

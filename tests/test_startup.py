@@ -79,19 +79,19 @@ def tiny_render(device_name):
 
 @pytest.fixture
 def kernels(tmp_path, monkeypatch):
-    """A copy of the kernels, in use, with a kernel ``probe`` that answers the number in ``probe.h``."""
+    """A copy of the kernels, in use, with a kernel ``answer`` that tells the number in ``answer.h``."""
     folder = tmp_path / "kernels"
     shutil.copytree(kernels_dir(), folder)
-    (folder / "probe.h").write_text("#define ANSWER 1\n", encoding="utf-8")
-    (folder / "probe.cl").write_text(
-        '#include "probe.h"\nkernel void probe(global int *answer) { *answer = ANSWER; }\n', encoding="utf-8"
+    (folder / "answer.h").write_text("#define ANSWER 1\n", encoding="utf-8")
+    (folder / "answer.cl").write_text(
+        '#include "answer.h"\nkernel void answer(global int *found) { *found = ANSWER; }\n', encoding="utf-8"
     )
     monkeypatch.setattr(program, "kernels_dir", lambda: folder)
     return folder
 
 
 def answer(launcher, library):
-    kernel = library.kernel("probe", "probe.cl")
+    kernel = library.kernel("answer", "answer.cl")
     found = launcher.empty("the answer", 4)
     kernel(launcher.queue, (1,), (1,), found).wait()
     return int(launcher.download(found, (1,), np.int32)[0])
@@ -99,7 +99,7 @@ def answer(launcher, library):
 
 def test_an_edited_header_is_compiled_again(launcher, kernels):
     for number in (1, 2, 1):
-        (kernels / "probe.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
+        (kernels / "answer.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
         assert answer(launcher, KernelLibrary(launcher.context)) == number
 
 
@@ -113,7 +113,7 @@ def test_the_text_that_drivers_know_a_program_by_tells_of_every_edit(launcher, k
 
     monkeypatch.setattr(cl, "Program", Recorded)
     for number in (1, 2, 1):
-        (kernels / "probe.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
+        (kernels / "answer.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
         answer(launcher, KernelLibrary(launcher.context))
     assert texts[0] == texts[2] != texts[1]
 
@@ -131,11 +131,11 @@ def test_every_source_counts_in_the_fingerprint(kernels):
 
 def test_what_a_driver_compiles_at_a_launch_is_counted(launcher, kernels):
     # A number of its own makes a program that no cache holds.
-    (kernels / "probe.h").write_text(f"#define ANSWER {os.getpid()}\n", encoding="utf-8")
+    (kernels / "answer.h").write_text(f"#define ANSWER {os.getpid()}\n", encoding="utf-8")
     library = KernelLibrary(launcher.context)
-    library.kernel("probe", "probe.cl")
+    library.kernel("answer", "answer.cl")
     built = library.seconds
-    event = library.kernel("probe", "probe.cl")(launcher.queue, (1,), (1,), launcher.empty("the answer", 4))
+    event = library.kernel("answer", "answer.cl")(launcher.queue, (1,), (1,), launcher.empty("the answer", 4))
     event.wait()
     waited = (event.profile.start - event.profile.queued) * 1e-9
     assert library.seconds - built == pytest.approx(waited)
@@ -167,7 +167,7 @@ def test_a_launch_counts_when_it_is_finished():
 @pytest.mark.usefixtures("kernels")
 def test_a_queue_without_times_counts_nothing(launcher):
     library = KernelLibrary(launcher.context)
-    kernel = library.kernel("probe", "probe.cl")
+    kernel = library.kernel("answer", "answer.cl")
     built = library.seconds
     kernel(cl.CommandQueue(launcher.context), (1,), (1,), launcher.empty("the answer", 4)).wait()
     assert library.seconds == built

@@ -69,13 +69,13 @@ TFM_INLINE WarpedStep warped_step(Warp warp, int n, int steps)
   return step;
 }
 
-/* The same where each lane has a number of steps of its own. Lanes with fewer go on beyond their end. */
+/* The same where each lane has a number of steps of its own, at least 1. Lanes with fewer stay at their last one. */
 TFM_INLINE WarpedStep warped_step_of_lanes(Warp warp, int n, Floats steps)
 {
-  const Floats width = 1.0f / steps;
-  const Floats s = ((float)n + 0.5f) * width, begin = (float)n * width, end = (float)(n + 1) * width;
-  const Floats rest = (steps - ((float)n + 0.5f)) * width, begin_rest = (steps - (float)n) * width,
-               end_rest = (steps - (float)(n + 1)) * width;
+  const Floats width = 1.0f / steps, number = least(floats((float)n), steps - 1.0f);
+  const Floats s = (number + 0.5f) * width, begin = number * width, end = (number + 1.0f) * width;
+  const Floats rest = (steps - (number + 0.5f)) * width, begin_rest = (steps - number) * width,
+               end_rest = (steps - (number + 1.0f)) * width;
   const Floats at_middle = s * warp.begin + rest * warp.end;
   const Floats ends = (begin * warp.begin + begin_rest * warp.end) * (end * warp.begin + end_rest * warp.end);
   WarpedStep step;

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kernel_calls import GridCalls
 from scenes import make_scene
 from scipy import ndimage
 from tolerances import DEVICE_FUNCTION
@@ -14,13 +15,19 @@ from tolerances import DEVICE_FUNCTION
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device import bricks as module
-from tfm_cl.device import params as parameters
-from tfm_cl.device.bricks import brick_count_of, brick_table, build_bricks, record_bytes
+from tfm_cl.device.bricks import (
+    ONE_FIELD,
+    brick_count_of,
+    brick_table,
+    build_bricks,
+    device_bytes,
+    record_bytes,
+)
 from tfm_cl.device.launch import Launcher
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import Leaves
-from tfm_cl.maps.light_pass import map_variant
-from tfm_cl.render.renderer import NO_MAP
+
+pytestmark = pytest.mark.lanes
 
 VOXELS = ["f32", "f16", "u8"]
 HALF = 2.0**-11
@@ -71,14 +78,20 @@ all_flags = st.builds(
 )
 
 
-@given(all_flags, st.sampled_from([1, 2, 3, module.FARTHEST]))
-def test_table_is_the_chessboard_distance(flags, farthest):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "FARTHEST", farthest)
-        table = brick_table(flags, blocks_of(flags))
+@given(all_flags)
+def test_table_is_the_chessboard_distance(flags):
+    table = brick_table(flags, blocks_of(flags))
 
     assert table.dtype == np.int32
-    assert (table == table_by_hand(flags, farthest)).all()
+    assert (table == table_by_hand(flags, module.FARTHEST)).all()
+
+
+@given(all_flags, st.integers(1, 99), st.sampled_from([1, 3]))
+def test_blocks_of_several_records_are_numbered_by_their_first(flags, first, records):
+    table = brick_table(flags, blocks_of(flags), first, records)
+
+    expected = table_by_hand(flags, module.FARTHEST)
+    assert (table == np.where(expected > 0, first + records * (expected - 1), expected)).all()
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -101,42 +114,26 @@ class OnDevice:
     """A volume in bricks, and its density read back by the function that the marches read it with."""
 
     def __init__(self, launcher, volume, voxels="f32", *, skip_empty=True):
-        self.launcher = launcher
         scene = make_scene(volume=volume, march=tfm.MarchSettings(skip_empty=skip_empty, voxels=voxels))
-        light = scene.lights[0]
-        self.bricks = build_bricks(launcher, [volume.leaves], "the volume", voxels)
+        self.channels = len(volume.channel_leaves)
+        defines = ONE_FIELD | {"TFM_AMOUNTS": self.channels}
+        self._calls = GridCalls(launcher, scene, voxels, defines)
+        self.bricks = self._calls.bricks
         self.centre = volume.bounds.mean(axis=0)
-        self.headers = ("basis/cosine.h", *light.headers, scene.medium.phase.HEADER)
-        self.defines = map_variant(NO_MAP, light, self.bricks)[1]
-        struct = parameters.fill(scene, light, crop=(0, 0, 1, 1), density_weighting=1.0, bricks=self.bricks)
-        self.params = launcher.upload("params", struct)
 
     def densities(self, points, length=1.0):
-        """Optical depths of marches of one step that stay at world points [N, 3], over their length."""
-        # In parts: the buffers of some devices here are small.
-        parts = [self._optical_depths(points[n : n + 1024], length) for n in range(0, len(points), 1024)]
-        return np.concatenate(parts) / length
+        """Optical depths of marches of one step that stay at world points [N, 3], over their length.
 
-    def _optical_depths(self, points, length):
-        launcher, count = self.launcher, len(points)
-        kernel = launcher.kernels.kernel(
-            "call_march_optical_depth", "device_functions.cl", self.headers, self.defines
-        )
-        found = launcher.empty("densities", 4 * count)
-        launcher.run(
-            kernel,
-            (count,),
-            self.params,
-            *self.bricks.arguments,
-            launcher.upload("points", (points - self.centre).astype(np.float32)),
-            launcher.upload("directions", np.zeros((count, 3), np.float32)),
-            found,
-            np.float32(0),
-            np.float32(length),
-            np.int32(1),
-            np.int32(count),
-        )
-        return launcher.download(found, (count,), np.float32).astype(np.float64)
+        [N], or [N, 3] of a volume with a colour.
+        """
+        shape = () if self.channels == 1 else (self.channels,)
+        rays = np.concatenate([points - self.centre, np.zeros_like(points)], axis=1)
+        # In parts: the buffers of some devices here are small.
+        parts = [
+            self._calls("call_march_amounts", rays[n : n + 1024], *shape, begin=0, end=length, steps=1)
+            for n in range(0, len(points), 1024)
+        ]
+        return np.concatenate(parts) / length
 
 
 def a_volume(voxels):
@@ -248,21 +245,6 @@ def test_a_lone_voxel_beside_the_borders_of_bricks_and_blocks(launcher, rng, pla
     assert np.abs(device.densities(points) - expected).max() <= DEVICE_FUNCTION * 2.0
 
 
-@pytest.mark.parametrize("voxels", VOXELS)
-def test_layers_uploaded_one_by_one(launcher, rng, voxels, monkeypatch):
-    data = clumps((60, 12, 9), 8, 0.03)
-    data[30:45] = 0
-    whole = OnDevice(launcher, a_volume(data), voxels)
-    monkeypatch.setattr(module, "SLAB_BYTES", 1)
-
-    parts = check(launcher, a_volume(leaves_of(data, (5, 0, 2))), data, rng, voxels)
-
-    points = points_of(data.shape, rng)
-    assert (parts.densities(points) == whole.densities(points)).all()
-    assert parts.bricks.records == whole.bricks.records
-    assert parts.bricks.occupied == whole.bricks.occupied
-
-
 def test_8_bits_span_what_lies_near(launcher, rng):
     # A block that is a million times brighter takes nothing from a dim one far away.
     data = np.zeros((12, 12, 60), np.float32)
@@ -284,7 +266,7 @@ def test_values_that_are_halves_are_exact_in_16_bits(launcher, rng, exponent):
     places = np.argwhere(np.ones(shape))[:, ::-1]
     # A short step: optical depths end at 1e30.
     assert (device.densities(places, 2.0**-20) == data.ravel()).all()
-    assert device.bricks.exponents[0] == np.floor(np.log2(data.max()))
+    assert device.bricks.exponents[0][0] == np.floor(np.log2(data.max()))
 
 
 @pytest.mark.parametrize("voxels", VOXELS)
@@ -331,7 +313,7 @@ def test_memory_follows_density(launcher):
         np.concatenate([values, values]).astype(np.float32),
     )
 
-    built = build_bricks(launcher, [leaves], "the volume", "f32")
+    built = build_bricks(launcher, [(leaves,)], "the volume", "f32")
 
     table = 4 * int(np.prod(brick_count_of(shape)))
     # A ball meets at most 5 blocks along an axis, wherever it lies.
@@ -343,7 +325,7 @@ def test_memory_follows_density(launcher):
 
 @pytest.mark.parametrize("voxels", VOXELS)
 def test_records_take_the_bytes_of_their_voxels(launcher, voxels):
-    one = build_bricks(launcher, [leaves_of(np.ones((3, 3, 3), np.float32))], "v", voxels)
+    one = build_bricks(launcher, [(leaves_of(np.ones((3, 3, 3), np.float32)),)], "v", voxels)
 
     edge = 9 if launcher.lanes == 1 else REACH
     least = 2 * edge**3 * {"f32": 4, "f16": 2, "u8": 1}[voxels]
@@ -357,22 +339,87 @@ def test_twice_the_density_takes_twice_the_records(launcher):
     two = one.copy()
     two[3:5, 3:5, 170] = 1
 
-    records = [build_bricks(launcher, [leaves_of(data)], "v", "f32").records - 1 for data in (one, two)]
+    records = [build_bricks(launcher, [(leaves_of(data),)], "v", "f32").records - 1 for data in (one, two)]
 
     assert records[1] == 2 * records[0] == 2
+
+
+def a_rainbow(shape, seed, share):
+    """Coloured voxels: where the density is there is some of each colour, but for a corner without blue."""
+    density = clumps(shape, seed, share)
+    z, y, x = np.meshgrid(*(np.linspace(0, 1, n) for n in shape), indexing="ij")
+    colour = np.stack([1.5 - 1.4 * x, 0.6 + 0.5 * np.sin(7 * y + 2 * z), 0.1 + 1.2 * x * z], axis=-1)
+    colour[: shape[0] // 3, ..., 2] = 0
+    return tfm.Volume(density, world_from_index=np.eye(4), colour=colour)
+
+
+def check_colours(launcher, volume, rng, voxels):
+    """Compare the densities of the three channels at random points with NumPy's."""
+    device = OnDevice(launcher, volume, voxels)
+    points = points_of(volume.shape, rng, 2048)
+    found = device.densities(points)
+    for c, channel in enumerate(volume.channels):
+        data = channel.data
+        near = around(data, points, 5)
+        bound = DEVICE_FUNCTION * near
+        if voxels == "f16":
+            bound += HALF * near + HALF_DENORMAL * float(data.max())
+        elif voxels == "u8":
+            bound += BYTE * around(data, points, 2 * REACH + 1)
+        assert (np.abs(found[:, c] - reference.density(channel, points)) <= bound).all(), c
+    assert (found.max(axis=0) > 0.1).all()
+    return device
+
+
+@pytest.mark.parametrize("voxels", VOXELS)
+def test_colours_of_voxels(launcher, rng, voxels):
+    volume = a_rainbow((20, 9, 33), 5, 0.1)
+
+    device = check_colours(launcher, volume, rng, voxels)
+
+    # Three records for every block that any colour is in, and the one that is all zero.
+    grey = build_bricks(launcher, [(leaves_of(volume.channels[0].data),)], "the volume", voxels)
+    assert device.bricks.records == 1 + 3 * (grey.records - 1)
+    assert device.bricks.channels == 3
+    assert device.bricks.nbytes == device_bytes(volume.channel_leaves, launcher.lanes, voxels)
+
+
+def test_a_coloured_grid_beside_grey_ones(launcher, rng):
+    grids = [
+        a_volume(clumps((9, 9, 9), 1, 0.3)),
+        a_rainbow((9, 10, 11), 2, 0.3),
+        a_volume(clumps((8, 8, 8), 3, 1)),
+    ]
+    built = build_bricks(launcher, [grid.channel_leaves for grid in grids], "the volumes", "f32")
+    alone = [build_bricks(launcher, [grid.channel_leaves], "the volume", "f32") for grid in grids]
+    calls = GridCalls(launcher, make_scene(volume=grids), "f32", ONE_FIELD | {"TFM_AMOUNTS": 3})
+    centre = np.concatenate([grid.bounds for grid in grids]).reshape(-1, 2, 3)
+    centre = (centre[:, 0].min(axis=0) + centre[:, 1].max(axis=0)) / 2
+    points = points_of((10, 11, 12), rng, 1024)
+
+    found = calls("call_densities_at", points - centre, 3)
+
+    assert built.records == 1 + sum(one.records - 1 for one in alone)
+    assert [len(exponents) for exponents in built.exponents] == [1, 3, 1]
+    coloured = np.stack([reference.density(part, points) for part in grids[1].channels], axis=-1)
+    # What has no colour adds the same to all three.
+    expected = coloured + sum(reference.density(grid, points) for grid in grids[::2])[:, None]
+    assert np.abs(found - expected).max() <= 3 * DEVICE_FUNCTION * 1.5
 
 
 def several_pools(launcher, nbytes):
     """The same device, whose buffers are small."""
     folder = Path(__file__).resolve().parents[1] / "kernels"
-    return Launcher(launcher.device, ("-I", str(folder)), lanes=launcher.lanes, largest_buffer=nbytes)
+    options = "-Werror", "-I", str(folder)  # as the fixture's: what it has compiled is not compiled again
+    return Launcher(launcher.device, options, lanes=launcher.lanes, largest_buffer=nbytes)
 
 
 @pytest.mark.parametrize("voxels", VOXELS)
-def test_density_in_several_pools(launcher, rng, voxels):
+def test_density_in_several_pools_uploaded_layer_by_layer(launcher, rng, voxels):
     data = clumps((160, 10, 12), 9, 0.05)
-    volume = a_volume(data)
-    whole = OnDevice(launcher, volume, voxels)
+    data[60:90] = 0
+    volume = a_volume(leaves_of(data, (5, 0, 2)))
+    whole = OnDevice(launcher, a_volume(data), voxels)
     size = record_bytes(launcher.lanes, voxels)
     # The leaves of a layer of blocks have to fit as well.
     small = several_pools(launcher, max(size * -(-whole.bricks.records // 7), 26_000))
@@ -385,8 +432,25 @@ def test_density_in_several_pools(launcher, rng, voxels):
     assert parts.bricks.defines["TFM_POOLS"] == 8
     assert whole.bricks.defines["TFM_POOLS"] == 1
     assert parts.bricks.records == whole.bricks.records
+    assert parts.bricks.occupied == whole.bricks.occupied
 
 
+@pytest.mark.parametrize("voxels", VOXELS)
+def test_colours_in_several_pools(launcher, rng, voxels):
+    volume = a_rainbow((90, 10, 12), 9, 0.05)
+    whole = OnDevice(launcher, volume, voxels)
+    # Of three pools one at least ends between the three records of a block, the first record being alone.
+    size = record_bytes(launcher.lanes, voxels) * -(-whole.bricks.records // 6)
+    small = several_pools(launcher, max(size, 26_000))
+
+    parts = check_colours(small, volume, rng, voxels)
+
+    points = points_of(volume.shape, rng, 2048)
+    assert (parts.densities(points) == whole.densities(points)).all()
+    assert 3 <= len(parts.bricks.pools) <= 7
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("pools", [2, 5, 8])
 def test_pools_do_not_show(device_name, launcher, pools):
     data = clumps((160, 40, 40), 60, 0.3)  # a pool holds more than a light's coarse ranges
@@ -400,12 +464,13 @@ def test_pools_do_not_show(device_name, launcher, pools):
         march=tfm.MarchSettings(steps=50),
     )
     lanes = launcher.lanes
-    records = build_bricks(launcher, [scene.volume.leaves], "the volume", "f32").records
+    records = build_bricks(launcher, [scene.volume.channel_leaves], "the volume", "f32").records
     nbytes = record_bytes(lanes, "f32") * -(-records // pools)
-    with tfm.Renderer(device_name, lanes=lanes) as renderer:
+    options = {"lanes": lanes, "build_options": ("-Werror",)}
+    with tfm.Renderer(device_name, **options) as renderer:
         expected = renderer.render(scene)
-    with tfm.Renderer(device_name, lanes=lanes, largest_buffer=nbytes) as renderer:
-        grid = build_bricks(renderer._launcher, [scene.volume.leaves], "the volume", "f32")
+    with tfm.Renderer(device_name, **options, largest_buffer=nbytes) as renderer:
+        grid = build_bricks(renderer._launcher, [scene.volume.channel_leaves], "the volume", "f32")
         result = renderer.render(scene)
 
     assert len(grid.pools) == pools
@@ -422,6 +487,6 @@ def test_too_many_pools_are_refused(launcher, voxels, hint):
 
     expected = r"^the cloud needs [\d.]+ MiB; .* allows 0\.4 MiB in 8 buffers"
     with pytest.raises(DeviceMemoryError, match=expected) as error:
-        build_bricks(small, [leaves], "the cloud", voxels)
+        build_bricks(small, [(leaves,)], "the cloud", voxels)
 
     assert ("--voxels f16 or u8" in str(error.value)) == hint

@@ -28,7 +28,7 @@ def use(queue, what):
         queue.put("it worked")
 
 scene, device = make_scene(), DEVICE
-with tfm.Renderer(device) as renderer:
+with tfm.Renderer(device, build_options=('-Werror',)) as renderer:
     image = renderer.render(scene).image
     (light_map,) = renderer.build_maps(scene)
     fork = multiprocessing.get_context("fork")

@@ -36,7 +36,7 @@ from tfm_cl.device.launch import Launcher
 try:
     launcher = Launcher(choose_device(DEVICE), ("-I", "."))
     answer = launcher.empty("the answer", 4)
-    launcher.run(launcher.kernels.kernel("probe", "probe.cl"), (1,), answer)
+    launcher.run(launcher.kernels.kernel("answer", "answer.cl"), (1,), {"answer": answer})
     print(launcher.download(answer, (1,), np.int32)[0])
 except TfmError as error:
     print(error, file=sys.stderr)
@@ -50,8 +50,8 @@ def run(tmp_path, device_name):
     """``run(POCL_CACHE_DIR=…)`` runs a kernel in a process of its own; returns what it says on stderr."""
     if "Portable Computing" not in choose_device(device_name).platform.name:
         pytest.skip("the driver has a cache of its own")
-    probe = "kernel void probe(global int *answer) { *answer = 42; }\n"
-    (tmp_path / "probe.cl").write_text(probe, encoding="utf-8")
+    text = "kernel void answer(global int *answer) { *answer = 42; }\n"
+    (tmp_path / "answer.cl").write_text(text, encoding="utf-8")
     temporary = tmp_path / "temporary"
     temporary.mkdir()
 

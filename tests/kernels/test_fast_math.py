@@ -2,18 +2,12 @@
 
 import numpy as np
 import pytest
-from tolerances import EXPONENT, FAST_MATH, FLOAT32, STEP
+from kernel_calls import Calls
+from tolerances import DEVICE_FUNCTION, EXPONENT, FAST_MATH, FLOAT32, STEP
 
 from tfm_cl import reference
 
-HEADERS = ("basis/cosine.h", "light/chart/perspective.h", "light/spot.h", "phase/isotropic.h")
-DEFINES = {
-    "TFM_N_COEFF": 4,
-    "TFM_STORAGE_BITS": 32,
-    "TFM_VOXEL_BITS": 32,
-    "TFM_POOLS": 1,
-    "TFM_VOLUMES": 1,
-}
+pytestmark = pytest.mark.lanes
 
 SMALLEST = float(np.finfo(np.float32).tiny)
 """The least normal float32."""
@@ -24,26 +18,8 @@ SPREADS = [1.0, 4.0, 50.0, 1e9]
 
 @pytest.fixture
 def call(launcher):
-    """``call(name, *inputs, shape=…)`` runs a kernel of ``device_functions.cl`` that takes no parameters."""
-
-    def run(name, *inputs, shape):
-        kernel = launcher.kernels.kernel(name, "device_functions.cl", HEADERS, DEFINES)
-        output = launcher.empty("output", 4 * int(np.prod(shape)))
-        arguments, placed = [], False
-        for value in inputs:
-            if isinstance(value, np.ndarray):
-                arguments.append(launcher.upload("input", np.asarray(value, np.float32)))
-                continue
-            if not placed:
-                arguments.append(output)
-                placed = True
-            arguments.append(value)
-        if not placed:
-            arguments.append(output)
-        launcher.run(kernel, shape[:1], *arguments, np.int32(shape[0]))
-        return launcher.download(output, shape, np.float32).astype(np.float64)
-
-    return run
+    """``call(name, items, *shape, …)`` runs a kernel of ``math_functions.cl``."""
+    return Calls(launcher, "math_functions.cl")
 
 
 def float32s(*parts):
@@ -63,17 +39,24 @@ DEPTHS = float32s(
 DEPTHS = DEPTHS[DEPTHS >= SMALLEST]
 
 
-def opacity_of(call, depths):
-    return call("call_opacity_of", depths, shape=depths.shape)
+FUNCTIONS = (
+    "transmittance_of",
+    "opacity_of",
+    "log_of",
+    "cos_pi",
+    "sin_pi",
+    "reciprocal_sqrt",
+    "arctangent_of",
+)
 
 
-def fast_math(call, values):
-    """Columns: transmittance_of, log_of, cos_pi, reciprocal_sqrt."""
-    return call("call_fast_math", values, shape=(len(values), 4)).T
+def value_of(call, name, numbers):
+    """What one of the device's functions makes of numbers."""
+    return call("call_fast_math", numbers, len(FUNCTIONS))[:, FUNCTIONS.index(name)]
 
 
 def test_transmittance(call):
-    found = fast_math(call, DEPTHS)[0]
+    found = value_of(call, "transmittance_of", DEPTHS)
 
     depths = DEPTHS.astype(np.float64)
     expected = np.exp(-np.minimum(depths, 87.0))
@@ -86,7 +69,7 @@ def test_transmittance(call):
 
 
 def test_opacity_keeps_all_digits_however_thin_the_medium(call):
-    found = opacity_of(call, DEPTHS)
+    found = value_of(call, "opacity_of", DEPTHS)
 
     expected = -np.expm1(-DEPTHS.astype(np.float64))
     # Of numbers near FLT_MIN the series' terms lose digits to denormal numbers, or are 0.
@@ -100,7 +83,7 @@ def test_arctangent(call):
     tangents = float32s(np.logspace(-37, 8, 20_000), np.linspace(0, 4, 20_000))
     tangents = tangents[tangents >= 0]
 
-    found = call("call_arctangent_of", tangents, shape=(len(tangents),))
+    found = value_of(call, "arctangent_of", tangents)
 
     expected = np.arctan(tangents.astype(np.float64))
     # The polynomial's own error, and rounding.
@@ -110,7 +93,7 @@ def test_arctangent(call):
 def test_transmittance_and_opacity_at_the_ends_of_the_domain(call):
     depths = np.array([0.0, 1e-45, SMALLEST / 3, 87.0, 87.5, 126.0, 128.0, 1e4, 1e30, LARGEST, np.inf])
 
-    transmittance, opacity = fast_math(call, depths)[0], opacity_of(call, depths)
+    transmittance, opacity = (value_of(call, name, depths) for name in ("transmittance_of", "opacity_of"))
 
     assert transmittance[0] == 1
     assert opacity[0] == 0
@@ -123,14 +106,14 @@ def test_transmittance_and_opacity_at_the_ends_of_the_domain(call):
 
 
 def test_transmittance_and_opacity_sum_to_1(call):
-    total = fast_math(call, DEPTHS)[0] + opacity_of(call, DEPTHS)
+    total = value_of(call, "transmittance_of", DEPTHS) + value_of(call, "opacity_of", DEPTHS)
 
     assert np.abs(total - 1).max() <= 4 * FLOAT32
 
 
 def test_a_thicker_medium_is_not_clearer(call):
     # To a rounding: neighbouring floats may swap.
-    transmittance, opacity = fast_math(call, DEPTHS)[0], opacity_of(call, DEPTHS)
+    transmittance, opacity = (value_of(call, name, DEPTHS) for name in ("transmittance_of", "opacity_of"))
 
     assert (np.diff(transmittance) <= 2 * (FAST_MATH + 87 * EXPONENT) * transmittance[1:]).all()
     assert (np.diff(opacity) >= -2 * FAST_MATH * opacity[1:]).all()
@@ -150,7 +133,7 @@ def test_logarithm_of_every_power_and_near_1(call):
     )
     numbers = numbers[(numbers >= SMALLEST) & np.isfinite(numbers)]
 
-    found = fast_math(call, numbers)[1]
+    found = value_of(call, "log_of", numbers)
 
     expected = np.log(numbers.astype(np.float64))
     assert (np.abs(found - expected) <= FAST_MATH * np.abs(expected)).all()
@@ -161,7 +144,7 @@ def test_cosine_over_half_a_period(call):
     parts = float32s(np.linspace(0, 1, 100_000), np.logspace(-37, -1, 500), 1 - np.logspace(-7, -1, 500))
     parts = parts[(parts >= 0) & (parts <= 1)]
 
-    found = fast_math(call, parts)[2]
+    found = value_of(call, "cos_pi", parts)
 
     # As sin(π (1/2 - u)), which keeps its digits where it goes through 0.
     exact = np.sin(np.pi * (0.5 - parts.astype(np.float64)))
@@ -171,18 +154,31 @@ def test_cosine_over_half_a_period(call):
     assert np.abs(found).max() <= 1 + 2 * FLOAT32
 
 
+def test_sine_over_half_a_period(call):
+    parts = float32s(np.linspace(0, 1, 100_000), np.logspace(-37, -1, 500), 1 - np.logspace(-7, -1, 500))
+    parts = parts[(parts >= 0) & (parts <= 1)]
+
+    found = value_of(call, "sin_pi", parts)
+
+    exact = np.sin(np.pi * np.minimum(parts.astype(np.float64), 1 - parts.astype(np.float64)))
+    # Of numbers near FLT_MIN the series' terms lose digits to denormal numbers, or are 0.
+    assert (np.abs(found - exact) <= FAST_MATH * exact + SMALLEST).all()
+    assert found[parts == 0] == found[parts == 1] == 0
+    assert found.max() <= 1 + 2 * FLOAT32
+
+
 def test_reciprocal_square_root(call):
     numbers = float32s(2.0 ** np.arange(-126, 128), np.exp2(np.linspace(-125.9, 127.9, 60_000)), [LARGEST])
     numbers = numbers[(numbers >= SMALLEST) & np.isfinite(numbers)]
 
-    found = fast_math(call, numbers)[3]
+    found = value_of(call, "reciprocal_sqrt", numbers)
 
     exact = 1 / np.sqrt(numbers.astype(np.float64))
     assert (np.abs(found - exact) <= FAST_MATH * exact).all()
 
 
 def test_reciprocal_square_root_of_0_is_large_and_finite(call):
-    found = fast_math(call, np.array([0.0, 1e-45, SMALLEST / 2]))[3]
+    found = value_of(call, "reciprocal_sqrt", np.array([0.0, 1e-45, SMALLEST / 2]))
 
     assert np.isfinite(found).all()
     assert found.min() > 1e18  # with x ≤ FLT_MIN, x times it is near 0: the light's distance
@@ -201,9 +197,7 @@ def segments(rng):
 
 def steps_of(call, depths, max_stretch, steps):
     """Middles and lengths, [segments, steps] each, as fractions of the segment."""
-    placed = call(
-        "call_warped_step", depths, np.float32(max_stretch), np.int32(steps), shape=(len(depths), steps, 2)
-    )
+    placed = call("call_warped_step", depths, steps, 2, max_stretch=max_stretch, steps=steps)
     return placed[..., 0], placed[..., 1]
 
 
@@ -233,15 +227,68 @@ def test_warped_steps_are_the_reference_s(call, rng, max_stretch, steps):
     assert np.abs(lengths - np.diff(bounds, axis=1)).max() <= STEP
 
 
+@pytest.mark.parametrize("max_stretch", SPREADS)
+def test_lanes_with_steps_of_their_own_place_them_as_all_together(call, rng, max_stretch):
+    depths, most = segments(rng), 41
+    counts = rng.integers(1, most + 1, len(depths))
+    counts[:6] = 1, 2, most, most, 3, 7
+
+    placed = call(
+        "call_warped_step_of_lanes",
+        np.column_stack([depths, counts]),
+        most,
+        2,
+        max_stretch=max_stretch,
+        most=most,
+    )
+
+    for count in np.unique(counts):
+        ours = np.flatnonzero(counts == count)
+        middles, lengths = steps_of(call, depths[ours], max_stretch, int(count))
+        assert np.abs(placed[ours, :count, 0] - middles).max() <= STEP
+        assert np.abs(placed[ours, :count, 1] - lengths).max() <= STEP
+    # What lanes that are done compute is used, times 0: it has to be finite.
+    last = placed[np.arange(len(depths)), counts - 1]
+    beyond = np.arange(most) >= counts[:, None]
+    assert (placed == last[:, None])[beyond].all()
+
+
 @pytest.mark.parametrize("max_stretch", SPREADS[:3])
 def test_unwarp_undoes_the_warp(call, rng, max_stretch):
     depths = np.repeat(segments(rng), 50, axis=0)
     parts = rng.uniform(0, 1, len(depths)).astype(np.float32)
     parts[:100:2], parts[1:100:2] = 0, 1
 
-    found = call("call_unwarp_fraction", depths, parts, np.float32(max_stretch), shape=parts.shape)
+    found = call("call_warp", np.column_stack([depths, parts]), 2, max_stretch=max_stretch)[:, 1]
 
     # What the warp rounds, its inverse stretches.
     assert np.abs(found - parts).max() <= max_stretch * 8 * FLOAT32
     assert (found[parts == 0] == 0).all()
     assert (found[parts == 1] == 1).all()
+
+
+def test_warp_is_exactly_projective_and_ends_exactly(call, rng):
+    depths = rng.uniform(0.5, 1.5, (1000, 2)).astype(np.float32)
+    s = rng.uniform(0, 1, 1000).astype(np.float32)
+    s[:4] = 0, 1, 0, 1
+
+    t = call("call_warp", np.column_stack([depths, s]), 2, max_stretch=4)[:, 0]
+
+    # A point at fraction t has depth w(t) = (1-t) wA + t wB; its projection lies at s = t wB / w(t).
+    w_a, w_b = depths.T.astype(np.float64)
+    assert np.allclose(t * w_b / ((1 - t) * w_a + t * w_b), s, atol=DEVICE_FUNCTION)
+    assert t[:4].tolist() == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("max_stretch", [1.0, 4.0, 50.0])
+@pytest.mark.parametrize("depths", [(0, 1), (1, 0), (1e-6, 3), (0, 0), (2, 2)])
+def test_no_step_is_longer_than_max_stretch_mean_steps(call, max_stretch, depths):
+    s = np.linspace(0, 1, 1001)
+
+    t = call("call_warp", np.column_stack([np.tile(depths, (1001, 1)), s]), 2, max_stretch=max_stretch)[:, 0]
+
+    steps = np.diff(t) * 1000
+    assert t[0] == 0
+    assert t[-1] == 1
+    assert steps.min() >= 0
+    assert steps.max() <= max_stretch * 1.001

@@ -9,8 +9,6 @@ from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.maps import prefilter
 from tfm_cl.maps.prefilter import Prefilter, windows
 
-pytestmark = pytest.mark.lanes
-
 BOX_PASS = 5 * FLOAT32
 """One box along one axis, relative to the largest value: sum and error, weighted ends, scale."""
 

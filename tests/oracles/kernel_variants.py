@@ -1,110 +1,253 @@
 """Every program that is built from the kernels, in enough variants to meet each choice beside each other.
 
-A new kernel file is a line of ``PROGRAMS``, a new macro a line above it. Bases, lights and phase functions
-come from their registries.
+Headers and macros are those that the passes themselves ask for, of scenes, lights and settings that are
+chosen here. A new kernel file is a line of ``PROGRAMS``, a new choice a line above it; bases, lights and
+phase functions come from their registries.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations, product
-from pathlib import PurePath
+from typing import Any
 
+import numpy as np
+
+import tfm_cl as tfm
+from tfm_cl.device.bricks import ANY_GRID, MOST_POOLS, VOXEL_BITS, BrickGrid, VoxelType, brick_count_of
+from tfm_cl.device.media import MediaOnDevice, media_on_device
 from tfm_cl.maps.bases import BASES
-from tfm_cl.maps.bases.base import FITS, TARGETS
-from tfm_cl.maps.resolved import resolve
+from tfm_cl.maps.bases.base import LOOKUPS
+from tfm_cl.maps.light_pass import map_variant
+from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap, resolve
+from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.phases import PHASES
 from tfm_cl.scene.settings import MapSettings
 
-Value = int | str | tuple[str, dict[str, int]]
-Choices = Mapping[str, Sequence[Value]]
-"""Macros and their values, or kinds of header and the headers; a header may bring macros of its own."""
-
-SETTINGS = [
-    *(MapSettings(basis=name) for name in BASES),
-    MapSettings(basis="dct", coeffs=1, target="optical-depth", fit="visibility"),
-    MapSettings(basis="hcos", coeffs=16, fit="visibility"),
-    MapSettings(basis="klt", coeffs=15, target="transmittance", fit="l2"),
-]
-"""Every basis by itself, and the kinds of target and fit."""
+Choices = Mapping[str, Sequence[Any]]
+Case = Mapping[str, Any]
+Program = tuple[tuple[str, ...], dict[str, int | str]]
+"""Headers and macros."""
 
 
-def _basis(settings: MapSettings) -> tuple[str, dict[str, int]]:
-    resolved = resolve(settings)
-    return BASES[resolved.basis].header, {
-        "TFM_N_COEFF": resolved.coeffs,
-        "TFM_TARGET": TARGETS[resolved.target],
-        "TFM_FIT": FITS[resolved.fit],
-    }
+# --- what is in space ------------------------------------------------------------------------------------
+
+GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
+WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1))
+PHASED = [COLD.replace(phase=phase()) for phase in PHASES.values()]
+VOXELS = np.ones((3, 4, 5), np.float32)
 
 
-RECORDS: Choices = {"TFM_VOXEL_BITS": (32, 16, 8)}
-VOLUME: Choices = {**RECORDS, "TFM_POOLS": (1, 8), "TFM_VOLUMES": (1, 3)}
+def _grid(medium: tfm.Medium | None = None, **changes: Any) -> tfm.Volume:
+    return tfm.Volume(VOXELS, medium=medium, **changes)
+
+
+def _coloured(medium: tfm.Medium | None = None) -> tfm.Volume:
+    return _grid(medium, colour=np.ones((*VOXELS.shape, 3)))
+
+
+def _box(medium: tfm.Medium | None = None) -> tfm.BoxVolume:
+    return tfm.BoxVolume(density=0.5, medium=medium)
+
+
+def _ball(medium: tfm.Medium | None = None) -> tfm.SphereVolume:
+    return tfm.SphereVolume(density=0.5, medium=medium)
+
+
+def _fog(medium: tfm.Medium | None = None) -> tfm.EverywhereVolume:
+    return tfm.EverywhereVolume(density=0.1, medium=medium)
+
+
+BODIES: dict[str, list[Any]] = {
+    "grid": [_grid()],
+    "tinted grid": [_grid(WARM)],
+    "3 grids": [_grid(), _grid(), _grid()],
+    "2 tints": [_grid(WARM), _grid(COLD)],
+    "coloured grid": [_coloured()],
+    "grid in fog": [_grid(), _fog()],
+    "coloured grid, box": [_coloured(), _box(WARM)],
+    "box": [_box()],
+    "ball": [_ball(WARM)],
+    "fog": [_fog()],
+    "box, ball": [_box(), _ball()],
+    "every phase": [_ball(medium) for medium in PHASED],
+    "every kind": [
+        _coloured(),
+        _grid(WARM),
+        *(_grid(medium) for medium in PHASED),
+        _box(COLD),
+        _ball(),
+        _fog(),
+    ],
+}
+"""Mixtures, those of one body among them, since a scene of one body has kernels of its own."""
+FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3}
+"""Of these are the light passes': they know of grids, and of one field of density."""
+
+
+class NoDevice:
+    """Takes what would be uploaded."""
+
+    def upload(self, what: str, array: Any) -> None:
+        """Forget it."""
+
+
+def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
+    """What kernels are told of bodies."""
+    camera = tfm.Camera(from_=(0, 0, 9), to=(0, 0, 0))
+    scene = tfm.Scene(bodies, GREY, camera, [])
+    bricks = None
+    if scene.grids:
+        bricks = BrickGrid(
+            table=None,  # type: ignore[arg-type]
+            pools=(None,) * pools,  # type: ignore[arg-type]
+            brick_counts=tuple(brick_count_of(grid.shape) for grid in scene.grids),
+            occupied=1,
+            records=2,
+            pool_size=2,
+            voxels=voxels,
+            exponents=tuple((0,) * len(grid.channel_leaves) for grid in scene.grids),
+        )
+    return media_on_device(NoDevice(), scene, bricks)  # type: ignore[arg-type]
+
+
+GRIDS: Choices = {"voxels": list(VOXEL_BITS), "pools": (1, MOST_POOLS)}
+
+# --- lights, and their maps -------------------------------------------------------------------------------
+
 LIGHT: Choices = {
     # A sun has none of its own, and takes no notice of one.
     "chart": [chart.HEADER for chart in (Perspective, Hemisphere, Octahedron)],
     "light": list(dict.fromkeys(light.HEADER for light in LIGHTS.values())),
-    "TFM_INVERSE_SQUARE": (0, 1),
+    "inverse_square": (0, 1),
 }
-MAP: Choices = {
-    "basis": [_basis(settings) for settings in SETTINGS],
-    **LIGHT,
-    "TFM_STORAGE_BITS": (32, 16, 8),
-    "TFM_RANGE": (0, 1),
-    "TFM_LOOKUP": (0, 1, 2),
+EVERY_BASIS = {name: MapSettings(basis=name) for name in BASES} | {
+    "dct 1": MapSettings(basis="dct", coeffs=1, target="optical-depth", fit="visibility"),
+    "hcos 16": MapSettings(basis="hcos", coeffs=16, fit="visibility"),
+    "klt 15": MapSettings(basis="klt", coeffs=15, target="transmittance", fit="l2"),
 }
-"""Every map."""
-VIEW: Choices = {
-    # The kinds of evaluation; the light pass's program evaluates every basis.
-    "basis": [_basis(MapSettings(basis=name)) for name in ("dct", "klt", "slices", "moments", "nodes")],
-    "phase": [phase.HEADER for phase in PHASES.values()],
-    "TFM_METHOD_DUAL": (0, 1),
-    "TFM_CHANNELS": (1, 3),
-    "TFM_SHADOW": (0, 1, 2),
-    "TFM_TEXTURE": (0, 1),
-}
+"""Every basis by itself, and the kinds of target and fit."""
+EVALUATED = ("dct", "klt", "slices", "moments", "nodes")
+"""The kinds of evaluation; the light pass's program evaluates every basis."""
+STORED: Choices = {"storage": list(STORAGE_BITS), "range": ("box", "visible"), "lookup": list(LOOKUPS)}
 
-PROGRAMS: dict[str, Choices] = {
-    "ambient_pass.cl": {"TFM_SHADOW": (0, 1)},
-    "bricks.cl": {**RECORDS, "TFM_POOLS": (1,), "TFM_VOLUMES": (1,)},
-    "fog_pass.cl": {
-        **LIGHT,
-        "phase": VIEW["phase"],
-        "TFM_MEDIUM": (1, 2, 3),
-        "TFM_CHANNELS": (1, 3),
-        "TFM_SHADOW": (0, 1, 2),
-        "TFM_TEXTURE": (0, 1),
-    },
-    "light_pass.cl": {**VOLUME, **MAP, "TFM_SHADOW": (0, 1)},
-    "light_probe.cl": {**VOLUME, **LIGHT, "TFM_SHADOW": (0, 1)},
-    "prefilter.cl": {"TFM_GROUP": (1, 8, 64)},
-    "solid_pass.cl": {**VOLUME, **MAP, **VIEW},
-    "view_pass.cl": {**VOLUME, **MAP, **VIEW},
-}
-"""Entry -> what it is compiled with."""
 
-Variant = tuple[str, str, tuple[str, ...], dict[str, int]]
+def settings_of(case: Case) -> ResolvedMap:
+    """The map of a case."""
+    settings = resolve(EVERY_BASIS[case["basis"]])
+    return settings.replace(storage=case["storage"], range=case["range"], lookup=case["lookup"])
+
+
+def light_headers(case: Case) -> tuple[str, ...]:
+    """Chart and kind."""
+    return case["chart"], case["light"]
+
+
+# --- programs ---------------------------------------------------------------------------------------------
+
+
+def _of_bricks(case: Case) -> Program:
+    return (), {"TFM_VOXEL_BITS": VOXEL_BITS[case["voxels"]], **ANY_GRID}
+
+
+def _of_probe(case: Case) -> Program:
+    (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
+    macros = {"TFM_INVERSE_SQUARE": case["inverse_square"], "TFM_SHADOW": case["shadow"]}
+    return light_headers(case), field.defines | macros
+
+
+def _of_light_pass(case: Case) -> Program:
+    basis, of_map = map_variant(settings_of(case))
+    headers, defines = _of_probe(case)
+    return (basis, *headers), defines | of_map
+
+
+def _of_camera(case: Case) -> Program:
+    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    return media.headers, media.defines | media.channels(textured=False) | {"TFM_SHADOW": case["shadow"]}
+
+
+def _of_lights(case: Case) -> Program:
+    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    shows_residual, is_dual = case["basis"] == "residual", case["basis"] == "dual"
+    settings = None
+    if media.fields.count and not is_dual:
+        settings = settings_of({**case, "basis": "dct"} if shows_residual else case)
+        if shows_residual:
+            settings = settings.replace(**SINGLE_NUMBER)
+    falloff = (("TFM_INVERSE_SQUARE", case["inverse_square"]),)
+    batch = Batch(
+        of=LightVariant(light_headers(case), falloff, bool(case["texture"]), bool(case["shared"])),
+        indices=[0],
+        settings=settings,
+        shadow_filter=case["shadow"],
+        is_dual=is_dual,
+        arguments={},
+        blocks={},
+        most_in_a_block=1,
+        window=(0, 0, 1, 1),
+        lit=None,  # type: ignore[arg-type]
+        shows_residual=shows_residual and settings is not None,
+    )
+    return batch.variant(media)
+
+
+LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
+GRIDS_LIT: Choices = {
+    "bodies": [
+        name for name, bodies in BODIES.items() if any(isinstance(body, tfm.Volume) for body in bodies)
+    ],
+    "basis": [*EVALUATED, "dual", "residual"],
+    **GRIDS,
+    **STORED,
+    **LIT,
+}
+OTHERS_LIT: Choices = {
+    "bodies": [name for name in BODIES if name not in GRIDS_LIT["bodies"]],
+    "basis": ("dct", "dual", "residual"),  # there are no maps, whatever is asked for
+    "voxels": ("f32",),
+    "pools": (1,),
+    **LIT,
+}
+ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
+FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
+
+PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
+    "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
+    "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
+    "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED}]),
+    "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
+    "probe.cl": (_of_probe, [FIELD]),
+    "scatter_pass.cl": (_of_lights, [GRIDS_LIT, OTHERS_LIT]),
+    "surface_pass.cl": (_of_lights, [GRIDS_LIT | ON_SOLIDS, OTHERS_LIT | ON_SOLIDS]),
+}
+"""Entry -> how it is compiled, and with what."""
+
+Variant = tuple[str, str, tuple[str, ...], dict[str, int | str]]
 """A label, and the arguments of `tfm_cl.device.program.source`: entry, headers and defines."""
 
 
-def kernel_variants(lanes: int) -> Iterator[Variant]:
-    """Yield the programs for devices that march so many rays a work-item (1 on GPUs)."""
-    for entry, choices in PROGRAMS.items():
-        for case in pairwise(choices):
-            label = " ".join([entry, *(_short(name, value) for name, value in case.items())])
-            headers, defines = [], {}
-            for name, value in case.items():
-                if isinstance(value, int):
-                    defines[name] = value
-                elif isinstance(value, str):
-                    headers.append(value)
-                else:
-                    headers.append(value[0])
-                    defines |= value[1]
-            yield label, entry, tuple(headers), {"TFM_LANES": lanes, **defines}
+def kernel_variants(lanes: int, *, few: bool = False) -> Iterator[Variant]:
+    """Yield the programs for devices that march so many rays a work-item (1 on GPUs).
+
+    With ``few`` each choice is met, but not any two.
+    """
+    cases = singly if few else pairwise
+    for entry, (program, tables) in PROGRAMS.items():
+        for case in (case for choices in tables for case in cases(choices)):
+            label = " ".join([entry, *(f"{name}={value}" for name, value in case.items())])
+            headers, defines = program(case)
+            yield label, entry, headers, {"TFM_LANES": lanes, **defines}
 
 
-def pairwise(choices: Choices) -> list[dict[str, Value]]:
+def singly(choices: Choices) -> list[dict[str, Any]]:
+    """Choose one of each so that any choice is in some case."""
+    most = max(len(values) for values in choices.values())
+    return [{name: values[n % len(values)] for name, values in choices.items()} for n in range(most)]
+
+
+def pairwise(choices: Choices) -> list[dict[str, Any]]:
     """Choose one of each so that any two choices meet in some case: far fewer cases than the product."""
     sizes = [len(values) for values in choices.values()]
     missing = {
@@ -127,11 +270,3 @@ def pairwise(choices: Choices) -> list[dict[str, Value]]:
         missing -= set(combinations(sorted(case.items()), 2))
         cases.append({name: values[case[place]] for place, (name, values) in enumerate(choices.items())})
     return cases
-
-
-def _short(name: str, value: Value) -> str:
-    if isinstance(value, tuple):
-        return " ".join([PurePath(value[0]).stem, *(str(number) for number in value[1].values())])
-    if isinstance(value, str):
-        return PurePath(value).stem
-    return f"{name.removeprefix('TFM_').lower()}={value}"

@@ -5,10 +5,11 @@
 """
 
 import sys
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 import tfm_cl as tfm
@@ -63,7 +64,7 @@ def _map(**settings) -> tfm.Scene:
 
 def _lights(scene: tfm.Scene) -> tfm.Scene:
     """A light inside the medium, one of nearly a half space, and one whose cone misses everything."""
-    centre = scene.volume.bounds.mean(axis=0)
+    centre = _centre(scene)
     spots = (
         tfm.SpotLight(from_=centre, to=np.add(centre, (1, 0.2, 0)), cone=30, falloff="inverse-square"),
         tfm.SpotLight(from_=np.add(centre, (0, 9, 0)), to=centre, cone=89.9, blend=0.5),
@@ -90,9 +91,13 @@ def _one_voxel(renderer: tfm.Renderer) -> Array:
     return renderer.render(scene.replace(camera=camera, march=tfm.MarchSettings(steps=1))).image
 
 
+def _centre(scene: tfm.Scene) -> NDArray[np.float64]:
+    return scene.bodies[0].bounds.mean(axis=0)
+
+
 def _with_solids(scene: tfm.Scene, **shadow) -> tfm.Scene:
     """A ball in the medium, a floor below, and ambient light."""
-    centre = scene.volume.bounds.mean(axis=0)
+    centre = _centre(scene)
     floor = tfm.PlaneSolid(point=tuple(np.subtract(centre, (0, 7, 0))))
     return scene.replace(
         solids=(tfm.SphereSolid(centre=tuple(centre), radius=1.5), floor),
@@ -102,7 +107,7 @@ def _with_solids(scene: tfm.Scene, **shadow) -> tfm.Scene:
 
 
 def _other_lights(scene: tfm.Scene) -> tfm.Scene:
-    centre = scene.volume.bounds.mean(axis=0)
+    centre = _centre(scene)
     sun = tfm.SunLight(from_=np.add(centre, (1, 2, 0.5)), to=centre)
     point = tfm.PointLight(from_=np.add(centre, (2, 5, 1)), falloff="inverse-square", reach=20)
     sky = tfm.EnvironmentLight(samples=2)
@@ -113,7 +118,39 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
     moved = np.eye(4)
     moved[:3, 3] = (3, -1, 0.5)
     volume = scene.grids[0]
-    return scene.replace(volume=([volume, volume.transformed(moved), volume.with_density_scale(0.2)]))
+    return scene.replace(volume=[volume, volume.transformed(moved), volume.with_density_scale(0.2)])
+
+
+WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5), phase=tfm.HenyeyGreenstein(0.4))
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), sigma_a=(0.3, 0.1, 0.0))
+
+
+def _mixture(what: str, **changes) -> tfm.Scene:
+    """The lumpy volume, in other media."""
+    scene = _scene(ambient=tfm.Ambient(radiance=(0.1, 0.2, 0.3)), **changes)
+    grid = scene.grids[0]
+    low, high = grid.bounds
+    centre = (low + high) / 2
+    colour = np.random.default_rng(7).random((*grid.shape, 3))
+    coloured = tfm.Volume(
+        grid.data, world_from_index=grid.world_from_index, density_scale=0.5, colour=colour, medium=WARM
+    )
+    moved = np.eye(4)
+    moved[:3, 3] = (2, -1, 0.5)
+    return scene.replace(
+        volume={
+            "grid in fog": [grid, tfm.EverywhereVolume(density=0.02)],
+            "two tints": [grid.with_medium(WARM), grid.transformed(moved).with_medium(COLD)],
+            "coloured grid in a box": [
+                coloured,
+                tfm.BoxVolume(from_=tuple(low + 1), to=tuple(high + 2), density=0.1, medium=COLD),
+            ],
+            "two bodies": [
+                tfm.SphereVolume(centre=tuple(centre), radius=3, density=0.2, medium=WARM),
+                tfm.BoxVolume(from_=tuple(low), to=tuple(centre), density=0.3, medium=COLD),
+            ],
+        }[what]
+    )
 
 
 def _fog(shape: str) -> tfm.Scene:
@@ -177,6 +214,16 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "fog in a box, solids": lambda r: r.render(_fog("box")).image,
     "fog in a sphere": lambda r: r.render(_fog("sphere")).image,
     "fog everywhere": lambda r: r.render(_fog("everywhere")).image,
+    **{
+        f"{what}, {method}": lambda r, w=what, m=method: r.render(_mixture(w), method=m).image
+        for what in ("grid in fog", "two tints", "coloured grid in a box", "two bodies")
+        for method in ("tfm", "dual")
+    },
+    "mixture, other lights, solids": lambda r: (
+        r.render(_with_solids(_other_lights(_mixture("coloured grid in a box")))).image
+    ),
+    "no light": lambda r: r.render(_mixture("grid in fog", lights=())).image,
+    "no light, solids": lambda r: r.render(_with_solids(_mixture("two tints", lights=()))).image,
     "evaluate": _evaluate,
     "one voxel": _one_voxel,
 }
@@ -185,8 +232,11 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
 
 def _run_broken(name: str) -> None:
     launcher = Launcher(choose_device(DEVICE))
-    kernel = cl.Kernel(cl.Program(launcher.context, BROKEN_KERNELS).build(), name)
-    launcher.run(kernel, (4,), launcher.upload("four values", np.zeros(4, np.float32)))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "broken.cl"
+        file.write_text(BROKEN_KERNELS, encoding="utf-8")
+        kernel = launcher.kernels.kernel(name, str(file))
+        launcher.run(kernel, (4,), {"values": launcher.upload("four values", np.zeros(4, np.float32))})
 
 
 def _main(what: str, *out: str) -> None:

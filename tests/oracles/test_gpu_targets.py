@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from oracles.kernel_variants import kernel_variants, pairwise
+from oracles.kernel_variants import kernel_variants, pairwise, singly
 
 from tfm_cl.device.program import kernels_dir, source
 
@@ -144,6 +144,7 @@ def test_any_two_choices_meet_in_a_variant():
     assert pairs == {(x, y) for x in (1, 2) for y in (3, 4, 5, 6)} | {(x, y) for x in (3, 4) for y in (5, 6)}
     assert len(cases) == 4
     assert pairwise({"a": (1, 2)}) == [{"a": 1}, {"a": 2}]
+    assert singly({"a": (1, 2), "b": (3, 4, 5)}) == [{"a": 1, "b": 3}, {"a": 2, "b": 4}, {"a": 1, "b": 5}]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from light_rays import exact, light_rays, scene_of, slabs, stored, transmittance
 from tolerances import FIT, LANES, PASS
 
 import tfm_cl as tfm
+from tfm_cl.maps.bases import BASES
 
 pytestmark = pytest.mark.lanes
 
@@ -46,14 +47,22 @@ def test_begin_and_far_end(renderer, any_basis):
     assert np.isfinite(found).all()
 
 
-def test_lanes_give_the_same_map(device_name, any_basis):
-    coeffs = 7 if 7 in any_basis.counts else 8
-    scene = scene_of(slabs(14), basis=any_basis.name, coeffs=coeffs, range="auto")
+QUICK = ("klt", "moments", "slices")
+"""The kinds of functions and sums; the others' programs for the device's lanes are left to the slow step."""
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in sorted(BASES)]
+)
+def test_lanes_give_the_same_map(device_name, name):
+    basis = BASES[name]
+    coeffs = 7 if 7 in basis.counts else 8
+    scene = scene_of(slabs(14), basis=name, coeffs=coeffs, range="auto")
     rays, v = light_rays(scene), np.linspace(0, 1, 30)
     found = []
     for lanes in (1, None):
         with tfm.Renderer(device_name, build_options=("-Werror",), lanes=lanes) as renderer:
             found.append(transmittance(renderer.build_maps(scene)[0], rays, v))
 
-    fitted = any_basis.defaults.fit == "visibility"
+    fitted = basis.defaults.fit == "visibility"
     assert np.abs(found[0] - found[1]).max() <= (2 * FIT if fitted else 4 * LANES)

@@ -4,14 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_calls import Calls
 from scenes import make_scene
 from tolerances import DEVICE_FUNCTION, FLOAT32, GRAZING
 
 import tfm_cl as tfm
-from tfm_cl.device import params as parameters
+from tfm_cl import reference
+from tfm_cl.device.structs.light import light_structs
 from tfm_cl.scene.lights import LIGHTS, PointLight, SunLight
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.lights.texels import look_up
+
+pytestmark = pytest.mark.lanes
 
 KERNELS = str(Path(__file__).with_name("light_functions.cl"))
 COUNT = 5003
@@ -58,26 +62,11 @@ def test_no_kind_is_forgotten():
     assert charts == {chart.HEADER for chart in (Perspective, Hemisphere, Octahedron)}
 
 
-class Device:
-    """Calls the kernels of ``light_functions.cl`` for one light."""
-
-    def __init__(self, launcher, light):
-        self.launcher, self.light = launcher, light
-        self.defines = {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")}
-        struct = parameters.fill(
-            SCENE.replace(lights=(light,)), light, crop=(0, 0, 1, 1), density_weighting=1.0
-        )
-        self.params = launcher.upload("params", struct)
-
-    def run(self, name, values, width, before=None):
-        """[items, n] to [items, width]; without ``before`` the parameters go first."""
-        output = self.launcher.zeros("output", 4 * len(values) * width)
-        items = self.launcher.upload("input", values.astype(np.float32))
-        kernel = self.launcher.kernels.kernel(name, KERNELS, self.light.headers, self.defines)
-        first = [self.params] if before is None else before
-        size = (-(-len(values) // self.launcher.lanes),)
-        self.launcher.run(kernel, size, *first, items, output, np.int32(len(values)))
-        return self.launcher.download(output, (len(values), width), np.float32).astype(np.float64)
+def device(launcher, light):
+    """``light_functions.cl`` for one light."""
+    falloff = {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")}
+    structs = light_structs(SCENE.replace(lights=(light,)), [light])
+    return Calls(launcher, KERNELS, light.headers, falloff, {"light": structs})
 
 
 def points_for(light, rng):
@@ -96,7 +85,7 @@ def test_texel_rays(launcher, rng, light):
     positions[:4] = (0, 0), (0, 1), (1, 0), (1, 1)
     positions[4:8] = (0, 0.3), (1, 0.3), (0.6, 0), (0.5, 0.5)
 
-    found = Device(launcher, light).run("call_texel_ray", positions, 6)
+    found = device(launcher, light)("call_texel_ray", positions, 6)
 
     origins, directions = light.rays(positions)
     assert np.abs(found[:, :3] - (origins - CENTRE)).max() < PLACE * 4 * SIZE
@@ -108,7 +97,7 @@ def test_texel_rays(launcher, rng, light):
 def test_arrival(launcher, rng, light):
     points, local = points_for(light, rng)
 
-    found = Device(launcher, light).run("call_light", local, 15)
+    found = device(launcher, light)("call_light", local, 15)
 
     arrival, reached = light.arrival(points, NEAREST), light.reaches(points)
     assert np.count_nonzero(reached) > COUNT // 4
@@ -129,7 +118,7 @@ def test_arrival(launcher, rng, light):
 def test_reach_and_depth(launcher, rng, light):
     points, local = points_for(light, rng)
 
-    found = Device(launcher, light).run("call_light", local, 15)
+    found = device(launcher, light)("call_light", local, 15)
 
     depth = light.projective_depth(points)
     assert np.abs(found[:, 8] - depth).max() < PLACE * 8 * SIZE
@@ -144,7 +133,7 @@ def test_reach_and_depth(launcher, rng, light):
 def test_ray_to_a_point(launcher, rng, light):
     points, local = points_for(light, rng)
 
-    found = Device(launcher, light).run("call_light", local, 15)
+    found = device(launcher, light)("call_light", local, 15)
 
     origin, direction = found[:, 9:12], found[:, 12:]
     assert np.abs(origin - (light.begins(points) - CENTRE)).max() < PLACE * 8 * SIZE
@@ -163,7 +152,7 @@ def test_clip(launcher, rng, light):
     interval[:9] = 3.0  # nothing to begin with
     rays = np.column_stack([local, directions, interval])
 
-    found = Device(launcher, light).run("call_clip", rays, 3)
+    found = device(launcher, light)("call_clip", rays, 3)
 
     begin, end = light.interval(points, directions.astype(np.float32).astype(np.float64))
     begin, end = np.maximum(begin, interval[:, 0]), np.minimum(end, interval[:, 1])
@@ -184,7 +173,7 @@ def test_at_the_light_itself_all_is_finite(launcher, falloff):
         tfm.SpotLight(from_=CENTRE, to=CENTRE + 1, falloff=falloff),
         PointLight(from_=CENTRE, falloff=falloff),
     ):
-        found = Device(launcher, light).run("call_light", np.zeros((3, 3)), 15)
+        found = device(launcher, light)("call_light", np.zeros((3, 3)), 15)
         assert np.isfinite(found).all()
         assert found[0, 6] == pytest.approx(1 if falloff == "none" else 1 / NEAREST**2)
 
@@ -197,9 +186,8 @@ def test_texture(launcher, rng, shape):
     positions[:5] = (0, 0), (1, 1), (0, 1), (-1e30, 1e30), (np.nan, 0.5)
     uploaded = np.dstack([image, np.ones(shape, np.float32)])
 
-    device = Device(launcher, LIGHTS_IN_TEST["sun 0"])
-    arguments = [launcher.upload("texture", uploaded), np.int32(width), np.int32(height)]
-    found = device.run("call_texture", positions, 3, before=arguments)
+    calls = device(launcher, LIGHTS_IN_TEST["sun 0"])
+    found = calls("call_texture", positions, 3, texture=uploaded, width=width, height=height)
 
     expected = look_up(image, np.nan_to_num(positions.astype(np.float32).astype(np.float64), nan=0))
     # A place is rounded to some half ulps of the width; neighbours differ by up to 4.
@@ -214,10 +202,120 @@ def test_texture_is_upright(launcher):
         (0, 1, 0),
         (0, 0, 1),
     )  # top left, top right, bottom left
-    device = Device(launcher, LIGHTS_IN_TEST["sun 0"])
-    arguments = [launcher.upload("texture", np.dstack([image, np.ones((2, 2))]).astype(np.float32))]
-    arguments += [np.int32(2), np.int32(2)]
+    texture = np.dstack([image, np.ones((2, 2))]).astype(np.float32)
+    calls = device(launcher, LIGHTS_IN_TEST["sun 0"])
 
-    found = device.run("call_texture", np.array([[0, 1], [1, 1], [0, 0], [0.5, 0.5]]), 3, before=arguments)
+    positions = np.array([[0, 1], [1, 1], [0, 0], [0.5, 0.5]])
+    found = calls("call_texture", positions, 3, texture=texture, width=2, height=2)
 
     assert found.tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.25, 0.25]]
+
+
+# ------------------------------------------------------------------------------------------- the cone
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def spot_rays(light, rng, count):
+    """Rays of every kind: inside, outside, through the apex, along the side, along the axis."""
+    matrix = light.frame().world_from_light
+    apex, axis = matrix[:3, 3], matrix[:3, 2]
+    origins = apex + rng.normal(size=(count, 3)) * 3
+    directions = unit(rng.normal(size=(count, 3)))
+    part = count // 8
+    angle = rng.uniform(0, 2 * np.pi, part)
+    tangent = np.tan(np.radians(light.cone))
+    side = unit(
+        np.cos(angle)[:, None] * tangent * matrix[:3, 0]
+        + np.sin(angle)[:, None] * tangent * matrix[:3, 1]
+        + axis
+    )
+    directions[:part] = unit(apex - origins[:part])
+    directions[part : 2 * part] = side * rng.choice([-1, 1], part)[:, None]
+    directions[2 * part : 3 * part] = axis * rng.choice([-1, 1], part)[:, None]
+    origins[3 * part : 4 * part] = apex + axis * rng.uniform(0.1, 3, part)[:, None]
+    origins[4 * part : 5 * part] = apex + side * rng.uniform(0.1, 3, part)[:, None]
+    directions[5 * part : 6 * part] = unit(
+        apex + axis * 2 + rng.normal(size=(part, 3)) - origins[5 * part : 6 * part] * 1.0
+    )
+    return origins, directions
+
+
+def clipped(launcher, light, origins, directions):
+    """Where the rays are in the light; 0, 0 where they miss it."""
+    rays = np.column_stack(
+        [origins - CENTRE, directions, np.zeros(len(origins)), np.full(len(origins), np.inf)]
+    )
+    found = device(launcher, light)("call_clip", rays, 3)
+    return np.where(found[:, 2:] == 1, found[:, :2], 0)
+
+
+@pytest.mark.parametrize("cone", [1.0, 24.0, 60.0, 89.0])
+def test_clip_against_points_on_100_000_rays(launcher, rng, cone):
+    light = tfm.SpotLight(from_=(0.4, 0.5, -0.3), to=(0, -0.2, 0.1), cone=cone)
+    count = 100_000
+    origins, directions = spot_rays(light, rng, count)
+
+    intervals = clipped(launcher, light, origins, directions)
+
+    # Brute force: points along every ray are inside the cone exactly when they are inside the interval.
+    matrix = light.frame().world_from_light
+    tangent = np.tan(np.radians(cone))
+    wrong = 0
+    for t in rng.uniform(0, 8, (64, count)):
+        local = (origins + t[:, None] * directions - matrix[:3, 3]) @ matrix[:3, :3]
+        radius, height = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
+        # Angular distance to the side: rounding may decide there.
+        clear = np.abs(np.arctan2(radius, height) - np.radians(cone)) > GRAZING
+        clear &= np.linalg.norm(local, axis=1) > GRAZING
+        inside = (height > 0) & (radius <= tangent * height)
+        claimed = (t >= intervals[:, 0]) & (t <= intervals[:, 1])
+        wrong += np.count_nonzero(clear & (inside != claimed))
+    assert wrong == 0
+
+
+def test_clip_agrees_with_the_reference(launcher, rng):
+    light = tfm.SpotLight(from_=(0.4, 0.5, -0.3), to=(0, -0.2, 0.1), cone=24)
+    origins, directions = spot_rays(light, rng, 20_000)
+
+    intervals = clipped(launcher, light, origins, directions)
+
+    begin, end = reference.cone_interval(light, origins, directions)
+    bounded = np.minimum(end, 100), np.minimum(intervals[:, 1], 100)
+    close = (np.abs(begin - intervals[:, 0]) < GRAZING * 5) & (
+        np.abs(bounded[0] - bounded[1]) < GRAZING * 100
+    )
+    # Rays parallel to the side have an end that any rounding moves to infinity or back.
+    assert np.count_nonzero(close) > 0.85 * 20_000
+
+
+@pytest.mark.parametrize("falloff", ["none", "inverse-square"])
+@pytest.mark.parametrize("blend", [0.0, 0.3, 1.0])
+def test_strength_of_a_spot_is_the_reference_s(launcher, rng, falloff, blend):
+    light = tfm.SpotLight(
+        from_=(2, 3, 1), to=(0, 0, 0), cone=24, falloff=falloff, blend=blend, intensity=(3, 2, 1)
+    )
+    matrix, tangent = light.frame().world_from_light, np.tan(np.radians(24))
+    uv = rng.uniform(0.16, 0.84, (500, 2))  # inside the cone's circle
+    z = rng.uniform(0.5, 5, (500, 1))
+    points = np.column_stack([(2 * uv - 1) * tangent * z, z]) @ matrix[:3, :3].T + matrix[:3, 3]
+
+    found = device(launcher, light)("call_light", points - CENTRE, 15)
+
+    assert np.abs(found[:, 4:6] - uv).max() < 1e-5
+    assert np.allclose(found[:, 3], np.linalg.norm(points - matrix[:3, 3], axis=1), rtol=1e-6)
+    expected = reference.unshadowed(SCENE.grids[0], light, points)
+    radiance = found[:, 6:7] * light_structs(SCENE, [light])["intensity"]
+    assert np.allclose(radiance, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_texel_rays_point_where_light_at_looks_them_up(launcher, rng):
+    light = SCENE.lights[0]
+    calls, uv = device(launcher, light), rng.uniform(0, 1, (300, 2))
+
+    directions = calls("call_texel_ray", uv, 6)[:, 3:]
+    points = np.asarray(light.from_) + directions * 2.5
+
+    assert np.abs(calls("call_light", points - CENTRE, 15)[:, 4:6] - uv).max() < 1e-5
