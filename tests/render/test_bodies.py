@@ -765,6 +765,7 @@ def test_sixteen_bodies(renderer):
     assert np.abs(many - one).max() < QUADRATURE * one.max()
 
 
-@pytest.mark.parametrize("name", ["volume", "grid"])
-def test_there_is_no_body_that_stands_for_all(name):
-    assert not hasattr(tfm.Scene, name)
+def test_no_body_stands_for_all():
+    assert scene_of(BOX).volume is BOX
+    with pytest.raises(SceneError, match="one volume only; the scene has 2"):
+        _ = scene_of(BOX, SMALL).volume

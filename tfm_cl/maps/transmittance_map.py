@@ -228,7 +228,7 @@ class TransmittanceMap:
         same_grids = len(self.grids) == len(scene.grids) and all(
             one.same_density(other) for one, other in zip(self.grids, scene.grids, strict=False)
         )
-        changed = self.fields.first_change(fields)
+        changed = self.fields.first_change(fields) if same_grids else None
         for what, same in (
             ("volume", same_grids),
             (f"colour of {_name(scene, changed)}: its share of what maps hold has changed", changed is None),

@@ -39,10 +39,13 @@ class Fields:
     weights
         float64 [grids, 3, K]: what a density of 1 of channel c of a grid adds to each field. A grid without
         colour has one channel, the first; its other rows are 0.
+    sigma_t
+        float64 [grids, 3]: extinction of each grid's medium at density 1, RGB, per world unit.
     """
 
     rgb_from_field: NDArray[np.float64]
     weights: NDArray[np.float64]
+    sigma_t: NDArray[np.float64]
 
     @property
     def count(self) -> int:
@@ -61,27 +64,34 @@ class Fields:
 
         Maps of these fields then serve the others, whatever A.
         """
-        for i, (one, two) in enumerate(zip(self.weights, other.weights, strict=False)):
-            shared = min(one.shape[1], two.shape[1])
-            if not np.array_equal(one[:, :shared], two[:, :shared]):
-                return i
-            if one[:, shared:].any() or two[:, shared:].any():
-                return i
-        return None
+        if self.weights.shape == other.weights.shape and np.array_equal(self.weights, other.weights):
+            return None
+        # One grid's new colour may move others to another field: it is the one to name.
+        changed = np.abs(_ratios(self.sigma_t) - _ratios(other.sigma_t)).max(axis=1) > SAME_RATIO
+        if not changed.any() and self.weights.shape == other.weights.shape:
+            changed = (self.weights != other.weights).any(axis=(1, 2))
+        return int(changed.argmax())
+
+
+def _ratios(sigma_t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Extinctions over their largest channel, [grids, 3]."""
+    largest = sigma_t.max(axis=1, keepdims=True)
+    ratios: NDArray[np.float64] = sigma_t / np.where(largest > 0, largest, 1)
+    return ratios
 
 
 def fields_of(scene: Scene) -> Fields:
     """Group the extinctions of a scene's grids by their colour."""
     extinctions = np.array([scene.medium_of(grid).sigma_t for grid in scene.grids]).reshape(-1, 3)
     if len(scene.grids) == 0:
-        return Fields(np.zeros((3, 0)), np.zeros((0, 3, 0)))
+        return Fields(np.zeros((3, 0)), np.zeros((0, 3, 0)), extinctions)
     coloured = np.array([grid.colour is not None for grid in scene.grids])
     media = [scene.medium_of(grid) for grid in scene.grids]
     weights: NDArray[np.float64]
     if not coloured.any() and all(medium == media[0] for medium in media):
         weights = np.zeros((len(media), 3, 1))
         weights[:, 0] = 1
-        return Fields(extinctions[:1].T.copy(), weights)
+        return Fields(extinctions[:1].T.copy(), weights, extinctions)
     ratios: list[NDArray[np.float64]] = []
     numbers, sizes = [], extinctions.max(axis=1)
     for extinction, size in zip(extinctions, sizes, strict=True):
@@ -96,14 +106,15 @@ def fields_of(scene: Scene) -> Fields:
         # Relative to the strongest of the field: how strong all of it is stays out of the maps, too.
         strongest = weights[:, 0].max(axis=0)
         weights /= np.where(strongest > 0, strongest, 1)
-        return Fields(np.stack(ratios, axis=1) * strongest, weights)
+        return Fields(np.stack(ratios, axis=1) * strongest, weights, extinctions)
     if coloured.all() and all(np.array_equal(one, extinctions[0]) for one in extinctions):
         # As with one medium: its colour stays out of the maps.
-        return Fields(np.diag(extinctions[0]), np.broadcast_to(np.eye(3), (len(media), 3, 3)).copy())
+        weights = np.broadcast_to(np.eye(3), (len(media), 3, 3)).copy()
+        return Fields(np.diag(extinctions[0]), weights, extinctions)
     weights = np.zeros((len(media), 3, 3))
     for grid, (extinction, has_colour) in enumerate(zip(extinctions, coloured, strict=True)):
         if has_colour:
             weights[grid] = np.diag(extinction)
         else:
             weights[grid, 0] = extinction
-    return Fields(np.eye(3), weights)
+    return Fields(np.eye(3), weights, extinctions)
