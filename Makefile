@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test test-slow lint format oracles gallery bench clean
+.PHONY: demo test test-slow test-all lint format oracles gallery bench clean
 
 demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus.png
 	mkdir -p out
@@ -15,6 +15,8 @@ test: lint  ## the tests a change must pass
 
 test-slow: $(INSTALLED)  ## the rest: minutes
 	$(BIN)/python -m pytest -n auto -m slow $(PYTEST_ARGS)
+
+test-all: test test-slow  ## every test: half an hour on two cores
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check

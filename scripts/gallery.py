@@ -16,6 +16,8 @@ SIZES = {
     "lamps": "640x360",
     "projector": "480x480",
     "ambient": "640x360",
+    "foggy_room": "640x360",
+    "brown_and_white": "640x360",
 }
 
 

@@ -12,7 +12,7 @@ from tfm_cl.scene.lights.base import texel_positions
 RES = 8
 STEPS = 40
 RIDGE = 1e-6
-"""``TFM_RIDGE`` of ``kernels/projection.h``."""
+"""``TFM_RIDGE`` of ``kernels/map/projection.h``."""
 
 
 class LightRays(NamedTuple):

@@ -107,7 +107,9 @@ def test_several_grids_of_a_vdb(cli):
 def on_device(device_name):
     """``on_device(path)`` is the memory that the volume takes on a CPU."""
     launcher = Launcher(choose_device(device_name))
-    return lambda path: build_bricks(launcher, [tfm.Volume.load(path).leaves], "the volume", "f32").nbytes
+    return lambda path: (
+        build_bricks(launcher, [tfm.Volume.load(path).channel_leaves], "the volume", "f32").nbytes
+    )
 
 
 def device_bytes(cli, path):

@@ -32,7 +32,7 @@ GPU_TILES = (8, 8)
 """Work-group of texels and pixels where a work-item carries one."""
 
 TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
-"""Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/lanes.h``."""
+"""Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/core/lanes.h``."""
 
 
 LANES_PROBE = """

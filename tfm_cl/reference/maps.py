@@ -29,7 +29,7 @@ DARKEST = 1e-37
 AUTO_RES = 64
 """Texels along a side of the map that ``density_weighting = "auto"`` looks at."""
 EDGE_MARGIN = 1e-3
-"""Of a map's width: what passes it by further than this meets no medium (``kernels/map.h``)."""
+"""Of a map's width: what passes it by further than this meets no medium (``kernels/map/lookup.h``)."""
 
 
 class MapModel(NamedTuple):
@@ -141,7 +141,7 @@ def _numbers(model: MapModel, depth: Floats) -> Floats:
 def build_map(
     scene: Scene, light: Light, like: TransmittanceMap | None = None, field: int | None = None
 ) -> Floats:
-    """Numbers ``[y, x, n]`` of the texels' rays (TFM Alg. 2 as corrected; `kernels/projection.h`).
+    """Numbers ``[y, x, n]`` of the texels' rays (TFM Alg. 2 as corrected; `kernels/map/projection.h`).
 
     Behind the step in which solids end what is lit, the transmittance stays as it is there. ``like`` and
     ``field`` as of `map_model`.

@@ -39,7 +39,7 @@ def clip(scene: Scene, light: Light, res: int) -> Floats:
 def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadows = "exact") -> Floats:
     """Part of the light, [0, 1], that solids let through to points ``[rays, 3]`` in the medium.
 
-    ``map``: by the shadow map, as ``kernels/shadow.h``; see `Shadows`.
+    ``map``: by the shadow map, as ``kernels/light/shadow.h``; see `Shadows`.
     """
     obstacles = Obstacles(scene, shadows)
     return obstacles.visibility(fitted(scene, light), points)

@@ -110,7 +110,7 @@ class Basis:
     """Numbers of coefficients per texel that the basis supports."""
 
     def table(self, functions: Functions, choices: Choices, steps: int) -> NDArray[np.float32]:
-        """Make the table that ``kernels/projection.h`` needs for every step of a march.
+        """Make the table that ``kernels/map/projection.h`` needs for every step of a march.
 
         Parameters
         ----------

@@ -5,7 +5,7 @@ functions B_j are *common* to all rays; each ray has coefficients c_j of its own
 
 With the fit ``visibility`` the functions minimise the sum over rays and cells of w (f - Σ_j c_j B_j)², where
 every ray has its optimal coefficients. This is a weighted low-rank approximation, found by solving for the
-coefficients and the functions alternately. w is the visibility of `kernels/projection.h`, so a ray is
+coefficients and the functions alternately. w is the visibility of `kernels/map/projection.h`, so a ray is
 weighted by the light that it loses. With the fit ``l2`` the weight is the mean over the rays, and the
 solution is a singular value decomposition: the functions and the functionals that give the coefficients are
 the same except for the weight (Eckart and Young), and the light pass costs no more than with cosines.

@@ -29,7 +29,7 @@ class LightFrame:
     world_from_light: NDArray[np.float64]
     """4×4 with orthonormal axes: x to the right, y up, z in the viewing direction of the map."""
     shape: tuple[float, ...]
-    """Up to four parameters of the light, which its kernel header finds in ``params->light_shape``."""
+    """Up to four parameters of the light, which its kernel header finds in ``light->shape``."""
     chart: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
     """Window of the chart (`tfm_cl.scene.lights.charts.Chart.window`), for lights that have a chart."""
     cone_from_light: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
@@ -181,7 +181,7 @@ class Light(Model):
     def texture_image(self) -> NDArray[np.float32] | None:
         """Texture that the light is multiplied by, [height, width, RGB], or None.
 
-        Row 0 is at v = 1, column 0 at u = 0; bilinear between texel centres (``kernels/texture.h``).
+        Row 0 is at v = 1, column 0 at u = 0; bilinear between texel centres (``kernels/core/texture.h``).
 
         Raises
         ------

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 def look_up(image: NDArray[np.floating], positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Interpolate [height, width, n] bilinearly at u, v [points, 2]: v = 1 is the top, clamped at the edges.
 
-    ``kernels/texture.h`` in float64.
+    ``kernels/core/texture.h`` in float64.
     """
     height, width = image.shape[:2]
     x = np.clip(positions[:, 0] * width - 0.5, 0, width - 1)

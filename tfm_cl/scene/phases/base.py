@@ -19,12 +19,12 @@ class Phase(Model):
 
     SECTION: ClassVar[str] = "medium.phase"
     HEADER: ClassVar[str]
-    """Kernel header, relative to ``kernels/``; provides ``float phase_eval(PARAMS, float)``."""
+    """Kernel header, below ``kernels/``, with a function of its name: ``Floats NAME(MEDIUM, Floats mu)``."""
 
     type: str = Field(description="name of the phase function")
 
     def kernel_parameters(self) -> tuple[float, ...]:
-        """Up to four parameters, which the kernel finds in ``params->phase``."""
+        """Up to four parameters, which the kernel finds in ``medium->phase``."""
         return ()
 
     @abstractmethod
