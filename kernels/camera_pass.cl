@@ -1,75 +1,6 @@
-/* Camera pass: what lies along the camera rays, whatever the lights; the transmittance of TFM eq. 5 and eq. 7's ambient
-   light. Runs once a frame, unless the scatter pass takes the very samples that it needs.
-   Includes expected before: the headers of the bodies' kinds. Requires: what camera_sums.h does. */
-#include "view/camera_sums.h"
-
-#if TFM_GRIDS
-/* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step. */
-TFM_INLINE void see_grids(VIEW view, MEDIUM media, BODY bodies, const Grids *grid, const MediaOnRay *on_ray,
-                          Interval part, Ints active, CameraSums *sums)
-{
-  if (!any_lane(active))
-    return;
-  const Walk walk =
-      walk_from(grid, &on_ray->in_grids, part.begin, part.end - part.begin, no_warp(), 0, ints(view->steps), active);
-  Ints alive = active & is_visible(view, &sums->ray);
-  Ints read = ints(0);
-  Steps list = no_steps();
-  while (any_lane(alive) && find_steps(grid, &walk, alive, 0, &list)) {
-    Amounts step[MOST_STEPS];
-    for (int k = 0; k < list.count; ++k) {
-      const Place place = place_of(&walk, list.n[k]);
-      step[k] = along_step(densities_at(grid, &walk, &list, k, place.t, &read), place.length, active);
-#if TFM_BODIES
-      if (any_lane(active))
-        add_bodies(bodies, &on_ray->bodies, place.t - 0.5f * place.length, place.t + 0.5f * place.length, &step[k]);
-#else
-      (void)bodies;
-#endif
-    }
-    for (int k = 0; k < list.count; ++k) {
-      Floats opacity[TFM_CHANNELS];
-      const Floats weight = camera_ray_step(media, &sums->ray, &step[k], opacity);
-      camera_sums_step(media, sums, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
-    }
-    alive = active & is_visible(view, &sums->ray);
-  }
-  sums->samples += active ? read : ints(0);
-}
-#endif
-
-#if TFM_BODIES
-/* A stretch without grids. */
-TFM_INLINE void see_bodies(VIEW view, MEDIUM media, BODY bodies, const MediaOnRay *on_ray, Interval part, Interval whole,
-                           Ints active, CameraSums *sums)
-{
-#if TFM_GRIDS == 0 && TFM_BODIES == 1
-  /* One body's mean distance is known. */
-  const Ints steps = active ? ints(1) : ints(0);
-  (void)view;
-  (void)whole;
-#else
-  const Ints steps = active ? steps_of_stretch(part, whole, view->steps) : ints(0);
-#endif
-  const int most = -least_int(-steps);
-  const Floats length = (part.end - part.begin) / TO_FLOATS(steps > 0 ? steps : ints(1));
-  for (int n = 0; n < most; ++n) {
-    const Ints here = n < steps;
-    const Floats begin = part.begin + (float)n * length;
-    Amounts step = no_amounts();
-    add_bodies(bodies, &on_ray->bodies, begin, here ? begin + length : begin, &step);
-    Floats opacity[TFM_CHANNELS], mean = floats(0.0f);
-    Floats depth[TFM_CHANNELS];
-    for (int c = 0; c < TFM_CHANNELS; ++c)
-      depth[c] = extinguished(media, &step, c);
-    const Floats weight = camera_ray_step(media, &sums->ray, &step, opacity);
-    for (int c = 0; c < TFM_CHANNELS; ++c)
-      mean += opacity[c] * mean_distance(depth[c], length) * (1.0f / TFM_CHANNELS);
-    camera_sums_step(media, sums, &step, begin, opacity, weight);
-    sums->distance_sum += mean;
-  }
-}
-#endif
+/* Camera pass: what lies along the camera rays of a frame without lights; with lights the first scatter pass sees to it.
+   Includes expected before: the headers of the bodies' kinds. Requires: what see.h does. */
+#include "view/see.h"
 
 /* solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch
@@ -89,37 +20,14 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  CameraSums sums = camera_sums_begin(media, on_ray.meets);
 #if TFM_GRIDS
   PADDED_GRIDS(padded);
-#endif
-#if TFM_GRIDS && TFM_BODIES
-  padded.skip = 0;
-#endif
 #if TFM_BODIES
-  const Interval whole = on_ray.all;
-  /* Beyond nothing is seen, and steps that reach farther would be too long. */
-  Interval visible = whole;
-  visible.end = least(whole.end, whole.begin + view->end);
+  padded.skip = 0; /* every step has something */
 #endif
-#if TFM_BODIES == 0
-  see_grids(view, media, bodies, &padded, &on_ray, on_ray.grids, on_ray.meets, &sums);
-#elif TFM_GRIDS == 0 && TFM_BODIES == 1
-  see_bodies(view, media, bodies, &on_ray, whole, whole, on_ray.meets, &sums);
+  const CameraSums sums = see_media(view, media, bodies, &padded, &on_ray);
 #else
-  Interval stretch[STRETCHES];
-  split_at_grids(&on_ray, visible, stretch);
-  for (int i = 0; i < STRETCHES; ++i) {
-    const Ints active = on_ray.meets & (stretch[i].begin < stretch[i].end);
-#if TFM_GRIDS
-    if (i == 1)
-      see_grids(view, media, bodies, &padded, &on_ray, stretch[i], active, &sums);
-    else
-#endif
-      see_bodies(view, media, bodies, &on_ray, stretch[i], visible, active, &sums);
-  }
-  if (any_lane(on_ray.meets & (visible.end < whole.end)))
-    add_bodies(bodies, &on_ray.bodies, greatest(visible.end, whole.begin), whole.end, &sums.total);
+  const CameraSums sums = see_media(view, media, bodies, &on_ray);
 #endif
   camera_sums_store(view, media, &sums, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
 }

@@ -2,12 +2,13 @@
    Includes expected before: a basis and a light header, those of the phase functions and of the bodies' kinds.
    Requires: what scatter.h does. */
 #include "view/scatter.h"
+#include "view/see.h"
 
 /* radiance       adds single scattering, RGB
    light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
    samples        adds the densities read, and the samples taken in closed form
-   transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0: lights that share the samples of
-                  the camera's rays do that pass's work with theirs
+transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0, of the first launch: what lies
+                  along a ray is in the cache already, and lights that share its samples need no march of its own
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
@@ -41,13 +42,10 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 #if TFM_SHARED && TFM_BODIES == 0
   CameraSums camera = camera_sums_begin(media, on_ray.meets);
   scatter_lights(&scene, &here, ray, &on_ray, &sums, sees_camera ? &camera : 0);
-  if (sees_camera)
-    camera_sums_store(view, media, &camera, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
 #else
-  (void)albedo;
-  (void)transmittance;
 #if TFM_SHARED
-  scatter_lights(&scene, &here, ray, &on_ray, &sums, 0);
+  if (here.count > 0)
+    scatter_lights(&scene, &here, ray, &on_ray, &sums, 0);
 #else
   for (int k = 0; k < here.count; ++k) {
     const Lights one = {lights, here.numbers + k, 1, &buffers};
@@ -55,6 +53,18 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   }
 #endif
 #endif
+  if (sees_camera) {
+#if !(TFM_SHARED && TFM_BODIES == 0)
+#if TFM_GRIDS
+    const CameraSums camera = see_media(view, media, bodies, &padded, &on_ray);
+#else
+    const CameraSums camera = see_media(view, media, bodies, &on_ray);
+#endif
+#endif
+    camera_sums_store(view, media, &camera, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
+  }
+  if (here.count == 0)
+    return;
   const Ints index = pixel_index(view, pixels);
   add_float4(radiance, index, pixels.wanted, sums.colour[0], sums.colour[1], sums.colour[2], floats(0.0f));
   add_float4(light_seen, index, pixels.wanted, sums.seen[0], sums.seen[TFM_CHANNELS == 3 ? 1 : 0],

@@ -103,6 +103,18 @@ TFM_INLINE Warp warp_of(VIEW view, LIGHT light, Ray ray, Floats begin, Floats le
 }
 
 #if TFM_GRIDS
+/* A step takes its opacity from the ray; depth: as of scatter_in_grids. Returns the mean over the colours. */
+TFM_INLINE Floats take_step(MEDIUM media, CameraRay *state, const Amounts *step, Floats *depth, Floats *opacity)
+{
+#if TFM_BODIES
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    depth[c] = least(depth[c] + extinguished(media, step, c), floats(TFM_MAX_OPTICAL_DEPTH));
+#else
+  (void)depth;
+#endif
+  return camera_ray_step(media, state, step, opacity);
+}
+
 /* The stretch of a ray that holds grids: their density is read step by step. depth: optical depth so far, of each
    colour, which bodies of constant density need. camera: also takes the samples, where it is not 0. */
 TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval part,
@@ -144,22 +156,17 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       list.n[count] = list.n[k];
       count += any_lane(any_amount(&met));
     }
-    Floats opacity[MOST_STEPS][TFM_CHANNELS], weight[MOST_STEPS];
-    for (int k = 0; k < count; ++k) {
-      weight[k] = camera_ray_step(media, state, &step[k], opacity[k]);
-#if TFM_BODIES
-      for (int c = 0; c < TFM_CHANNELS; ++c)
-        depth[c] = least(depth[c] + extinguished(media, &step[k], c), floats(TFM_MAX_OPTICAL_DEPTH));
-#else
-      (void)depth;
-#endif
 #if TFM_SHARED
+    /* All lights take what the steps take from the ray; one alone takes it when it is summed. */
+    Floats opacities[MOST_STEPS][TFM_CHANNELS], weights[MOST_STEPS];
+    for (int k = 0; k < count; ++k) {
+      weights[k] = take_step(media, state, &step[k], depth, opacities[k]);
       if (camera)
-        camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacity[k], weight[k]);
-#else
-      (void)camera;
-#endif
+        camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacities[k], weights[k]);
     }
+#else
+    (void)camera;
+#endif
     for (int i = 0; i < lights->count; ++i) {
       LIGHT light = lights->of + lights->numbers[i];
       const Ray light_space_ray = ray_in_light(light, ray);
@@ -177,9 +184,14 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       }
       for (int k = 0; k < count; ++k) {
 #if TFM_SHARED
+        const Floats *opacity = opacities[k];
+        const Floats weight = weights[k];
         Floats sum[TFM_CHANNELS];
         for (int c = 0; c < TFM_CHANNELS; ++c)
           sum[c] = floats(0.0f);
+#else
+        Floats opacity[TFM_CHANNELS];
+        const Floats weight = take_step(media, state, &step[k], depth, opacity);
 #endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
@@ -187,10 +199,10 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_TEXTURE
           source *= arrival[k].tint[c];
 #endif
-          sum[c] += opacity[k][c] * left * source;
-          sums->seen[c] += weight[k] * left;
+          sum[c] += opacity[c] * left * source;
+          sums->seen[c] += weight * left;
         }
-        sums->seen_opacity += weight[k];
+        sums->seen_opacity += weight;
 #if TFM_SHARED
         add_light(media, light, sum, sums);
 #endif

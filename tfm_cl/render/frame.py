@@ -105,17 +105,13 @@ class Frame:
         steps, light_steps = decided(scene.march.steps), decided(scene.map.steps) if is_dual else 1
         seconds, camera_is_seen, warnings = 0.0, False, dict[str, None]()
         for variant, members in batches.groups():
-            shares = variant.shares_samples and not scene.homogeneous
-            if not camera_is_seen and not shares:
-                seconds += self._see(view, frame, has_solids=gbuffer is not None)
-                camera_is_seen = True
             for indices in batches.cut(members):
                 of_batch = self.maps.of(sources, indices, self.progress) if sources and reads_maps else []
                 built = self.maps.built if maps is None else frozenset[int]()
                 for light_map in of_batch:
                     stats.add_map(light_map, built=id(light_map) in built)
                     warnings |= dict.fromkeys(_warnings(light_map))
-                batch = batches.batch(variant, indices, of_batch, whole=shares and not camera_is_seen)
+                batch = batches.batch(variant, indices, of_batch, whole=not camera_is_seen)
                 stage = f"view pass, {batch.name}"
                 done = _reporter(self.progress, stage)
                 seconds += scatter(
@@ -126,7 +122,7 @@ class Frame:
                     steps * light_steps,
                     frame,
                     done,
-                    sees_camera=shares and not camera_is_seen,
+                    sees_camera=not camera_is_seen,
                 )
                 camera_is_seen = True
                 if gbuffer is not None:
