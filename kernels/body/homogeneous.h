@@ -41,20 +41,24 @@ TFM_INLINE void add_bodies(BODY bodies, const BodiesOnRay *on_ray, Floats begin,
   }
 }
 
-/* Adds what light meets of the bodies on its way to a point. ray: to the point, at parameter 1. inside: bits of the
+/* Extinction of one colour in a body, per world unit. */
+TFM_INLINE float body_extinction(MEDIUM media, BODY bodies, int i, int colour)
+{
+  const float extinction = bodies[i].density * media[TFM_MEDIUM_OF_BODY(i)].sigma_t[colour];
+  return extinction < TFM_MAX_OPTICAL_DEPTH ? extinction : TFM_MAX_OPTICAL_DEPTH;
+}
+
+/* How far light travels through each body on its way to a point. ray: to the point, at parameter 1. inside: bits of the
    bodies that both ends lie in. */
-TFM_INLINE void add_bodies_to_light(BODY bodies, Ray ray, Floats distance, int inside, Amounts *amounts)
+TFM_INLINE void ways_to_light(BODY bodies, Ray ray, Floats distance, int inside, Floats *ways)
 {
   for (int i = 0; i < TFM_BODIES; ++i) {
-    Floats part = floats(1.0f);
-    if (!(inside >> i & 1)) {
-      Interval within = {floats(0.0f), floats(1.0f)};
-      const Ints meets = TFM_BODY_CLIP(&bodies[i], ray, &within);
-      part = meets ? within.end - within.begin : floats(0.0f);
-    }
-    const Floats amount = least(bodies[i].density * (distance * part), floats(TFM_MAX_OPTICAL_DEPTH));
-    for (int c = 0; c < TFM_AMOUNTS; ++c)
-      amounts->of[TFM_MEDIUM_OF_BODY(i)][c] += amount;
+    ways[i] = distance;
+    if (inside >> i & 1)
+      continue;
+    Interval within = {floats(0.0f), floats(1.0f)};
+    const Ints meets = TFM_BODY_CLIP(&bodies[i], ray, &within);
+    ways[i] *= meets ? within.end - within.begin : floats(0.0f);
   }
 }
 

@@ -62,7 +62,7 @@ typedef struct {
   Floats distance;
 #endif
 #if TFM_BODIES
-  Amounts bodies; /* of constant density, on the light's way */
+  Floats ways[TFM_BODIES]; /* of the light through those of constant density */
 #endif
 } LightPath;
 
@@ -80,8 +80,7 @@ TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuff
   path.distance = sample.distance;
 #endif
 #if TFM_BODIES
-  path.bodies = no_amounts();
-  add_bodies_to_light(scene->bodies, light_ray_to(light, point), sample.distance, inside & light->inside_bodies, &path.bodies);
+  ways_to_light(scene->bodies, light_ray_to(light, point), sample.distance, inside & light->inside_bodies, path.ways);
 #else
   (void)scene;
   (void)inside;
@@ -134,8 +133,9 @@ TFM_INLINE void light_optical_depths(const Scene *scene, LIGHT light, const Ligh
     depth[c] = floats(0.0f);
 #endif
 #if TFM_BODIES && !TFM_SHOW_RESIDUAL
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    depth[c] += least(extinguished(scene->media, &path->bodies, c), floats(TFM_MAX_OPTICAL_DEPTH));
+  for (int i = 0; i < TFM_BODIES; ++i)
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      depth[c] += body_extinction(scene->media, scene->bodies, i, c) * path->ways[i];
 #else
   (void)scene;
   (void)path;

@@ -84,23 +84,20 @@ TFM_INLINE void add_light(MEDIUM media, LIGHT light, const Floats *sum, LightSum
 #endif
 }
 
+#if TFM_SHARED
+#define LIGHTS_OF_MARCH(lights) (lights)->count
+#else
+#define LIGHTS_OF_MARCH(lights) 1
+
 /* Where samples of a stretch lie: uniform in the projective space of the light that they are for, or in the world. */
 TFM_INLINE Warp warp_of(VIEW view, LIGHT light, Ray ray, Floats begin, Floats length)
 {
-#if TFM_SHARED
-  (void)view;
-  (void)light;
-  (void)ray;
-  (void)begin;
-  (void)length;
-  return no_warp();
-#else
   if (!view->projective)
     return no_warp();
   return projective_warp(light_projective_depth(light, ray_at(ray, begin)),
                          light_projective_depth(light, ray_at(ray, begin + length)), view->max_stretch);
-#endif
 }
+#endif
 
 #if TFM_GRIDS
 /* A step takes its opacity from the ray; depth: as of scatter_in_grids. Returns the mean over the colours. */
@@ -126,7 +123,13 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
   MEDIUM media = scene->media;
   const Floats begin = active ? part.begin : floats(0.0f);
   const Floats length = active ? part.end - part.begin : floats(0.0f);
-  const Warp warp = warp_of(view, lights->of + lights->numbers[0], ray, begin, length);
+#if !TFM_SHARED
+  LIGHT light = lights->of + lights->numbers[0];
+  const Ray light_space_ray = ray_in_light(light, ray);
+  const Warp warp = warp_of(view, light, ray, begin, length);
+#else
+  const Warp warp = no_warp();
+#endif
   const Walk walk =
       walk_from(scene->padded, &on_ray->in_grids, begin, length, warp, !TFM_SHARED, ints(view->steps), active);
   Ints alive = active & is_visible(view, state);
@@ -167,9 +170,11 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #else
     (void)camera;
 #endif
-    for (int i = 0; i < lights->count; ++i) {
+    for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
+#if TFM_SHARED
       LIGHT light = lights->of + lights->numbers[i];
       const Ray light_space_ray = ray_in_light(light, ray);
+#endif
       LightArrival arrival[MOST_STEPS];
       Floats arrives[MOST_STEPS][TFM_CHANNELS];
       for (int k = 0; k < count; ++k)
@@ -211,7 +216,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
     alive = active & is_visible(view, state);
   }
 #if !TFM_SHARED
-  add_light(media, lights->of + lights->numbers[0], sum, sums);
+  add_light(media, light, sum, sums);
 #endif
   sums->samples += active ? read : ints(0);
 }
@@ -259,13 +264,19 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
   steps = active ? steps : ints(0);
   const int most = -least_int(-steps);
   const Ints at_least_one = steps > 0 ? steps : ints(1);
-  const Warp warp = warp_of(view, lights->of + lights->numbers[0], ray, begin, length);
+#if !TFM_SHARED
+  LIGHT light = lights->of + lights->numbers[0];
+  const Ray light_space_ray = ray_in_light(light, ray);
+  const Warp warp = warp_of(view, light, ray, begin, length);
+#else
+  const Warp warp = no_warp();
+#endif
 #if TFM_CHANNELS == 1
   /* A step is at most so many mean ones long. */
   const Floats stretch = greatest(warp.begin / warp.end, warp.end / warp.begin);
   float densest = 0.0f;
   for (int i = 0; i < TFM_BODIES; ++i)
-    densest += scene->bodies[i].density * media[TFM_MEDIUM_OF_BODY(i)].sigma_t[0];
+    densest += body_extinction(media, scene->bodies, i, 0);
   const int thin =
       greatest_float(active ? stretch * length * densest - THIN_STEP * TO_FLOATS(at_least_one) : floats(-1.0f)) <= 0.0f;
 #endif
@@ -292,7 +303,11 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
 #endif
     Floats taken[TFM_CHANNELS], opacity[TFM_CHANNELS];
     for (int c = 0; c < TFM_CHANNELS; ++c)
+#if ALONE
+      taken[c] = least(body_extinction(media, scene->bodies, 0, c) * step_length, floats(TFM_MAX_OPTICAL_DEPTH));
+#else
       taken[c] = least(extinguished(media, &step, c), floats(TFM_MAX_OPTICAL_DEPTH));
+#endif
 #if TFM_CHANNELS == 1
     opacity[0] = floats(0.0f);
     if (!thin)
@@ -302,9 +317,11 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
 #else
     const Floats weight = camera_ray_step(media, state, &step, opacity);
 #endif
-    for (int i = 0; i < lights->count; ++i) {
+    for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
+#if TFM_SHARED
       LIGHT light = lights->of + lights->numbers[i];
       const Ray light_space_ray = ray_in_light(light, ray);
+#endif
       const LightArrival arrival = light_arrival(scene, light, lights->buffers, ray, light_space_ray, t, ALONE ? ~0 : 0);
       Floats way[TFM_CHANNELS];
 #if TFM_SHARED
@@ -343,7 +360,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
       depth[c] = least(depth[c] + taken[c], floats(TFM_MAX_OPTICAL_DEPTH));
   }
 #if !TFM_SHARED
-  add_light(media, lights->of + lights->numbers[0], sum, sums);
+  add_light(media, light, sum, sums);
 #endif
   for (int c = 0; c < TFM_CHANNELS; ++c) {
     const Floats met = depth[c] - before[c];

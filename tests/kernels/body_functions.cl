@@ -32,16 +32,15 @@ __kernel void call_add_bodies(BODY bodies, __global const float *given, __global
       store(found, width, 2 + TFM_AMOUNTS * m + c, count, amounts.of[m][c]);
 }
 
-/* [count, 7]: ray to a point at parameter 1, and its length, to [count, TFM_MEDIA, TFM_AMOUNTS]. */
-__kernel void call_add_bodies_to_light(BODY bodies, __global const float *given, __global float *found, int inside,
-                                       int count)
+/* [count, 7]: ray to a point at parameter 1, and its length, to [count, TFM_BODIES]. */
+__kernel void call_ways_to_light(BODY bodies, __global const float *given, __global float *found, int inside,
+                                 int count)
 {
   GUARD;
-  Amounts amounts = no_amounts();
-  add_bodies_to_light(bodies, load_ray(given, 7, count), load(given, 7, 6, count), inside, &amounts);
-  for (int m = 0; m < TFM_MEDIA; ++m)
-    for (int c = 0; c < TFM_AMOUNTS; ++c)
-      store(found, TFM_MEDIA * TFM_AMOUNTS, TFM_AMOUNTS * m + c, count, amounts.of[m][c]);
+  Floats ways[TFM_BODIES];
+  ways_to_light(bodies, load_ray(given, 7, count), load(given, 7, 6, count), inside, ways);
+  for (int i = 0; i < TFM_BODIES; ++i)
+    store(found, TFM_BODIES, i, count, ways[i]);
 }
 
 /* [count, 2]: optical depth and length, to [count]. */
