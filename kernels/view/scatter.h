@@ -269,6 +269,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
   const Ray light_space_ray = ray_in_light(light, ray);
   const Warp warp = warp_of(view, light, ray, begin, length);
 #else
+  (void)view;
   const Warp warp = no_warp();
 #endif
 #if TFM_CHANNELS == 1

@@ -9,6 +9,7 @@ import click
 import numpy as np
 import pytest
 
+import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
 from tfm_cl.scene.lights import SpotLight
@@ -316,7 +317,7 @@ def test_help_of_render_comes_in_groups(cli):
 
 def test_version(cli):
     done = cli("--version")
-    assert (done.code, done.out, done.err) == (0, "tfm 0.1.0\n", "")
+    assert (done.code, done.out, done.err) == (0, f"tfm {tfm_cl.__version__}\n", "")
 
 
 def test_no_command_prints_the_help(cli):

@@ -199,8 +199,8 @@ def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:
 def limited(scene: Scene) -> tuple[str, ...]:
     """Report each ``"auto"`` that would need more than its limit, one line each."""
     return tuple(
-        f'{name} = "auto": {number} is the most it takes, {asked:.0f} would follow the voxels; '
-        f"give {name} to take more"
+        f'{name} = "auto": {number} is its upper limit, following the voxels takes {asked:.0f}; '
+        f"set {name} to use more"
         for name, (number, asked, _) in wanted(scene).items()
         if asked > number
     )
