@@ -536,8 +536,9 @@ def our_peer(renderer: tfm.Renderer, scene: tfm.Scene, light: str, method: str) 
     """Return this project on the peers' scene: device seconds of both passes."""
 
     def seconds() -> Figures:
-        spent = renderer.render(scene, method=method).stats.seconds
-        return {"seconds": spent["light_pass"] + spent["view_pass"]}
+        maps = renderer.build_maps(scene) if method == "tfm" else []
+        view = renderer.render(scene, maps=maps, method=method).stats.seconds["view_pass"]
+        return {"seconds": sum(built.buffers.seconds for built in maps) + view}
 
     def image() -> Colours:
         return renderer.render(with_res(scene, TRUTH_RES), method=method).image

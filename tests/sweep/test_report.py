@@ -420,7 +420,7 @@ def test_the_page_travels_in_the_wheel(tmp_path):
     subprocess.run([*pip, "wheel", "--no-deps", "-w", str(tmp_path), str(REPOSITORY)], check=True)
     (wheel,) = tmp_path.glob("tfm_cl-*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assets = REPOSITORY / "tfm_cl" / "report" / "assets"
+    assets = REPOSITORY / "tfm_cl" / "sweep" / "report" / "assets"
 
     assert {path.relative_to(REPOSITORY).as_posix() for path in assets.iterdir()} <= set(names)
     assert len(list(assets.iterdir())) > 5

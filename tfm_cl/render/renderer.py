@@ -57,7 +57,6 @@ class Renderer:
         Bytes that one device buffer may have; by default the device's limit.
     work_group
         Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
-
     cache_bytes
         Bytes of voxels, maps, shadow maps and G-buffers, at most, that are kept for the next frames.
 
