@@ -6,6 +6,14 @@ space becomes the unit cube. ``max_depth = 2`` is single scattering, and direct 
 by the medium. A spot's angles are half angles; its light and a point's always fall off with the square of the
 distance. Solids within the medium need no medium of their own: only a surface between two media changes that
 of a ray.
+
+Mitsuba knows one medium at a place, so bodies that share space are a medium written here, whose coefficients
+are the sums of theirs. A grid of the sum's albedo would not do: between voxel centres the ratio of two
+interpolations is not the interpolated ratio. Each body is one of Mitsuba's own media, and they may have
+voxels of any size and direction. Bodies of several phase functions are rendered once for each, the others
+black, and added up: single scattering is linear in what scatters. `volpath` takes all three colours of a
+sample from the free flights of one: that has no bias as long as nothing is opaque in one colour and clear in
+another.
 """
 
 import os
@@ -15,6 +23,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import tfm_cl as tfm
 
 mi = pytest.importorskip("mitsuba")  # skips whichever test module imports this one
 dr = pytest.importorskip("drjit")
@@ -45,6 +55,7 @@ def mitsuba_variant():
         if llvm:
             patch.setenv("DRJIT_LIBLLVM_PATH", llvm)
         mi.set_variant("llvm_ad_rgb" if llvm else "scalar_rgb")
+        register_mixture()
         yield mi.variant()
 
 
@@ -60,41 +71,13 @@ class MitsubaScene:
     """
 
     def __init__(self, scene, *, backlit=False):
-        to_world = mi.ScalarTransform4f
-        volume, medium, camera = scene.volume, scene.medium, scene.camera
-        x, y, z = (count + 2 for count in volume.shape[::-1])
-        box = volume.world_from_index @ [[x, 0, 0, -1.5], [0, y, 0, -1.5], [0, 0, z, -1.5], [0, 0, 0, 1]]
-        cube = box @ [
-            [0.5, 0, 0, 0.5],
-            [0, 0.5, 0, 0.5],
-            [0, 0, 0.5, 0.5],
-            [0, 0, 0, 1],
-        ]  # its own is [-1, 1]³
-        extinction = np.pad(volume.data, 1)[..., None] * medium.sigma_t
+        camera = scene.camera
         description = {
             "type": "scene",
             "integrator": {"type": "volpath", "max_depth": 1 if backlit else 2},
-            "medium": {
-                "type": "heterogeneous",
-                "scale": volume.density_scale,
-                "sigma_t": {
-                    "type": "gridvolume",
-                    "grid": mi.VolumeGrid(extinction.astype(np.float32)),
-                    "raw": True,
-                    "to_world": to_world(box),
-                },
-                "albedo": {"type": "constvolume", "value": rgb(np.array(medium.sigma_s) / medium.sigma_t)},
-                "phase": {"type": "hg", "g": getattr(medium.phase, "g", 0.0)},
-            },
-            "box": {
-                "type": "cube",
-                "to_world": to_world(cube),
-                "bsdf": {"type": "null"},
-                "interior": {"type": "ref", "id": "medium"},
-            },
             "sensor": {
                 "type": "perspective",
-                "to_world": to_world().look_at(camera.from_, camera.to, camera.up),
+                "to_world": mi.ScalarTransform4f().look_at(camera.from_, camera.to, camera.up),
                 "fov": camera.fov,
                 "fov_axis": "y",
                 "near_clip": 1e-4,
@@ -107,10 +90,15 @@ class MitsubaScene:
             description |= {f"light {n}": emitter(light) for n, light in enumerate(scene.lights)}
         description |= {f"solid {n}": shape(solid) for n, solid in enumerate(scene.solids)}
         self.res = camera.res
-        self.scene = mi.load_dict(description)
+        media, box = media_of(scene)[: 1 if backlit else None], bounding_box(scene)
+        assert len(media) == 1 or not scene.solids, (
+            "each phase function's picture would have the solids' light"
+        )
         eye = np.linalg.solve(box, [*camera.from_, 1])[:3]
         inside = (eye > 0).all() and (eye < 1).all()
-        self.medium_at_eye = self.scene.shapes()[0].interior_medium() if inside else None
+        self.scenes = [mi.load_dict(description | enclosed(medium, box)) for medium in media]
+        """Their radiances add up."""
+        self.media_at_eye = [medium_in(each) if inside else None for each in self.scenes]
 
     def batches(self, count, samples, seed):
         """Means of independent batches, ``[count, height, width, RGB]``, of ``samples`` samples per pixel."""
@@ -138,9 +126,131 @@ class MitsubaScene:
         return image
 
     def _radiance(self, position, seed=0, count=1, sampler=None):
-        ray, _ = self.scene.sensors()[0].sample_ray(0.0, 0.5, position, [0.5, 0.5])
+        ray, _ = self.scenes[0].sensors()[0].sample_ray(0.0, 0.5, position, [0.5, 0.5])
         sampler = sampler or independent(seed, count)
-        return self.scene.integrator().sample(self.scene, sampler, ray, self.medium_at_eye)[0]
+        return sum(
+            scene.integrator().sample(scene, sampler, ray, medium)[0]
+            for scene, medium in zip(self.scenes, self.media_at_eye, strict=True)
+        )
+
+
+def bounding_box(scene):
+    """World from the unit cube that holds all bodies, 4×4: a grid's own turned box, or along the axes."""
+    if len(scene.bodies) == 1 and scene.grids:
+        return padded_box(scene.volume)
+    return box_between(*scene.bounds)
+
+
+def padded_box(volume):
+    """World from the unit cube of a grid with one layer of zeros around it."""
+    x, y, z = (count + 2 for count in volume.shape[::-1])
+    return volume.world_from_index @ [[x, 0, 0, -1.5], [0, y, 0, -1.5], [0, 0, z, -1.5], [0, 0, 0, 1]]
+
+
+def box_between(low, high):
+    """World from the unit cube, for a box along the axes."""
+    box = np.diag([*np.subtract(high, low), 1.0])
+    box[:3, 3] = low
+    return box
+
+
+def enclosed(medium, box):
+    """Description of what holds a medium: a box with no surface."""
+    cube = box @ box_between([0.5] * 3, [1] * 3)  # Mitsuba's own is [-1, 1]³
+    return {
+        "medium": medium,
+        "box": {
+            "type": "cube",
+            "to_world": mi.ScalarTransform4f(cube),
+            "bsdf": {"type": "null"},
+            "interior": {"type": "ref", "id": "medium"},
+        },
+    }
+
+
+def medium_in(scene):
+    """Medium of the one shape of Mitsuba's scene that holds any."""
+    return next(shape.interior_medium() for shape in scene.shapes() if shape.interior_medium())
+
+
+def media_of(scene):
+    """Descriptions of media whose pictures add up, one for each phase function."""
+    phases = dict.fromkeys(scene.medium_of(body).phase for body in scene.bodies)
+    return [mixture(scene, phase) for phase in phases]
+
+
+def mixture(scene, phase):
+    """Description of all bodies together, of which those of one phase function scatter."""
+    parts = []
+    for body in scene.bodies:
+        medium = scene.medium_of(body)
+        scatters = medium.phase == phase
+        albedo = scatters * np.array(medium.sigma_s) / np.maximum(medium.sigma_t, 1e-30)  # 0 of nothing
+        parts.append(
+            {
+                "type": "heterogeneous",
+                "sigma_t": extinction(body, medium.sigma_t),
+                "albedo": {"type": "constvolume", "value": rgb(albedo)},
+                "phase": {"type": "hg", "g": getattr(phase, "g", 0.0)},
+            }
+        )
+    if len(parts) == 1:
+        return parts[0]
+    low, high = scene.bounds
+    return {
+        "type": "mixture",
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "phase": parts[0]["phase"],
+    } | {f"part {n}": part for n, part in enumerate(parts)}
+
+
+def extinction(body, sigma_t):
+    """Description of the volume of σ_t of a grid or a box."""
+    if isinstance(body, tfm.Volume):
+        colour = 1.0 if body.colour is None else body.colour
+        values = body.density_scale * np.pad(body.data[..., None] * colour, [(1, 1)] * 3 + [(0, 0)]) * sigma_t
+        box, between = padded_box(body), "trilinear"
+    else:
+        assert isinstance(body, tfm.BoxVolume), "no description of such a body"
+        values = body.density * np.pad(np.ones((1, 1, 1, 1)), [(1, 1)] * 3 + [(0, 0)]) * sigma_t
+        low, high = body.bounds
+        box, between = box_between(2 * low - high, 2 * high - low), "nearest"
+    return {
+        "type": "gridvolume",
+        "grid": mi.VolumeGrid(values.astype(np.float32)),
+        "raw": True,
+        "filter_type": between,
+        "to_world": mi.ScalarTransform4f(box),
+    }
+
+
+def register_mixture():
+    """Tell Mitsuba's present variant of the medium that is the sum of its parts."""
+
+    class Mixture(mi.Medium):
+        def __init__(self, props):
+            super().__init__(props)
+            self.m_is_homogeneous, self.m_has_spectral_extinction = False, True
+            self.box = mi.BoundingBox3f(mi.Point3f(props["low"]), mi.Point3f(props["high"]))
+            names = [name for name in props if name.startswith("part ")]
+            self.parts = [props[name] for name in names]
+
+        def intersect_aabb(self, ray):
+            return self.box.ray_intersect(ray)
+
+        def get_majorant(self, interaction, active=True):
+            return sum(part.get_majorant(interaction, active) for part in self.parts)
+
+        def get_scattering_coefficients(self, interaction, active=True):
+            """Return σ_s, what is left to the majorant, and σ_t."""
+            found = [part.get_scattering_coefficients(interaction, active) for part in self.parts]
+            return tuple(sum(values) for values in zip(*found, strict=True))
+
+        def traverse(self, callback):
+            pass
+
+    mi.register_medium("mixture", Mixture)
 
 
 def independent(seed, count):
