@@ -20,14 +20,7 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-#if TFM_GRIDS
-  PADDED_GRIDS(padded);
-#if TFM_BODIES
-  padded.skip = 0; /* every step has something */
-#endif
-  const CameraSums sums = see_media(view, media, bodies, &padded, &on_ray);
-#else
-  const CameraSums sums = see_media(view, media, bodies, &on_ray);
-#endif
+  SCENE(scene);
+  const CameraSums sums = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
   camera_sums_store(view, media, &sums, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
 }

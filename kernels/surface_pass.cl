@@ -4,40 +4,8 @@
    Includes expected before: a basis and a light header, those of the bodies' kinds.
    Requires: what batch.h, camera_ray.h and surface.h do. */
 #include "light/batch.h"
+#include "view/see.h"
 #include "view/surface.h"
-
-/* Transmittance of the media along the part of the camera rays that a light reaches: algorithm 1 dims what it sees only
-   between the ends of the light's cone. */
-TFM_INLINE void dimmed_in_cone(const Scene *scene, LIGHT light, Ray ray, Interval seen, Ints shaded, Ints *read,
-                               Floats *through)
-{
-  const MediaOnRay on_ray = media_on_ray(scene->view, scene->grids, scene->bodies, ray, seen, shaded);
-  Interval part = on_ray.all;
-  const Ints dims = on_ray.meets & light_clip(light, ray, &part);
-  Amounts met = no_amounts();
-#if TFM_GRIDS
-  const Interval grids = on_ray.grids, inner = {greatest(part.begin, grids.begin), least(part.end, grids.end)};
-  const Ints some = dims & on_ray.meets_grids & (inner.begin < inner.end);
-  const Floats share = some ? (inner.end - inner.begin) / (grids.end - grids.begin) : floats(0.0f);
-  const Walk walk = walk_from(scene->padded, &on_ray.in_grids, inner.begin, inner.end - inner.begin, no_warp(), 0,
-                              rounded_up(clamp_to(share, 1.0f) * (float)scene->view->steps), some);
-  Steps list = no_steps();
-  while (find_steps(scene->padded, &walk, some, 0, &list))
-    for (int k = 0; k < list.count; ++k) {
-      const Place place = place_of(&walk, list.n[k]);
-      const Amounts step = along_step(densities_at(scene->padded, &walk, &list, k, place.t, read), place.length,
-                                      some & (list.n[k] < walk.steps));
-      add_amounts(&met, &step);
-    }
-#else
-  (void)read;
-#endif
-#if TFM_BODIES
-  add_bodies(scene->bodies, &on_ray.bodies, part.begin, dims ? part.end : part.begin, &met);
-#endif
-  for (int c = 0; c < 3; ++c)
-    through[c] = transmittance_of(dims ? extinguished(scene->media, &met, c) : floats(0.0f));
-}
 
 /* The lanes whose pixels show what the light sees, where no other solid stops it. lit: 1 for each such pixel of the
    light's rectangle. */
@@ -73,12 +41,7 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const Surface surface = surface_at(view, solid, albedo, ray, pixels);
   if (!any_lane(surface.shown))
     return;
-#if TFM_GRIDS
-  PADDED_GRIDS(padded);
-  const Scene scene = {view, media, bodies, grids, &padded};
-#else
-  const Scene scene = {view, media, bodies, grids};
-#endif
+  SCENE(scene);
   const Ints index = pixel_index(view, pixels), wanted = pixels.wanted & pixels.inside;
   Floats dimmed[4], colour[3];
   load_float4(transmittance, index, wanted, 0.0f, dimmed);
@@ -99,8 +62,15 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     for (int c = 0; c < 3; ++c)
       through[c] = dimmed[c];
     if (view->paper_attenuation) {
+      /* Algorithm 1 dims what it sees only between the ends of the light's cone. */
       const Interval seen = {floats(0.0f), surface.distance};
-      dimmed_in_cone(&scene, light, ray, seen, shaded, &read, through);
+      const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, shaded);
+      Interval cone = on_ray.all;
+      const Ints dims = on_ray.meets & light_clip(light, ray, &cone);
+      const CameraSums sums = see_media(&scene, &on_ray, cone, 1, dims);
+      for (int c = 0; c < 3; ++c)
+        through[c] = transmittance_of(extinguished(media, &sums.total, c));
+      read += sums.samples;
     }
     for (int c = 0; c < 3; ++c) {
       const Floats arrives = transmittance_of(depth[TFM_CHANNELS == 3 ? c : 0]) * tint[c] * reflects;

@@ -26,6 +26,7 @@ typedef struct {
   int warped;        /* 0: steps of equal length */
   Ints steps;        /* of each ray */
   int most;          /* steps of the longest */
+  int skip;          /* 0: list the steps in empty bricks too */
   Vec3 inverse[TFM_GRIDS]; /* 1 / direction */
 #if TFM_GRIDS > 1
   Interval within[TFM_GRIDS]; /* each grid's bounds */
@@ -100,6 +101,7 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
   walk.warped = warped;
   walk.steps = active ? steps : ints(0);
   walk.most = -least_int(-walk.steps);
+  walk.skip = grid->skip;
   walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
   for (int i = 0; i < TFM_GRIDS; ++i) {
     const Vec3 direction = ray->of[i].direction;
@@ -109,8 +111,6 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
     walk.within[i].end = floats(INFINITY);
     const Ints meets = box_clip(ray->of[i], grid->of[i].upper, &walk.within[i]);
     walk.within[i].begin = meets ? walk.within[i].begin : floats(INFINITY);
-#else
-    (void)grid;
 #endif
   }
   walk.inverse_length = inverse_of(length);
@@ -209,7 +209,7 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
       brick[axis] = cell >> BRICK_SHIFT;
     }
     const int record = extent->bricks[BRICK_AT(extent, brick[0], brick[1], brick[2])];
-    if (force | (record > 0) | !grid->skip) {
+    if (force | (record > 0) | !walk->skip) {
 #pragma unroll
       for (int axis = 0; axis < 3; ++axis) {
         const float high =
@@ -284,7 +284,7 @@ TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive
       steps->point[count][i] = point;
       steps->records[count][i] = records;
     }
-    if (force | read | !grid->skip) {
+    if (force | read | !walk->skip) {
       steps->n[count] = n;
       force = after & read;
       ++count;
@@ -334,7 +334,7 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
   Amounts density = no_amounts();
 #if SHARES_WINDOWS
   if (walk->together) {
-    if (steps->window[k].record > 0 || !grid->skip)
+    if (steps->window[k].record > 0 || !walk->skip)
       *samples += here ? ints(1) : ints(0);
     if (steps->window[k].record == 0)
       return density;
@@ -348,7 +348,7 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
   for (int i = 0; i < TFM_GRIDS; ++i) {
     const Ints records = steps->records[k][i];
     /* Lanes of a true mask are -1. */
-    *samples += (here & ((records > 0) | (grid->skip ? 0 : -1))) ? ints(1) : ints(0);
+    *samples += (here & ((records > 0) | (walk->skip ? 0 : -1))) ? ints(1) : ints(0);
     for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
       if (COUNTS_CHANNEL(grid->of[i], c))
         density.of[TFM_MEDIUM_OF_GRID(i)][AMOUNT_OF(c)] += density_apart(grid, i, records, steps->point[k][i], c);

@@ -42,17 +42,6 @@ typedef struct {
   __global const float4 *texture;
 } LightBuffers;
 
-/* The media, as what finds them between a light and a point needs them. */
-typedef struct {
-  VIEW view;
-  MEDIUM media;
-  BODY bodies;
-  GRID grids;
-#if TFM_GRIDS
-  const Grids *padded;
-#endif
-} Scene;
-
 /* Where the optical depths between the light and a point are to be found. */
 typedef struct {
 #if READS_MAPS

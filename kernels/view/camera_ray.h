@@ -16,6 +16,26 @@
 #error "TFM_CHANNELS must be 1 or 3"
 #endif
 
+/* The media, as what marches through them needs them. */
+typedef struct {
+  VIEW view;
+  MEDIUM media;
+  BODY bodies;
+  GRID grids;
+#if TFM_GRIDS
+  const Grids *padded;
+#endif
+} Scene;
+
+/* Declares a Scene of a kernel's arguments. */
+#if TFM_GRIDS
+#define SCENE(name)     \
+  PADDED_GRIDS(padded); \
+  const Scene name = {view, media, bodies, grids, &padded}
+#else
+#define SCENE(name) const Scene name = {view, media, bodies, grids}
+#endif
+
 /* What of a scene's media lies along the rays of a tile. */
 typedef struct {
 #if TFM_GRIDS
@@ -81,6 +101,26 @@ TFM_INLINE Ints steps_of_stretch(Interval stretch, Interval whole, int steps)
   const Ints share = rounded_up(clamp_to(length / (whole.end - whole.begin), 1.0f) * (float)steps);
   return length > 0.0f ? (share > 1 ? share : ints(1)) : ints(0);
 }
+
+#if TFM_GRIDS
+/* Steps of a stretch of grids: its share of those of all of them. */
+TFM_INLINE Ints steps_in_grids(const MediaOnRay *media, Interval stretch, int steps)
+{
+  const Interval all = media->grids;
+  const Ints some = media->meets_grids & (stretch.begin < stretch.end);
+  const Floats share = some ? (stretch.end - stretch.begin) / (all.end - all.begin) : floats(0.0f);
+  return rounded_up(clamp_to(share, 1.0f) * (float)steps);
+}
+
+/* A walk of camera rays: where there are bodies of constant density too, every step has something. */
+TFM_INLINE Walk walk_of_camera(const Scene *scene, const MediaOnRay *on_ray, Floats begin, Floats length, Warp warp,
+                               int warped, Ints steps, Ints active)
+{
+  Walk walk = walk_from(scene->padded, &on_ray->in_grids, begin, length, warp, warped, steps, active);
+  walk.skip = TFM_BODIES ? 0 : walk.skip;
+  return walk;
+}
+#endif
 
 /* A camera ray, from the camera on. */
 typedef struct {

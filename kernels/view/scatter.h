@@ -130,8 +130,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #else
   const Warp warp = no_warp();
 #endif
-  const Walk walk =
-      walk_from(scene->padded, &on_ray->in_grids, begin, length, warp, !TFM_SHARED, ints(view->steps), active);
+  const Walk walk = walk_of_camera(scene, on_ray, begin, length, warp, !TFM_SHARED, ints(view->steps), active);
   Ints alive = active & is_visible(view, state);
   Ints read = ints(0);
   Steps list = no_steps();
@@ -379,95 +378,22 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
 }
 #endif
 
-#if TFM_GRIDS && !TFM_SHARED
-/* What the grids take from a ray where no light is gathered: `steps` midpoints of a part of it. */
-TFM_INLINE void dim_by_grids(const Scene *scene, const GridRay *ray, Interval part, Ints steps, Ints active,
-                             CameraRay *state, Floats *depth, Ints *samples)
+/* Adds what some lights, of which there is one where they do not share samples, scatter along a part of the rays of a
+   tile.
+   before  what lies between the camera and that part: it dims all that follows; not so in the paper's algorithm 1
+   camera  also takes the samples, where it is not 0 */
+TFM_INLINE void scatter_lights(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval lit,
+                               Ints active, const CameraSums *before, LightSums *sums, CameraSums *camera)
 {
-  active &= steps > 0;
-  if (!any_lane(active))
-    return;
-  const Walk walk = walk_from(scene->padded, ray, part.begin, part.end - part.begin, no_warp(), 0, steps, active);
-  Ints alive = active & is_visible(scene->view, state);
-  Ints read = ints(0);
-  Steps list = no_steps();
-  while (any_lane(alive) && find_steps(scene->padded, &walk, alive, 0, &list)) {
-    Amounts step[MOST_STEPS];
-    for (int k = 0; k < list.count; ++k) {
-      const Place place = place_of(&walk, list.n[k]);
-      step[k] = along_step(densities_at(scene->padded, &walk, &list, k, place.t, &read), place.length,
-                           active & (list.n[k] < walk.steps));
-    }
-    for (int k = 0; k < list.count; ++k) {
-      Floats opacity[TFM_CHANNELS];
-      camera_ray_step(scene->media, state, &step[k], opacity);
-      for (int c = 0; c < TFM_CHANNELS; ++c)
-        depth[c] += extinguished(scene->media, &step[k], c);
-    }
-    alive = active & is_visible(scene->view, state);
-  }
-  *samples += active ? read : ints(0);
-}
-#endif
-
-/* What lies between the camera and the first of a light's reach dims all that follows; not so in the paper's
-   algorithm 1. */
-TFM_INLINE void dim_before(const Scene *scene, const MediaOnRay *on_ray, Floats begin, Ints active, CameraRay *state,
-                           Floats *depth, Ints *samples)
-{
-#if TFM_SHARED
-  (void)scene;
-  (void)on_ray;
-  (void)begin;
-  (void)active;
-  (void)state;
-  (void)depth;
-  (void)samples;
-#else
-  if (scene->view->paper_attenuation)
-    return;
-#if TFM_GRIDS
-  const Interval grids = on_ray->grids, before = {grids.begin, least(begin, grids.end)};
-  const Ints some = active & on_ray->meets_grids;
-  const Floats share = some ? clamp_to((begin - grids.begin) / (grids.end - grids.begin), 1.0f) : floats(0.0f);
-  dim_by_grids(scene, &on_ray->in_grids, before, rounded_up((float)scene->view->steps * share), some, state, depth, samples);
-#else
-  (void)samples;
-#endif
-#if TFM_BODIES
-  Amounts met = no_amounts();
-  add_bodies(scene->bodies, &on_ray->bodies, on_ray->all.begin, active ? begin : on_ray->all.begin, &met);
-  for (int c = 0; c < TFM_CHANNELS; ++c) {
-    const Floats taken = least(extinguished(scene->media, &met, c), floats(TFM_MAX_OPTICAL_DEPTH));
-    state->through[c] *= transmittance_of(taken);
-    depth[c] += taken;
-  }
-#endif
-#endif
-}
-
-/* Adds what some lights, of which there is one where they do not share samples, scatter along the rays of a tile.
-   camera: also takes the samples, where it is not 0. */
-TFM_INLINE void scatter_lights(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, LightSums *sums,
-                               CameraSums *camera)
-{
-  VIEW view = scene->view;
-  Interval lit = on_ray->all;
-  Ints active = on_ray->meets;
-#if !TFM_SHARED
-  active &= light_clip(lights->of + lights->numbers[0], ray, &lit);
-  if (!any_lane(active))
-    return;
-#endif
-  CameraRay state = camera_ray_begin(scene->media, active);
+  CameraRay state = before->ray;
   Floats depth[TFM_CHANNELS];
   for (int c = 0; c < TFM_CHANNELS; ++c)
-    depth[c] = floats(0.0f);
-  dim_before(scene, on_ray, lit.begin, active, &state, depth, &sums->samples);
+    depth[c] = extinguished(scene->media, &before->total, c);
+  sums->samples += before->samples;
 #if TFM_BODIES == 0
-  (void)view;
   scatter_in_grids(scene, lights, ray, on_ray, lit, active, &state, depth, sums, camera);
 #else
+  VIEW view = scene->view;
   (void)camera;
   /* Where nothing is left of the ray no sample is worth taking. */
   lit.end = least(lit.end, (view->paper_attenuation ? lit.begin : on_ray->all.begin) + view->end);

@@ -1,4 +1,4 @@
-/* What lies along the camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, and eq. 7's ambient light.
+/* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, and eq. 7's ambient light.
    Requires: what camera_sums.h does. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
@@ -7,26 +7,27 @@
 
 #if TFM_GRIDS
 /* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step. */
-TFM_INLINE void see_grids(VIEW view, MEDIUM media, BODY bodies, const Grids *grid, const MediaOnRay *on_ray,
-                          Interval part, Ints active, CameraSums *sums)
+TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, Ints active,
+                          CameraSums *sums)
 {
+  active &= steps > 0;
   if (!any_lane(active))
     return;
-  const Walk walk =
-      walk_from(grid, &on_ray->in_grids, part.begin, part.end - part.begin, no_warp(), 0, ints(view->steps), active);
+  VIEW view = scene->view;
+  MEDIUM media = scene->media;
+  const Walk walk = walk_of_camera(scene, on_ray, part.begin, part.end - part.begin, no_warp(), 0, steps, active);
   Ints alive = active & is_visible(view, &sums->ray);
   Ints read = ints(0);
   Steps list = no_steps();
-  while (any_lane(alive) && find_steps(grid, &walk, alive, 0, &list)) {
+  while (any_lane(alive) && find_steps(scene->padded, &walk, alive, 0, &list)) {
     Amounts step[MOST_STEPS];
     for (int k = 0; k < list.count; ++k) {
       const Place place = place_of(&walk, list.n[k]);
-      step[k] = along_step(densities_at(grid, &walk, &list, k, place.t, &read), place.length, active);
+      const Ints here = active & (list.n[k] < walk.steps);
+      step[k] = along_step(densities_at(scene->padded, &walk, &list, k, place.t, &read), place.length, here);
 #if TFM_BODIES
-      if (any_lane(active))
-        add_bodies(bodies, &on_ray->bodies, place.t - 0.5f * place.length, place.t + 0.5f * place.length, &step[k]);
-#else
-      (void)bodies;
+      const Floats to_end = here ? 0.5f * place.length : floats(0.0f);
+      add_bodies(scene->bodies, &on_ray->bodies, place.t - to_end, place.t + to_end, &step[k]);
 #endif
     }
     for (int k = 0; k < list.count; ++k) {
@@ -42,24 +43,16 @@ TFM_INLINE void see_grids(VIEW view, MEDIUM media, BODY bodies, const Grids *gri
 
 #if TFM_BODIES
 /* A stretch without grids. */
-TFM_INLINE void see_bodies(VIEW view, MEDIUM media, BODY bodies, const MediaOnRay *on_ray, Interval part, Interval whole,
-                           Ints active, CameraSums *sums)
+TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, CameraSums *sums)
 {
-#if TFM_GRIDS == 0 && TFM_BODIES == 1
-  /* One body's mean distance is known. */
-  const Ints steps = active ? ints(1) : ints(0);
-  (void)view;
-  (void)whole;
-#else
-  const Ints steps = active ? steps_of_stretch(part, whole, view->steps) : ints(0);
-#endif
+  MEDIUM media = scene->media;
   const int most = -least_int(-steps);
   const Floats length = (part.end - part.begin) / TO_FLOATS(steps > 0 ? steps : ints(1));
   for (int n = 0; n < most; ++n) {
     const Ints here = n < steps;
     const Floats begin = part.begin + (float)n * length;
     Amounts step = no_amounts();
-    add_bodies(bodies, &on_ray->bodies, begin, here ? begin + length : begin, &step);
+    add_bodies(scene->bodies, &on_ray->bodies, begin, here ? begin + length : begin, &step);
     Floats opacity[TFM_CHANNELS], mean = floats(0.0f);
     Floats depth[TFM_CHANNELS];
     for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -73,38 +66,41 @@ TFM_INLINE void see_bodies(VIEW view, MEDIUM media, BODY bodies, const MediaOnRa
 }
 #endif
 
-/* The whole of the rays. */
-#if TFM_GRIDS
-TFM_INLINE CameraSums see_media(VIEW view, MEDIUM media, BODY bodies, const Grids *padded, const MediaOnRay *on_ray)
-#else
-TFM_INLINE CameraSums see_media(VIEW view, MEDIUM media, BODY bodies, const MediaOnRay *on_ray)
-#endif
+/* A part of the rays, from where they meet the first of the media. only_dims: what it takes from the rays is wanted, not
+   where. */
+TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, Interval part, int only_dims, Ints active)
 {
-  CameraSums sums = camera_sums_begin(media, on_ray->meets);
-#if TFM_BODIES
-  const Interval whole = on_ray->all;
-  /* Beyond nothing is seen, and steps that reach farther would be too long. */
-  Interval visible = whole;
-  visible.end = least(whole.end, whole.begin + view->end);
-#endif
+  const int steps = scene->view->steps;
+  CameraSums sums = camera_sums_begin(scene->media, active);
+  active &= part.begin < part.end;
 #if TFM_BODIES == 0
-  see_grids(view, media, bodies, padded, on_ray, on_ray->grids, on_ray->meets, &sums);
-#elif TFM_GRIDS == 0 && TFM_BODIES == 1
-  see_bodies(view, media, bodies, on_ray, whole, whole, on_ray->meets, &sums);
+  (void)only_dims;
+  part.end = least(part.end, on_ray->grids.end);
+  see_grids(scene, on_ray, part, steps_in_grids(on_ray, part, steps), active, &sums);
+#else
+  /* Beyond nothing is seen, and steps that reach farther would be too long. */
+  Interval visible = part;
+  visible.end = least(part.end, part.begin + scene->view->end);
+#if TFM_GRIDS == 0
+  const int in_one = only_dims | (TFM_BODIES == 1); /* one body's mean distance is known */
+  if (in_one)
+    visible = part;
+  see_bodies(scene, on_ray, visible, active ? ints(in_one ? 1 : steps) : ints(0), &sums);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
   for (int i = 0; i < STRETCHES; ++i) {
-    const Ints active = on_ray->meets & (stretch[i].begin < stretch[i].end);
-#if TFM_GRIDS
+    const Ints here = active & (stretch[i].begin < stretch[i].end);
     if (i == 1)
-      see_grids(view, media, bodies, padded, on_ray, stretch[i], active, &sums);
-    else
-#endif
-      see_bodies(view, media, bodies, on_ray, stretch[i], visible, active, &sums);
+      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), here, &sums);
+    else {
+      const Ints wanted = only_dims ? ints(1) : steps_of_stretch(stretch[i], visible, steps);
+      see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums);
+    }
   }
-  if (any_lane(on_ray->meets & (visible.end < whole.end)))
-    add_bodies(bodies, &on_ray->bodies, greatest(visible.end, whole.begin), whole.end, &sums.total);
+#endif
+  if (any_lane(active & (visible.end < part.end)))
+    add_bodies(scene->bodies, &on_ray->bodies, greatest(visible.end, part.begin), part.end, &sums.total);
 #endif
   return sums;
 }
