@@ -29,11 +29,20 @@ Compiling takes most of the time: every basis is quick with one, device function
 
 
 def pytest_collection_modifyitems(items):
-    """Mark as slow what differs in the rays a work-item only."""
+    """Mark as slow what differs in the rays a work-item only, and all but the `quick` cases of a test."""
     for item in items:
         slow = SLOW_LANES.get(item.path.parent.name, ("1 lane",))
-        if any(lanes in item.name for lanes in slow):
+        quick = item.get_closest_marker("quick")
+        if any(lanes in item.name for lanes in slow) or (quick and case_of(item) not in quick.args):
             item.add_marker(pytest.mark.slow)
+
+
+def case_of(item):
+    """Id of a parametrised test, without the rays a work-item."""
+    case = item.callspec.id
+    for lanes in LANES:
+        case = case.removeprefix(f"{lanes}-")
+    return case
 
 
 def pytest_report_header(config):

@@ -185,6 +185,7 @@ def test_a_line_for_every_series(page):
     np.testing.assert_allclose(times["x"], [0.031, 0.032, 0.034, 0.038])
 
 
+@pytest.mark.slow
 def test_the_metric_changes_the_plots(page):
     before = plot(page, "bytes")
     page.locator("#metric").select_option(label="PSNR, lit pixels")
@@ -224,6 +225,7 @@ def test_exact_maps_are_not_drawn_but_counted(page):
     assert "∞" in page.locator("#budgets").text_content()
 
 
+@pytest.mark.slow
 def test_the_volume_changes_everything(page):
     page.locator("#volume").select_option(label="fog")
 
@@ -246,6 +248,7 @@ def test_the_legend_switches_lines(page):
     assert set(lines(page, "bytes")) == {"dct ", "klt box range", "klt trimmed range", "selected"}
 
 
+@pytest.mark.slow
 def test_the_table_sorts(page):
     heading = page.locator("#table th[data-column=t_error]")
     heading.locator("button").click()
@@ -286,6 +289,7 @@ def test_every_column_can_be_had(page):
     assert len(column(page, "converged_ssim")) == 8
 
 
+@pytest.mark.slow
 def test_the_viewer_flips(page):
     select(page, "klt", 2)
     shown(page, "image")
@@ -412,6 +416,7 @@ def test_a_choice_shows_everywhere(page):
     assert page.locator("#row").input_value() == "2"
 
 
+@pytest.mark.slow
 def test_a_point_of_the_plot_can_be_clicked(page):
     path = page.locator("#plot-bytes .scatterlayer .trace").first.locator(".points path").first
     path.scroll_into_view_if_needed()
@@ -435,6 +440,7 @@ def test_all_pictures_are_on_the_sheet(page):
     )
 
 
+@pytest.mark.slow
 def test_curves_can_be_switched(page):
     def names():
         return [line["name"] for line in plot(page, "curves")["lines"]]

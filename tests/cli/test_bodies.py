@@ -65,6 +65,7 @@ def picture(render, folder):
     return run
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_mixture_renders(render, scene, folder, method):
     done = render(scene(), "-o", "a.png", "-o", "a.npy", "--method", method)
@@ -76,6 +77,7 @@ def test_a_mixture_renders(render, scene, folder, method):
     assert np.asarray(PIL.Image.open(folder / "a.png")).max() > 50
 
 
+@pytest.mark.slow
 def test_each_body_is_seen(picture, scene):
     whole = picture(scene())
     for alone in (
@@ -150,6 +152,7 @@ def test_layers_and_statistics_of_a_mixture(cli, scene, folder, tiny):
     assert (folder / "a.exr").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_two_fields_have_twice_the_numbers(cli, scene, tiny):
     def map_bytes(*replaced):
         done = cli("render", scene(*replaced), "-o", "a.npy", "--json", "-", "--basis", "dct", *tiny)

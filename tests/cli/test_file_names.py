@@ -124,6 +124,7 @@ def test_a_scene_file_cannot_hold_a_name_that_is_not_utf_8(cli, cloud):
     assert 'x\\udcff.npy": a name that is not UTF-8 cannot be in a scene file; rename it' in done.err
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_name_that_is_not_utf_8(cli, cloud, tiny):
     shutil.copy(cloud, f"{NOT_UTF8}.npy")
     done = cli(

@@ -146,6 +146,7 @@ def test_a_scene_counts_by_itself_only_when_asked(cli, scene):
     assert asked.err == f"chosen for scene.toml: --steps {steps}\n"
 
 
+@pytest.mark.slow
 def test_cutoff_and_voxels_reach_the_render(render, cloud):
     render(cloud, "-o", "a.npy", "--density-scale", "0.05")
     render(cloud, "-o", "b.npy", "--density-scale", "0.05", "--cutoff", "0.9")
@@ -166,6 +167,7 @@ def test_a_volume_far_from_the_origin_looks_the_same(render, folder):
     np.testing.assert_allclose(pixels("b.npy"), pixels("a.npy"), atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["cloud.npy", "scene.toml"])
 def test_the_printed_configuration_reproduces_the_picture(render, scene, folder, source):
     printed = render(scene.with_name(source), "-o", "a.npy", "--print-config", "--set", "march.max_stretch=2")
@@ -268,6 +270,7 @@ def test_json_report(render, cloud, folder, method, device_name):
     assert parts <= report["seconds"]["total"]
 
 
+@pytest.mark.slow
 def test_json_tells_the_weighting_that_auto_chose(render, scene):
     options = render(scene, "-o", "a.npy", "--basis", "dct", "--json", "-").json["options"]
     assert 1 <= options["map"]["density_weighting"] <= 16

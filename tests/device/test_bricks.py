@@ -414,6 +414,7 @@ def several_pools(launcher, nbytes):
     return Launcher(launcher.device, options, lanes=launcher.lanes, largest_buffer=nbytes)
 
 
+@pytest.mark.quick("f16")
 @pytest.mark.parametrize("voxels", VOXELS)
 def test_density_in_several_pools_uploaded_layer_by_layer(launcher, rng, voxels):
     data = clumps((160, 10, 12), 9, 0.05)
@@ -435,6 +436,7 @@ def test_density_in_several_pools_uploaded_layer_by_layer(launcher, rng, voxels)
     assert parts.bricks.occupied == whole.bricks.occupied
 
 
+@pytest.mark.quick("u8")
 @pytest.mark.parametrize("voxels", VOXELS)
 def test_colours_in_several_pools(launcher, rng, voxels):
     volume = a_rainbow((90, 10, 12), 9, 0.05)

@@ -93,6 +93,7 @@ def files_of(folder):
 # ------------------------------------------------------------------------------------- whole runs
 
 
+@pytest.mark.slow
 def test_a_second_run_writes_nothing(filled, run):
     def found():
         return {
@@ -157,6 +158,7 @@ def test_what_is_damaged_is_compiled_again_once(filled, run):
     assert run(POCL_CACHE_DIR=filled) == ""
 
 
+@pytest.mark.slow
 def test_a_render_warns_of_damage(tmp_path, small_scene, renderer, monkeypatch):
     store = Store(tmp_path / "store")
     (tmp_path / "store" / f"{NAME}{kernel_cache.SUFFIX}").touch()
@@ -180,6 +182,7 @@ def test_a_run_that_is_killed_while_it_compiles_spoils_nothing(tmp_path, run):
     assert run(POCL_CACHE_DIR=folder) == ""  # which has removed what was left, too
 
 
+@pytest.mark.quick("file")
 @pytest.mark.parametrize("where", ["file", "file/below", "dangling", "locked"])
 def test_a_cache_that_cannot_be_made(tmp_path, run, where):
     (tmp_path / "file").touch()
@@ -192,11 +195,13 @@ def test_a_cache_that_cannot_be_made(tmp_path, run, where):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_cache_that_others_may_write_is_not_used(filled, run):
     (filled / "tfm_cl" / "kernels").chmod(0o777)
     assert f"{CANNOT} (others may write there)" in run(POCL_CACHE_DIR=filled)
 
 
+@pytest.mark.slow
 def test_a_home_that_is_not_there(tmp_path, run):
     (tmp_path / "file").touch()
     assert f"{CANNOT} (Not a directory)" in run(HOME=tmp_path / "file" / "home")
@@ -211,6 +216,7 @@ def test_no_room_to_compile_is_one_line(tmp_path, run):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_damaged_database_of_pyopencl_is_not_even_read(tmp_path, run):
     caches = tmp_path / "caches"
     (caches / "pytools").mkdir(parents=True)

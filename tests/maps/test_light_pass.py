@@ -46,6 +46,7 @@ def test_texels_that_miss_are_clear(renderer):
     assert coefficients[12, 12, 0] < 1
 
 
+@pytest.mark.slow
 def test_colours_need_no_new_map(renderer):
     scene = make_scene()
     maps = renderer.build_maps(scene)

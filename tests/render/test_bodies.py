@@ -122,6 +122,13 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
+@pytest.mark.quick(
+    "a grid in fog-tfm",
+    "white beside brown-tfm",
+    "boxes and a ball in fog-tfm",
+    "all kinds-tfm",
+    "all kinds-dual",
+)
 @both_methods
 @every_mixture
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, mixture, method):
@@ -141,6 +148,7 @@ LIGHT_KINDS = {
 FROM_INFINITY = ("sun", "sky")
 
 
+@pytest.mark.quick("sun-tfm", "point inside-tfm")
 @both_methods
 @pytest.mark.parametrize("light", LIGHT_KINDS)
 def test_every_kind_of_light(renderer, save_on_failure, light, method):
@@ -148,6 +156,7 @@ def test_every_kind_of_light(renderer, save_on_failure, light, method):
     assert_equals_reference(renderer, save_on_failure, scene, method)
 
 
+@pytest.mark.quick("with a reach-tfm")
 @both_methods
 @pytest.mark.parametrize("light", [name for name in LIGHT_KINDS if name not in FROM_INFINITY])
 def test_every_kind_of_light_in_fog(renderer, save_on_failure, light, method):
@@ -155,6 +164,7 @@ def test_every_kind_of_light_in_fog(renderer, save_on_failure, light, method):
     assert_equals_reference(renderer, save_on_failure, scene, method)
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_a_texture_in_fog(renderer, save_on_failure, tmp_path, rng, method):
     path = tmp_path / "window.png"
@@ -171,6 +181,7 @@ CAMERAS = {
 }
 
 
+@pytest.mark.quick("in the fog and in the grid-tfm")
 @both_methods
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_cameras_inside(renderer, save_on_failure, camera, method):
@@ -186,6 +197,7 @@ MARCHES = {
 }
 
 
+@pytest.mark.quick("as the paper dims-tfm")
 @both_methods
 @pytest.mark.parametrize("march", MARCHES)
 def test_settings_of_the_march(renderer, save_on_failure, march, method):
@@ -200,6 +212,7 @@ SOLIDS = (
 )
 
 
+@pytest.mark.quick("all kinds-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["a grid in fog", "white beside brown", "two boxes", "all kinds"])
 def test_among_solids(renderer, save_on_failure, mixture, method):
@@ -213,6 +226,7 @@ def test_among_solids(renderer, save_on_failure, mixture, method):
     assert (result.image[..., 3] == 1).any()
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_light_shafts_stand_in_the_fog_behind_a_wall(renderer, method):
     """Fog is lit through a hole in the ceiling, and dark beside the shaft."""
@@ -228,6 +242,7 @@ def test_light_shafts_stand_in_the_fog_behind_a_wall(renderer, method):
     assert max(row[:8].max(), row[16:].max()) < PASS
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_ambient_light(renderer, save_on_failure, method):
     scene = scene_of(*MIXTURES["coloured, plain and a ball"], ambient=Ambient(radiance=(0.5, 1.0, 2.0)))
@@ -298,6 +313,7 @@ HOMOGENEOUS = {
 }
 
 
+@pytest.mark.quick("spot-two boxes", "point inside-in fog")
 @pytest.mark.parametrize("bodies", HOMOGENEOUS)
 @pytest.mark.parametrize("light", ["spot", "point inside"])
 def test_homogeneous_bodies_against_midpoints(renderer, bodies, light):
@@ -314,6 +330,7 @@ def test_homogeneous_bodies_against_midpoints(renderer, bodies, light):
         assert np.abs(result.image[..., 3] - (1 - transmittance.mean(axis=-1))).max() < CHORD + MARCHED
 
 
+@pytest.mark.quick("box")
 @pytest.mark.parametrize("body", [BOX, BALL, ROOM], ids=["box", "ball", "room"])
 def test_a_body_and_itself_are_a_denser_one(renderer, body):
     march = tfm.MarchSettings(steps=200, cutoff=0)
@@ -327,6 +344,7 @@ def test_a_body_and_itself_are_a_denser_one(renderer, body):
     assert np.allclose(two.aovs["depth"][seen], one.aovs["depth"][seen], rtol=QUADRATURE)
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_fog_and_a_grid_of_ones_is_fog_and_a_box(renderer, method):
     count, low, high = 48, -1.0, 1.0
@@ -360,6 +378,7 @@ def test_ambient_light_in_two_media_at_once(renderer):
     assert np.abs(result.image[..., :3] - limit).max() < 2 * CHORD
 
 
+@pytest.mark.quick("grid-tfm")
 @both_methods
 @pytest.mark.parametrize("body", [BOX, CLOUD, COLOURED], ids=["box", "grid", "coloured grid"])
 def test_phase_functions_of_bodies_in_one_place_add_up(renderer, body, method):
@@ -402,6 +421,7 @@ def halves(volume, axis, at):
     return parts
 
 
+@pytest.mark.quick("its own-1-8-tfm")
 @both_methods
 @pytest.mark.parametrize(("axis", "at"), [(0, 5), (1, 8), (2, 1)])
 @pytest.mark.parametrize("volume", [CLOUD, CLOUD.with_medium(BROWN)], ids=["the scene's", "its own"])
@@ -413,12 +433,14 @@ def test_a_grid_in_two_halves_is_one(renderer, volume, axis, at, method):
     assert_close(parts.aovs["depth"], whole.aovs["depth"], TWICE)
 
 
+@pytest.mark.slow
 @both_methods
 def test_a_coloured_grid_in_two_halves_is_one(renderer, method):
     whole = renderer.render(scene_of(COLOURED, BALL), method=method).image
     assert_close(renderer.render(scene_of(*halves(COLOURED, 1, 9), BALL), method=method).image, whole, TWICE)
 
 
+@pytest.mark.quick("boxes and a ball in fog-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["three tints", "boxes and a ball in fog", "coloured, plain and a ball"])
 def test_the_order_does_not_matter(renderer, mixture, method):
@@ -431,6 +453,7 @@ def test_the_order_does_not_matter(renderer, mixture, method):
         assert_close(image, images[0], TWICE if method == "dual" else MAP_PASS)
 
 
+@pytest.mark.quick("white beside brown-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["white beside brown", "two boxes", "all kinds"])
 def test_lights_add_up(renderer, mixture, method):
@@ -444,6 +467,7 @@ def test_lights_add_up(renderer, mixture, method):
         assert_close(each.aovs["transmittance"], together.aovs["transmittance"], PASS)
 
 
+@pytest.mark.quick("all kinds-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["all kinds", "two boxes"])
 def test_a_crop_is_a_part_of_the_frame(renderer, mixture, method):
@@ -455,6 +479,7 @@ def test_a_crop_is_a_part_of_the_frame(renderer, mixture, method):
         assert (part.aovs[name] == layer[3:17, 5:20]).all(), name
 
 
+@pytest.mark.slow
 @both_methods
 def test_skipping_leaves_no_trace(renderer, method):
     scene = scene_of(SMALL.with_medium(BROWN), OTHER, ROOM)
@@ -473,6 +498,7 @@ def shifted(body, by):
     return body.replace(centre=np.add(body.centre, by)) if isinstance(body, tfm.SphereVolume) else body
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_far_from_the_origin_it_is_the_same(renderer, method):
     by = np.array([3e5, -2e5, 7e5])  # 1e-10 of which float64 still tells apart
@@ -489,6 +515,7 @@ def test_far_from_the_origin_it_is_the_same(renderer, method):
 # --- settings ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("f16")
 @pytest.mark.parametrize("voxels", ROUNDED)
 def test_smaller_voxels(renderer, voxels):
     scene = scene_of(COLOURED.with_medium(BROWN), CLOUD, FOG)
@@ -497,6 +524,7 @@ def test_smaller_voxels(renderer, voxels):
     assert 0 < np.abs(image - exact).max() < ROUNDED[voxels] * max(1.0, exact.max())
 
 
+@pytest.mark.quick("tfm")
 @both_methods
 def test_the_cutoff_ends_rays_where_hardly_anything_is_seen(renderer, method):
     scene = scene_of(CLOUD.with_density_scale(12.0), FOG.replace(density=1.0), BALL.replace(density=20.0))
@@ -507,6 +535,7 @@ def test_the_cutoff_ends_rays_where_hardly_anything_is_seen(renderer, method):
         assert cut.stats.samples["view_pass"] < exact.stats.samples["view_pass"]
 
 
+@pytest.mark.slow
 def test_map_error_of_a_mixture(renderer):
     scene = scene_of(CLOUD.with_medium(WHITE), OTHER.with_medium(BROWN), FOG)
     coarse, fine = (
@@ -520,6 +549,7 @@ def test_map_error_of_a_mixture(renderer):
     assert coarse.aovs["map_error"][seen].mean() > 3 * fine.aovs["map_error"][seen].mean() > 0
 
 
+@pytest.mark.slow
 def test_media_of_one_colour_have_the_map_error_of_one_medium(renderer):
     """Twice the extinction of half the density is the same field."""
     double = SCENE.medium.replace(
@@ -558,6 +588,7 @@ def test_max_error_of_a_mixture(renderer):
 # --- no light at all ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("a grid of a medium of its own-tfm", "two boxes-dual")
 @both_methods
 @pytest.mark.parametrize(
     "mixture", ["a grid of a medium of its own", "two boxes", "coloured in fog", "all kinds"]
@@ -617,6 +648,7 @@ FIELDS = {
 }
 
 
+@pytest.mark.quick("white beside brown")
 @pytest.mark.parametrize("mixture", FIELDS)
 def test_maps_come_light_by_light_field_by_field(renderer, mixture):
     lights = [LIGHT, PointLight(from_=(-1.5, 1.0, 1.5))]
@@ -661,6 +693,7 @@ def recoloured(number, medium):
     return scene_of(*bodies)
 
 
+@pytest.mark.quick("another albedo", "fog of another colour")
 @pytest.mark.parametrize("change", SERVED)
 def test_maps_serve_while_the_fields_stay(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))
@@ -670,6 +703,7 @@ def test_maps_serve_while_the_fields_stay(renderer, change):
     assert np.abs(reused - renderer.render(scene_of(*OF_MAPS), method="tfm", maps=maps).image).max() > 1e-3
 
 
+@pytest.mark.quick("a tint that the other of its field has not")
 @pytest.mark.parametrize("change", REFUSED)
 def test_maps_of_other_fields_are_refused_by_the_body_s_name(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))

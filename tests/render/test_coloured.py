@@ -63,6 +63,7 @@ def precise(scene, **of_map):
 # ----------------------------------------------------------------------------------------- pictures
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_each_channel_is_that_of_the_reference(renderer, method, save_on_failure):
     scene = precise(coloured_scene(rainbow()))
@@ -91,6 +92,7 @@ def test_each_channel_is_that_of_the_reference(renderer, method, save_on_failure
     assert np.abs(error[seen]).max() <= PASS * result.aovs["depth"].max()
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_constant_colour_is_another_extinction(renderer, method):
     factors = (0.5, 1.3, 2.0)
@@ -130,6 +132,7 @@ def test_the_paper_s_weighting_belongs_to_the_coloured_density(renderer):
     assert np.abs(ours - truth).max() <= TWICE * truth.max()
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_colour_of_1_is_none(renderer, method):
     scene = precise(coloured_scene(constant(1, 1, 1)))
@@ -141,6 +144,7 @@ def test_a_colour_of_1_is_none(renderer, method):
     assert np.abs(ours.aovs["transmittance"] - truth.aovs["transmittance"]).max() <= TWICE
 
 
+@pytest.mark.quick("dct")
 @pytest.mark.parametrize("basis", ["auto", "dct"])
 def test_a_grey_colour_of_a_grey_medium_under_grey_light_is_its_product(renderer, basis):
     grey = rainbow()[..., :1]
@@ -217,6 +221,7 @@ def test_maps_come_light_by_light_in_three_colours(renderer):
         assert np.abs(of_map - exact).max() < 0.1
 
 
+@pytest.mark.quick("dct")
 @pytest.mark.parametrize("basis", ["auto", "dct"])
 def test_maps_serve_other_colours_of_the_medium(renderer, basis):
     scene = coloured_scene(rainbow(), lights=area_lights())

@@ -343,6 +343,7 @@ def test_of_lights(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
+@pytest.mark.quick("one is empty, one absorbs")
 @pytest.mark.parametrize(("scene", "reason"), OF_BODIES.values(), ids=OF_BODIES)
 def test_of_several_bodies(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)

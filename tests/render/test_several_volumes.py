@@ -46,6 +46,7 @@ def joined_scene(volumes, **changes):
     return make_scene(volume=list(volumes), **changes)
 
 
+@pytest.mark.quick("overlapping-tfm", "overlapping-dual", "five-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volumes, method):
@@ -69,6 +70,7 @@ def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volum
         assert np.abs(result.aovs[name] - layers[name]).max() < 20 * PASS * far
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_among_solids(renderer, save_on_failure, method):
     solids = [SphereSolid(centre=(0.1, 0.1, 0.2), radius=0.35), PlaneSolid(point=(0, -0.7, 0))]
@@ -80,6 +82,7 @@ def test_among_solids(renderer, save_on_failure, method):
             assert np.abs(result.image - expected).max() < (4 * PASS if method == "dual" else 20 * PASS)
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_two_halves_are_one(renderer, method):
     whole = renderer.render(joined_scene([one(FIRST)]), method=method)
@@ -97,6 +100,7 @@ def test_empty_ones_change_nothing_but_where_steps_lie(renderer):
     assert np.abs(alone.image - with_it.image).max() < PASS
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_the_order_does_not_matter(renderer, method):
     images = [
@@ -108,6 +112,7 @@ def test_the_order_does_not_matter(renderer, method):
         assert np.abs(image - images[0]).max() < ORDER * max(1.0, images[0].max())
 
 
+@pytest.mark.quick("2-u8")
 @pytest.mark.parametrize("voxels", ROUNDED)
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_smaller_voxels(renderer, count, voxels):
@@ -119,6 +124,7 @@ def test_smaller_voxels(renderer, count, voxels):
     assert 0 < np.abs(image - exact).max() < ROUNDED[voxels] * max(1.0, exact.max())
 
 
+@pytest.mark.quick("overlapping-tfm", "five-dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_skipping_leaves_no_trace(renderer, volumes, method):

@@ -94,12 +94,14 @@ def check_equal(renderer, save_on_failure, scene, method):
     assert difference.max(initial=0) < 10 * MAP_PASS
 
 
+@pytest.mark.quick("several-spot-tfm", "several-sun-dual", "mesh inside-point-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(("solids", "light"), CASES)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solids, light, method):
     check_equal(renderer, save_on_failure, solid_scene(solids, light), method)
 
 
+@pytest.mark.quick("paper's attenuation-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(
     "changes",
@@ -122,6 +124,7 @@ def test_settings_equal_the_reference(renderer, save_on_failure, changes, method
     check_equal(renderer, save_on_failure, solid_scene("several", "spot", **changes), method)
 
 
+@pytest.mark.quick("several")
 @pytest.mark.parametrize("solids", ["sphere inside", "plane behind", "several"])
 def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_on_failure, solids):
     scene = solid_scene(solids, "spot", ambient=None)
@@ -135,6 +138,7 @@ def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_o
     assert difference[..., :3].max() > 0.02
 
 
+@pytest.mark.quick("sphere inside-pcf")
 @pytest.mark.parametrize("filtering", ["pcf", "nearest"])
 @pytest.mark.parametrize("solids", ["sphere inside", "box inside", "plane through"])
 def test_shadow_maps_tend_to_exact_visibility(renderer, solids, filtering):
@@ -217,6 +221,7 @@ def lambert(light, points, normals, albedo):
     return np.where(inside, albedo / np.pi * np.array(light.intensity) * gain * cosine, 0)
 
 
+@pytest.mark.quick("spot")
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 def test_a_convex_sphere_in_clear_air_has_no_acne(renderer, light):
     light = CLEAR_LIGHTS[light]
@@ -237,6 +242,7 @@ def test_a_convex_sphere_in_clear_air_has_no_acne(renderer, light):
     assert (image[..., 3] == hit)[clear].all()
 
 
+@pytest.mark.quick("normal0-spot")
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 @pytest.mark.parametrize("normal", [(0.3, 1, 0.2), (1, 0.1, 0), (0, 0.05, 1)])
 def test_a_tilted_plane_in_clear_air_has_no_acne(renderer, light, normal):
@@ -261,6 +267,7 @@ def test_a_tilted_plane_in_clear_air_has_no_acne(renderer, light, normal):
     assert (difference <= LAMBERT * (expected[hit] + expected[hit].max() / 10)).all()
 
 
+@pytest.mark.quick("spot")
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 def test_shadows_on_a_plane_end_where_the_silhouette_does(renderer, light):
     light, floor = CLEAR_LIGHTS[light], np.array([0, -0.8, 0])
@@ -291,6 +298,7 @@ def test_shadows_on_a_plane_end_where_the_silhouette_does(renderer, light):
 # --- light through the medium ----------------------------------------------------------------------------
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_lights_add_up(renderer, method):
     lights = [LIGHTS["spot"], LIGHTS["sun"], LIGHTS["point inside"]]
@@ -306,6 +314,7 @@ def test_lights_add_up(renderer, method):
     assert whole[..., :3].max() > max(image[..., :3].max() for image in each)
 
 
+@pytest.mark.quick("spot")
 @pytest.mark.parametrize("light", LIGHTS)
 def test_the_map_is_as_right_as_it_says(renderer, light):
     scene = solid_scene("several", light, ambient=None, shadow=ShadowSettings(res=256))
@@ -327,6 +336,7 @@ def slab(scale=1.0):
     return tfm.Volume(np.ones((32, 32, 32)), voxel_size=2 / 32, origin=(-1, -1, -1), density_scale=scale)
 
 
+@pytest.mark.quick("klt-visible-0.005")
 @pytest.mark.parametrize(
     ("basis", "range_", "error"),
     [
@@ -361,6 +371,7 @@ def test_behind_the_last_density_light_does_not_go_on_falling(renderer, basis, r
     assert np.ptp(behind) < 1e-5 * images[0]
 
 
+@pytest.mark.quick("klt-sun")
 @pytest.mark.parametrize("light", ["sun", "spot", "point"])
 @pytest.mark.parametrize("basis", ["klt", "dct"])
 def test_brightness_is_continuous_across_the_silhouette(renderer, light, basis):
@@ -399,6 +410,7 @@ def test_brightness_is_continuous_across_the_silhouette(renderer, light, basis):
     assert np.abs(image - dual)[:, lit].max() < 0.02  # the map's error; no jump at the silhouette
 
 
+@pytest.mark.quick("spot")
 @pytest.mark.parametrize("light", ["spot", "sun"])
 def test_lit_samples_beside_a_shadow_see_the_march(renderer, light):
     # The map keeps the T that reaches a solid, so that texels across its edge may be interpolated (E6).
@@ -462,6 +474,7 @@ def test_maps_serve_the_same_shadow_map_only(renderer):
         renderer.render(scene, maps=maps)
 
 
+@pytest.mark.quick("0.6")
 @pytest.mark.parametrize("reflects", [0.0, 0.6])
 def test_ambient_closed_forms(renderer, reflects):
     sky, sigma_s, sigma_a = np.array([0.5, 1.0, 2.0]), np.array([0.3, 0.6, 0.9]), 0.2
@@ -513,6 +526,7 @@ def test_a_light_crosses_the_box_without_a_jump(renderer, solids, method):
     assert changes[1] < changes[0] / 2
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_far_spot_is_a_sun(renderer, method):
     sun = LIGHTS["sun"]
@@ -539,6 +553,7 @@ def test_a_far_spot_is_a_sun(renderer, method):
     assert difference.mean() < 5e-3 * images[0].mean() + 1e-3
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_an_endless_ceiling_keeps_the_sun_out(renderer, method):
     sun = SunLight(from_=(0, 1, 0), to=(0, 0, 0), **BRIGHT)
@@ -558,6 +573,7 @@ def test_the_sky_does_not_shine_through_the_ground(renderer):
     assert image[..., :3].mean() == pytest.approx(exact[..., :3].mean(), rel=1e-3)
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_large_ground_costs_no_digits(renderer, method):
     sun = SunLight(from_=(1, 1, 0.3), to=(0, 0, 0), **BRIGHT)
@@ -574,6 +590,7 @@ def test_a_large_ground_costs_no_digits(renderer, method):
     assert np.abs(image - expected).max() < 20 * PASS
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_crop_shows_what_the_whole_frame_does(renderer, method):
     scene = solid_scene("several", "spot")
@@ -584,6 +601,7 @@ def test_a_crop_shows_what_the_whole_frame_does(renderer, method):
     assert (part == whole[3:11, 5:14]).all()
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_light_or_camera_within_a_solid(renderer, method):
     light = PointLight(from_=BALL.centre, **BRIGHT)
@@ -599,6 +617,7 @@ def test_light_or_camera_within_a_solid(renderer, method):
 # --- textures --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("from the side")
 @pytest.mark.parametrize("side", ["behind the light", "from the side"])
 def test_a_textured_spot_throws_its_image_upright(renderer, tmp_path, side):
     texture = np.random.default_rng(3).uniform(0.1, 1, size=(3, 4, 3)).astype(np.float32)
@@ -633,6 +652,7 @@ def test_a_textured_spot_throws_its_image_upright(renderer, tmp_path, side):
     assert (image[dark] == 0).all()
 
 
+@pytest.mark.slow
 def test_a_texture_colours_medium_and_solids_alike(renderer, tmp_path, save_on_failure):
     texture = np.random.default_rng(4).uniform(0, 1, size=(5, 7, 3)).astype(np.float32)
     np.save(tmp_path / "slide.npy", texture)

@@ -44,6 +44,19 @@ VARIANTS = {
 }
 
 
+@pytest.mark.quick(
+    "plain-tfm",
+    "plain-dual",
+    "world sampling-tfm",
+    "paper's projective sampling-tfm",
+    "hard narrow cone-tfm",
+    "light inside-tfm",
+    "camera inside-tfm",
+    "camera in the cone-dual",
+    "two lights-tfm",
+    "portrait-tfm",
+    "far from the origin-tfm",
+)
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, variant, method):
@@ -100,6 +113,7 @@ def test_samples_are_counted(renderer, small_scene):
     assert dual_result.stats.seconds["light_pass"] == 0
 
 
+@pytest.mark.quick("projective")
 @pytest.mark.parametrize("sampling", ["projective", "world"])
 def test_steps_converge_at_second_order(renderer, sampling):
     # Midpoints: four times the steps, a sixteenth of the error, until float32 stops it. Asked: a fifth.

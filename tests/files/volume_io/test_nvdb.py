@@ -625,6 +625,7 @@ def test_leaves_of_real_volumes(name):
     assert_leaves_are_the_dense_voxels(grid)
 
 
+@pytest.mark.quick("float32-2-2", "float16-2-256", "fpn-0-256", "mask-0-2")
 @pytest.mark.parametrize("batch", [2, 256])
 @pytest.mark.parametrize("background", [0, 2])
 @pytest.mark.parametrize("kind", FORMS | INDICES)
