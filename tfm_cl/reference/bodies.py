@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from tfm_cl.reference.geometry import (
     interval,
 )
 from tfm_cl.scene.bodies import BoxVolume, Homogeneous, SphereVolume, Volume
-from tfm_cl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.scene import Scene
 
 Grids = Volume | Sequence[Volume]
 """One or several; a scene's may be none."""

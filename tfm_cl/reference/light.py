@@ -14,12 +14,12 @@ from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Interval, Rays
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.lights import Arrival, Light, SpotLight
 from tfm_cl.scene.lights.base import texel_positions
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.lights import Arrival, Light, SpotLight
+    from tfm_cl.scene.scene import Scene
 
 NEAREST = 1e-6
 """Of the size of all that has density: the distance below which inverse-square falloff stops growing."""

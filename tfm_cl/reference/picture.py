@@ -33,13 +33,13 @@ from tfm_cl.reference.march import (
     segments,
 )
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
-from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.lights import Light
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
 
 Method = Literal["tfm", "dual"]
 Crop = tuple[int, int, int, int]

@@ -25,7 +25,7 @@ from tfm_cl.scene.bodies.base import MOST_BODIES, Body
 from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights import LIGHTS, Light, parse_light
+from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid

@@ -19,10 +19,7 @@ from tfm_cl.model import decided
 from tfm_cl.plan import resolution
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.settings import MapSettings
 from tfm_cl.sweep import curves as sweep_curves
-from tfm_cl.sweep.axes import Axes
-from tfm_cl.sweep.curves import Curve, Ray
 from tfm_cl.sweep.keys import content_hash, reference_key
 from tfm_cl.sweep.rows import SweepRow, keep_image, keep_march, kept_image, kept_march
 
@@ -30,6 +27,9 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.renderer import Renderer
+    from tfm_cl.scene.settings import MapSettings
+    from tfm_cl.sweep.axes import Axes
+    from tfm_cl.sweep.curves import Curve, Ray
 
 Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
 

@@ -261,7 +261,7 @@ class Volume(Body):
         Raises
         ------
         VolumeError
-            The volume is dense and has more than `leaves.MAX_LEAVES` of them.
+            The volume is dense and has more than `limits.MAX_LEAVES` of them.
         """
         if self._voxels.leaves is not None:
             return self._voxels.leaves
