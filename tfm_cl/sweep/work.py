@@ -312,20 +312,16 @@ class Workshop:
     """Makes workers, here or in other processes."""
 
     task: Task
-    device: str | None
-    """Part of the name of the device of renderers that are made for the purpose."""
+    renderer: Renderer | Callable[[], Renderer]
+    """The one to use, or what makes one for each worker."""
 
     def worker(self) -> Worker:
         """Make one with a renderer of its own."""
-        return Worker(self.task, self._renderer())
+        return Worker(self.task, self.renderer() if callable(self.renderer) else self.renderer)
 
     @contextlib.contextmanager
-    def using(self, renderer: Renderer | None) -> Iterator[Worker]:
-        """Make one with a renderer that is there, or with one that is closed afterwards."""
-        with self._renderer() if renderer is None else contextlib.nullcontext(renderer) as used:
+    def using(self) -> Iterator[Worker]:
+        """Make one with the renderer that is there, or with one that is closed afterwards."""
+        renderer = self.renderer
+        with renderer() if callable(renderer) else contextlib.nullcontext(renderer) as used:
             yield Worker(self.task, used)
-
-    def _renderer(self) -> Renderer:
-        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - a caller's own renderer needs no OpenCL
-
-        return Renderer(self.device)
