@@ -20,9 +20,12 @@ from tfm_cl.reference.geometry import (
     hull,
     interval,
 )
-from tfm_cl.scene.bodies import BoxVolume, Homogeneous, SphereVolume, Volume
+from tfm_cl.scene.bodies.box import BoxVolume
+from tfm_cl.scene.bodies.sphere import SphereVolume
+from tfm_cl.scene.bodies.volume import Volume
 
 if TYPE_CHECKING:
+    from tfm_cl.scene.bodies.homogeneous import Homogeneous
     from tfm_cl.scene.scene import Scene
 
 Grids = Volume | Sequence[Volume]

@@ -12,15 +12,9 @@ from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
+from tfm_cl.reference.fitting import lights_of, with_numbers
 from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
-from tfm_cl.reference.light import (
-    arriving,
-    light_transmittance,
-    lights_of,
-    marched_depths,
-    nearest_distance,
-    with_numbers,
-)
+from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
     Crossing,

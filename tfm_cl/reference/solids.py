@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.cache import Cache
+from tfm_cl.reference.fitting import fitted
 from tfm_cl.reference.geometry import Floats, Rays, corners
-from tfm_cl.reference.light import fitted
 from tfm_cl.render.visibility import Visibility, clip_of
 
 if TYPE_CHECKING:
