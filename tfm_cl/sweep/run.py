@@ -27,7 +27,7 @@ from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep import written as sweep_report
 from tfm_cl.sweep.axes import Axes
 from tfm_cl.sweep.keys import content_hash
-from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes
+from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes, Progress
 from tfm_cl.sweep.rows import (
     BUDGETS,
     SweepFolder,
@@ -40,9 +40,8 @@ from tfm_cl.sweep.rows import (
 from tfm_cl.sweep.work import OVERHEAD, Overrides, Plan, Task, Workshop
 
 if TYPE_CHECKING:
-    from tfm_cl.device.launch import Progress
-    from tfm_cl.render.renderer import Renderer
     from tfm_cl.sweep.curves import Curve, Ray
+    from tfm_cl.sweep.renderer import Renderer
 
 __all__ = [
     "BUDGETS",

@@ -24,12 +24,12 @@ from tfm_cl.sweep.keys import content_hash, reference_key
 from tfm_cl.sweep.rows import SweepRow, keep_image, keep_march, kept_image, kept_march
 
 if TYPE_CHECKING:
-    from tfm_cl.device.launch import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
-    from tfm_cl.render.renderer import Renderer
     from tfm_cl.scene.settings import MapSettings
     from tfm_cl.sweep.axes import Axes
     from tfm_cl.sweep.curves import Curve, Ray
+    from tfm_cl.sweep.pool import Progress
+    from tfm_cl.sweep.renderer import Renderer
 
 Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
 
@@ -323,5 +323,6 @@ class Workshop:
     def using(self) -> Iterator[Worker]:
         """Make one with the renderer that is there, or with one that is closed afterwards."""
         renderer = self.renderer
-        with renderer() if callable(renderer) else contextlib.nullcontext(renderer) as used:
+        owned = contextlib.closing(renderer()) if callable(renderer) else contextlib.nullcontext(renderer)
+        with owned as used:
             yield Worker(self.task, used)
