@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -11,20 +12,27 @@ PACKAGE = ROOT / "tfm_cl"
 MOST_IN_ROOT = 12
 """Modules in the package's root: what everything may use."""
 
+MOST_FLOORS = 10
+"""Of the whole package, as `FLOORS` counts them."""
+
 FLOORS = {
     "": 2,
-    "files": 5,
-    "maps/bases": 5,
-    "scene": 9,
-    "device": 11,
-    "plan": 12,
-    "maps": 10,
-    "reference": 15,
-    "render": 15,
-    "sweep": 17,
-    "cli": 18,
+    "files": 4,
+    "maps/bases": 4,
+    "scene": 7,
+    "device": 6,
+    "plan": 8,
+    "maps": 6,
+    "reference": 10,
+    "render": 9,
+    "sweep": 9,
+    "cli": 10,
 }
-"""Most modules on top of each other, each importing the next, down from one of the folder: they may fall."""
+"""Most modules on top of each other down from one of the folder, each importing the next when it is loaded or
+inside its functions. What is imported for annotations alone is no floor: it is not there when code runs."""
+
+FLOORS_WITH_TYPES = 16
+"""The same of the whole package where annotations count too. All caps may fall."""
 
 
 def _modules() -> dict[str, Path]:
@@ -39,10 +47,21 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
-def _imports(name: str) -> set[str]:
-    """Modules of the package that one imports, anywhere in its text: for types and in functions too."""
+def _nodes(tree: ast.AST, *, types: bool) -> Iterator[ast.AST]:
+    """All nodes of a tree; without ``types`` none of ``if TYPE_CHECKING:``, but of its ``else``."""
+    yield tree
+    for child in ast.iter_child_nodes(tree):
+        if not types and isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING"):
+            for node in child.orelse:
+                yield from _nodes(node, types=types)
+        else:
+            yield from _nodes(child, types=types)
+
+
+def _imports(name: str, *, types: bool = True) -> set[str]:
+    """Modules of the package that one imports, anywhere in its text: in functions too, and for ``types``."""
     found = set()
-    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+    for node in _nodes(ast.parse(MODULES[name].read_text(encoding="utf-8")), types=types):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: relative imports hide where they lead"
             parts = (node.module or "").split(".")
@@ -58,6 +77,8 @@ def _imports(name: str) -> set[str]:
 
 # The root's __init__ names the whole package, for those who use it.
 IMPORTS = {name: _imports(name) if name else set() for name in MODULES}
+LOADED = {name: _imports(name, types=False) if name else set() for name in MODULES}
+"""Of `IMPORTS` those that are there when code runs."""
 
 
 @cache
@@ -76,11 +97,14 @@ def circle_of(name: str) -> frozenset[str]:
     return frozenset({name, *(other for other in reachable(name) if name in reachable(other))})
 
 
-@cache
-def floor(circle: frozenset[str]) -> int:
-    """Modules on top of each other, with a circle as one."""
-    below = {circle_of(other) for name in circle for other in IMPORTS[name] if other not in circle}
-    return 1 + max(map(floor, below), default=0)
+def floors(imports: dict[str, set[str]]) -> dict[str, int]:
+    """Modules on top of each other, down from each; circles are refused by a test of their own."""
+
+    @cache
+    def floor(name: str) -> int:
+        return 1 + max((floor(other) for other in imports[name] - circle_of(name)), default=0)
+
+    return {name: floor(name) for name in imports if name not in ("", "__main__")}
 
 
 def folder_of(name: str) -> str:
@@ -144,8 +168,29 @@ def test_folders_lie_on_top_of_each_other():
 
 def test_no_folder_rises_higher():
     found: dict[str, int] = {}
-    for name in MODULES:
-        if name not in ("", "__main__"):
-            found[folder_of(name)] = max(found.get(folder_of(name), 0), floor(circle_of(name)))
+    for name, height in floors(LOADED).items():
+        found[folder_of(name)] = max(found.get(folder_of(name), 0), height)
     assert found.keys() == FLOORS.keys()
     assert {folder: height for folder, height in found.items() if height > FLOORS[folder]} == {}
+    assert max(found.values()) <= MOST_FLOORS
+
+
+def test_annotations_do_not_rise_higher():
+    assert max(floors(IMPORTS).values()) <= FLOORS_WITH_TYPES
+
+
+def test_types_are_no_way_around_the_floors(tmp_path, monkeypatch):
+    """What only annotates is told apart from what is imported in a function or beside it."""
+    text = """
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from tfm_cl.errors import TfmError
+else:
+    from tfm_cl.model import Model
+def late():
+    from tfm_cl.limits import LARGEST_COLOUR
+"""
+    (tmp_path / "made_up.py").write_text(text)
+    monkeypatch.setitem(MODULES, "made_up", tmp_path / "made_up.py")
+    assert _imports("made_up") == {"errors", "model", "limits"}
+    assert _imports("made_up", types=False) == {"model", "limits"}

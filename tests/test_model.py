@@ -7,8 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 import tfm_cl as tfm
-from tfm_cl.errors import SceneError
-from tfm_cl.model import unknown_key
+from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.scene.scene_file import SECTIONS
 from tfm_cl.scene.settings import ImageSettings
 

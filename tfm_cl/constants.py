@@ -19,6 +19,8 @@ NUMBERS_UNIT = 16
 """Coefficients of a map begin at a multiple of it in their buffer: large buffers are beyond an int."""
 TARGETS = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
 """What a basis approximates -> its number in the kernels, ``TARGET_TRANSMITTANCE`` and so on."""
+STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
+"""How a map stores its numbers -> ``TFM_STORAGE_BITS``."""
 RIDGE = 1e-6
 """Added to the diagonal of normal equations, as a part of its mean: float32 solves what is left."""
 EDGE_MARGIN = 1e-3

@@ -17,6 +17,7 @@ has a line for each, which are the error's ``args``.
 """
 
 import contextlib
+import difflib
 from collections.abc import Iterator
 
 
@@ -96,3 +97,16 @@ class Faults:
         """Raise a `SceneError` of all faults, if there are any."""
         if self._lines:
             raise SceneError(*dict.fromkeys(self._lines))
+
+
+def nearest(name: str, known: list[str]) -> str | None:
+    """Return the valid name that is meant by one that is not, if any is like it."""
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
+
+
+def unknown_key(key: str, known: list[str], section: str = "") -> str:
+    """One line about an unknown name: where, what, and the nearest valid name."""
+    where = f" in [{section}]" if section else ""
+    near = nearest(key, known)
+    hint = f"did you mean '{near}'? known" if near else "known"
+    return f"unknown key {key!r}{where}; {hint}: {', '.join(known)}"

@@ -1,6 +1,5 @@
 """The base of everything a scene file can say: frozen, checked on construction, one-line errors."""
 
-import difflib
 import reprlib
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
@@ -9,18 +8,13 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import SceneError, nearest, unknown_key
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 
 T = TypeVar("T")
 
-LARGEST_COORDINATE = 1e15
-"""Its square is far from float32's limit."""
 CLOSEST = 1e-12
 """Of their coordinates, how far apart two points must be to give a direction of three digits in float64."""
-LARGEST_COLOUR = 1e25
-"""Likewise its product with densities and phase functions."""
-
-
 SPELLINGS = {"center": "centre"}
 """Key as others spell it -> as it is spelled here."""
 
@@ -130,19 +124,6 @@ class Model(BaseModel):
         if not key or (fault["type"] == "value_error" and not parts):
             return f"{cls.SECTION}: {message}"
         return f"{key} = {reprlib.repr(fault['input'])}: {message}"
-
-
-def nearest(name: str, known: list[str]) -> str | None:
-    """Return the valid name that is meant by one that is not, if any is like it."""
-    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
-
-
-def unknown_key(key: str, known: list[str], section: str = "") -> str:
-    """One line about an unknown name: where, what, and the nearest valid name."""
-    where = f" in [{section}]" if section else ""
-    near = nearest(key, known)
-    hint = f"did you mean '{near}'? known" if near else "known"
-    return f"unknown key {key!r}{where}; {hint}: {', '.join(known)}"
 
 
 def _plain(value: Any) -> Any:

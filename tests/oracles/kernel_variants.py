@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 import tfm_cl as tfm
+from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.device.bricks import ANY_GRID, MOST_POOLS, VOXEL_BITS, BrickGrid, VoxelType, brick_count_of
 from tfm_cl.device.media import MediaOnDevice, media_on_device
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
-from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap, resolve
+from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective

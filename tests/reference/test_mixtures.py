@@ -578,7 +578,7 @@ def stone_hit(stone, rays):
 def test_maps_look_at_the_grids_unless_solids_shadow_all_bodies(solids):
     scene = scene_of([grid(), box((-3, -3, -3), (3, 3, 3))], solids=solids)
     bounds = scene.occupied_bounds if solids else scene.grids[0].occupied_bounds
-    found = reference.light.fitted(scene, SUN)
+    found = reference.fitting.fitted(scene, SUN)
     assert found.map_key() == SUN.fitted(bounds).map_key()
 
 

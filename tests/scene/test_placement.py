@@ -8,7 +8,7 @@ from scenes import blobs, turned
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.scene.placement import (
     INTENSITY,
     OPTICAL_DEPTH,

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from itertools import product
 from types import SimpleNamespace
 
@@ -24,6 +25,7 @@ from tfm_cl.errors import DeviceError, InputError, NoDeviceError, SceneError
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.metrics import compare
+from tfm_cl.render.renderer import Renderer
 from tfm_cl.scene.bodies.box import BoxVolume
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
@@ -463,8 +465,8 @@ def test_a_dark_reference_is_an_error(volume, out):
         ({"ray": (0.5, np.nan)}, "ray = 0.5,nan"),
         ({"ray": (0.0, 0.5)}, "misses the medium"),
         ({"jobs": 0}, "jobs = 0"),
-        ({"jobs": 2}, "jobs = 2: every process makes its own renderer"),
-        ({"jobs": 2, "renderer": None, "overrides": lambda scene: scene}, "other processes can import"),
+        ({"jobs": 2}, "jobs = 2: every process has its own renderer"),
+        ({"jobs": 2, "renderer": Renderer, "overrides": lambda scene: scene}, "other processes can import"),
         ({"bases": ("nodes",), "fits": ("visibility",)}, "fit = 'visibility': basis 'nodes' has"),
     ],
 )
@@ -965,8 +967,8 @@ def test_wrong_options(volume, out, capsys, options, message):
 def test_command_line_hands_everything_over(out, capsys, monkeypatch):
     calls = []
 
-    def pretended(inputs, folder, **options):
-        calls.append((inputs, folder, options))
+    def pretended(inputs, folder, renderer, **options):
+        calls.append((inputs, folder, renderer, options))
         options["notice"]("left out 2 combinations: why")
         folder.mkdir(parents=True)
         (folder / "sweep.md").write_text("a table\n")
@@ -1010,8 +1012,9 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
     )
 
     assert main(["sweep", *map(str, arguments)]) == 0
-    inputs, folder, options = calls[0]
+    inputs, folder, renderer, options = calls[0]
     assert (list(map(str, inputs)), folder) == (["a.npy", "b.npy"], out)
+    assert (renderer.func, renderer.args) == (Renderer, ("x",))
     del options["progress"], options["notice"]
     assert options == {
         "bases": ["dct", "klt"],
@@ -1025,7 +1028,6 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
         "converged_steps": 90,
         "ray": (0.25, 1.0),
         "jobs": 2,
-        "device": "x",
         "overrides": [("march.steps", 7)],
     }
     said = capsys.readouterr()
@@ -1041,7 +1043,7 @@ def plain(device_name, **options):
     keys = [("camera.res", list(RES)), ("map.res", 16), ("map.steps", 20), ("march.steps", 20)]
     return {"bases": ("dct", "klt"), "coeffs": (2, 12), "density_weightings": [10.0]} | {
         "overrides": keys,
-        "device": device_name,
+        "renderer": partial(Renderer, device_name),
         **options,
     }
 
@@ -1092,7 +1094,7 @@ def test_several_processes_make_the_same_rows(volume, tmp_path, device_name):
 
 def test_errors_of_other_processes_are_ours(volume, out):
     with pytest.raises(NoDeviceError, match="no OpenCL device with 'abacus'") as caught:
-        sweep.run([volume], out, jobs=2, device="abacus")
+        sweep.run([volume], out, partial(Renderer, "abacus"), jobs=2)
 
     assert "\n" not in str(caught.value)
     assert multiprocessing.active_children() == []
@@ -1101,7 +1103,7 @@ def test_errors_of_other_processes_are_ours(volume, out):
 
 def test_a_process_that_ends_by_itself(volume, out):
     with pytest.raises(DeviceError, match="blob: a process ended by itself") as caught:
-        sweep.run([volume], out, jobs=2, overrides=processes.end_at_once)
+        sweep.run([volume], out, Renderer, jobs=2, overrides=processes.end_at_once)
 
     assert "\n" not in str(caught.value)
     assert multiprocessing.active_children() == []
@@ -1113,12 +1115,12 @@ def test_a_process_that_cannot_be_started(volume, out, monkeypatch):
 
     monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
     with pytest.raises(DeviceError, match=r"jobs = 2: a process cannot be started \(Resource temporarily"):
-        sweep.run([volume], out, jobs=2)
+        sweep.run([volume], out, Renderer, jobs=2)
 
 
 def test_an_unforeseen_error_of_another_process_tells_where_it_came_from(volume, out):
     with pytest.raises(ZeroDivisionError) as caught:
-        sweep.run([volume], out, jobs=2, overrides=processes.divide_by_zero)
+        sweep.run([volume], out, Renderer, jobs=2, overrides=processes.divide_by_zero)
 
     assert "divide_by_zero" in "".join(caught.value.__notes__)
     assert multiprocessing.active_children() == []
@@ -1126,7 +1128,7 @@ def test_an_unforeseen_error_of_another_process_tells_where_it_came_from(volume,
 
 def test_an_error_that_cannot_be_sent_is_told_all_the_same(volume, out):
     with pytest.raises(RuntimeError, match="not to be sent"):
-        sweep.run([volume], out, jobs=2, overrides=processes.raise_what_cannot_be_sent)
+        sweep.run([volume], out, Renderer, jobs=2, overrides=processes.raise_what_cannot_be_sent)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
@@ -1166,11 +1168,11 @@ def test_ctrl_c_ends_all_processes(volume, out, device_name):
     more = sweep.run(
         [volume],
         out,
+        partial(Renderer, device_name),
         bases=["dct"],
         coeffs=[2],
         map_sizes=sorted(set(sizes)),
         converged=False,
-        device=device_name,
         overrides=[("camera.res", [64, 48]), ("map.steps", 20), ("march.steps", 20)],
     )
     assert {row.key for row in rows} <= {row.key for row in more}

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -129,13 +130,15 @@ def command(
     if converged_steps is not None and not converged:
         raise click.UsageError("--converged-steps: there is nothing converged with --no-converged")
 
-    # matplotlib and scikit-image take their time to import.
+    # OpenCL and scikit-image take their time to import.
+    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
     from tfm_cl.sweep import run as sweep  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress:
         sweep.run(
             inputs,
             out,
+            partial(Renderer, device),
             bases=_list(axes, "bases", str),
             coeffs=_list(axes, "coeffs", int),
             density_weightings=_list(axes, "weightings", _weighting),
@@ -147,7 +150,6 @@ def command(
             converged_steps=converged_steps,
             ray=_ray(ray),
             jobs=jobs,
-            device=device,
             overrides=changes,
             # One stage, so that the time left is that of the whole.
             progress=lambda _, fraction: progress("sweep", fraction),

@@ -8,12 +8,9 @@ from typing import Any
 
 import pyopencl as cl
 
-from tfm_cl.device.kernel_cache import kernel_cache
+from tfm_cl.device.kernel_cache import POCL, kernel_cache
 from tfm_cl.errors import DeviceError, NoDeviceError
 from tfm_cl.interrupts import interrupts_held
-
-DEFAULT_PLATFORM = "Portable Computing Language"
-"""Platform of PoCL, which is installed with the package: the default device."""
 
 HOW_TO_GET_ONE = "install the embedded CPU device with: pip install 'pyopencl[pocl]'"
 
@@ -86,7 +83,7 @@ def choose_device(name: str | None = None) -> cl.Device:
 
 
 def _preferred(devices: list[cl.Device]) -> cl.Device:
-    ours = [device for device in devices if DEFAULT_PLATFORM in device.platform.name]
+    ours = [device for device in devices if POCL in device.platform.name]
     return (ours or devices)[0]
 
 

@@ -22,6 +22,8 @@ from pathlib import Path
 from tfm_cl.device.scratch import Scratch, make_scratch
 from tfm_cl.errors import DeviceError
 
+POCL = "Portable Computing Language"
+"""Name of PoCL's platform: it is installed with the package, and its kernels are kept."""
 KEPT_DAYS = 90
 """Age in days at which unused programs are removed."""
 

@@ -13,9 +13,9 @@ from tfm_cl.device.bricks import ONE_FIELD
 from tfm_cl.device.field import FieldOnDevice
 from tfm_cl.device.structs.bodies import body_structs, grid_structs
 from tfm_cl.device.structs.medium import medium_structs
-from tfm_cl.scene.bodies import SHAPES
+from tfm_cl.scene.bodies.homogeneous import SHAPES
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.phases import PHASES
+from tfm_cl.scene.phases.base import PHASES
 
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid

@@ -20,8 +20,7 @@ import numpy as np
 import pyopencl as cl
 from pyopencl import cltypes
 
-from tfm_cl.device.device import DEFAULT_PLATFORM
-from tfm_cl.device.kernel_cache import KeptProgram, kernel_cache
+from tfm_cl.device.kernel_cache import POCL, KeptProgram, kernel_cache
 from tfm_cl.device.structs import c_text
 from tfm_cl.errors import KernelBuildError
 from tfm_cl.interrupts import interrupts_ours
@@ -61,7 +60,7 @@ def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.
     """Build a program; returns it, and what keeps it where the driver leaves that to us."""
     (device,) = context.devices
     kept = None
-    if os.name == "posix" and DEFAULT_PLATFORM in device.platform.name:
+    if os.name == "posix" and POCL in device.platform.name:
         _check_linker(device.platform.version)
         versions = device.name, device.driver_version, device.platform.version
         kept = kernel_cache().program(text, *options, *versions)

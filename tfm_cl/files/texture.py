@@ -13,7 +13,7 @@ from pydantic import PlainValidator
 from tfm_cl.errors import ImageError, SceneError
 from tfm_cl.files.image_io import load_image
 from tfm_cl.files.paths import name_of, reason_of, source_of
-from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR
 
 TEXTURE_RES = 2048
 """Largest number of texels along each side; larger images are downsampled to it."""

@@ -9,19 +9,19 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, TARGETS
-from tfm_cl.device.launch import Launcher, Progress
-from tfm_cl.device.program import Kernel
+from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, STORAGE_BITS, TARGETS
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS
-from tfm_cl.maps.planned import MapPlan
 from tfm_cl.maps.prefilter import Prefilter
 from tfm_cl.maps.probe import light_defines
-from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
-from tfm_cl.scene.lights import Light
 
 if TYPE_CHECKING:
     from tfm_cl.device.field import FieldOnDevice
+    from tfm_cl.device.launch import Launcher, Progress
+    from tfm_cl.device.program import Kernel
+    from tfm_cl.maps.planned import MapPlan
+    from tfm_cl.maps.resolved import ResolvedMap
+    from tfm_cl.scene.lights import Light
 
 RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.structs.map import map_struct
-from tfm_cl.maps.bases.base import Functions
-from tfm_cl.maps.resolved import ResolvedMap
+
+if TYPE_CHECKING:
+    from tfm_cl.maps.bases.base import Functions
+    from tfm_cl.maps.resolved import ResolvedMap
 
 LARGEST_HALF = 4096.0
 """Numbers in half precision are stored in a unit that keeps the largest optical depth near this, far from

@@ -6,14 +6,17 @@ is the geometric mean of what passes these rays, never more than their mean. Sof
 the mean: `tfm_cl.scene.lights.area`.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import pyopencl as cl
 
-from tfm_cl.device.launch import Launcher
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Launcher
 
 Axis = Literal["row", "column"]
 
@@ -39,14 +42,14 @@ class Window:
     part: float
 
     @classmethod
-    def of_width(cls, width: float) -> "Window":
+    def of_width(cls, width: float) -> Window:
         """Make the mean over a box of this width in texels; up to 1 the box lies within its texel."""
         width = max(width, 1.0)
         reach = math.floor((width - 1) / 2)
         return cls(reach, (width - 1) / 2 - reach)
 
     @classmethod
-    def of_variance(cls, variance: float) -> "Window":
+    def of_variance(cls, variance: float) -> Window:
         """Make the box of exactly this variance, texels² (Gwosdek et al., *Extended Box Filtering*, 2011)."""
         reach = math.floor((math.sqrt(12 * variance + 1) - 1) / 2)
         part = (2 * reach + 1) * (reach * (reach + 1) - 3 * variance) / (6 * (variance - (reach + 1) ** 2))

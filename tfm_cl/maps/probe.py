@@ -9,12 +9,12 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.device.launch import Launcher
-from tfm_cl.device.program import Kernel
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 if TYPE_CHECKING:
     from tfm_cl.device.field import FieldOnDevice
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.program import Kernel
     from tfm_cl.scene.lights import Light
 
 VISIBLE_DEPTH = 8.0

@@ -6,13 +6,13 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
+from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES, BEST, Basis
 from tfm_cl.maps.bases.base import Fit, Lookup, Range, Target
 from tfm_cl.model import Model, decided
 from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
 
-STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
 FIELD_BYTES = 16
 """Bytes of an entry of the field of ranges: begin, end, slope beyond the end, and last density."""
 

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.errors import SceneError
-from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
-from tfm_cl.scene.lights import Light
-from tfm_cl.scene.settings import MapSettings
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -21,9 +19,12 @@ if TYPE_CHECKING:
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.light_pass import LightPass, MapBuffers
     from tfm_cl.maps.planned import Planned
+    from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.fields import Fields
+    from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.settings import MapSettings
     from tfm_cl.scene.solids import Solid
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.launch import Launcher
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.planned import LARGEST_HALF, Planned
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.field import FieldOnDevice
+    from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.bases.curves import Curves

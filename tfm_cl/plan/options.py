@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from tfm_cl.scene import placement
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.scene import Scene
 
 FAR = 2.0
 """Factor between two density scales that makes another picture."""

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene import placement
-from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.settings import MapSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.scene_file import SceneFile
+    from tfm_cl.scene.settings import MapSettings
 
 OF_BASIS = ("target", "fit", "range", "lookup")
 """Keys of ``[map]`` for which a basis has a way of its own."""

@@ -31,18 +31,20 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.model import decided
 from tfm_cl.scene.bodies.base import around
-from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights.base import Light
-from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.settings import MapSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.lights.base import Light
+    from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.settings import MapSettings
 
 VOXELS_PER_TEXEL = 0.5
 """Width of a texel in voxels, where the light's rays cross the medium: two samples per voxel resolve a

@@ -1,8 +1,8 @@
 """The renderer once more, in float64 NumPy: the truth that the kernels are tested against.
 
 Small enough to read in one sitting, in this order: `geometry` (rays, intervals, steps), `bodies` (density,
-lengths), `march` (a camera ray, step by step), `light` and `maps` (what is left of the light at a point,
-exactly or from a transmittance function map), `solids`, `picture`.
+lengths), `march` (a camera ray, step by step), `fitting` (lights and their rays), `light` and `maps` (what is
+left of the light at a point, exactly or from a transmittance function map), `solids`, `picture`.
 
 Rays are arrays ``[rays, 3]`` in world space with unit directions, distances ``[rays]``; Python loops run over
 steps, bodies and lights only. An interval (begin, end) is the part of a ray between two distances ≥ 0, (0, 0)
@@ -18,16 +18,9 @@ Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping"
 """
 
 from tfm_cl.reference.bodies import Grids, body_interval, density, field_density, march_bounds
+from tfm_cl.reference.fitting import cone_interval, map_rays, texel_rays
 from tfm_cl.reference.geometry import CHUNK, Floats, Interval, Rays, edges
-from tfm_cl.reference.light import (
-    cone_interval,
-    light_optical_depth,
-    light_transmittance,
-    light_ways,
-    map_rays,
-    texel_rays,
-    unshadowed,
-)
+from tfm_cl.reference.light import light_optical_depth, light_transmittance, light_ways, unshadowed
 from tfm_cl.reference.maps import (
     AUTO_RES,
     DARKEST,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +20,13 @@ from tfm_cl.reference.geometry import (
     hull,
     interval,
 )
-from tfm_cl.scene.bodies import BoxVolume, Homogeneous, SphereVolume, Volume
-from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.bodies.box import BoxVolume
+from tfm_cl.scene.bodies.sphere import SphereVolume
+from tfm_cl.scene.bodies.volume import Volume
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.bodies.homogeneous import Homogeneous
+    from tfm_cl.scene.scene import Scene
 
 Grids = Volume | Sequence[Volume]
 """One or several; a scene's may be none."""

@@ -7,19 +7,15 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
-from tfm_cl.plan import resolution
 from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
-from tfm_cl.reference.geometry import Floats, Interval, Rays
-from tfm_cl.scene.bodies.base import around
+from tfm_cl.reference.fitting import fitted, light_rays, with_numbers
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.lights import Arrival, Light, SpotLight
-from tfm_cl.scene.lights.base import texel_positions
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.reference.geometry import Floats
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
 
 NEAREST = 1e-6
 """Of the size of all that has density: the distance below which inverse-square falloff stops growing."""
@@ -37,65 +33,6 @@ class Bounded(Protocol):
     @property
     def occupied_bounds(self) -> Floats:
         """World box around what has density, [2, 3]."""
-
-
-def with_numbers(scene: Scene) -> Scene:
-    """Return the scene without ``"auto"`` for steps and the maps' resolution."""
-    return resolution.resolved(scene)
-
-
-# --- rays ------------------------------------------------------------------------------------------------
-
-
-def map_bounds(scene: Scene) -> Floats:
-    """World box ``[2, 3]`` that the lights' maps look at: of the grids; of all bodies where solids shadow."""
-    if scene.solids or not scene.grids:
-        return scene.occupied_bounds
-    return around([grid.occupied_bounds for grid in scene.grids])
-
-
-def fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:
-    """Return a light with a place for its map: its own, that of a map to compare with, or the scene's."""
-    return light.fitted(map_bounds(scene)) if like is None else like.light
-
-
-def lights_of(scene: Scene) -> list[Light]:
-    """Lights with maps of their own: the parts of those that have several, fitted to the scene.
-
-    Raises
-    ------
-    SceneError
-        Light from infinity where a medium is everywhere.
-    """
-    endless = not np.isfinite(scene.bounds).all()
-    for index, light in enumerate(scene.lights):
-        if endless and light.needs_fitting:
-            raise SceneError(
-                f"light {index + 1} ({light.type}) comes from infinitely far away: nothing of it is left "
-                'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
-            )
-    return [fitted(scene, part) for light in scene.lights for part in light.parts()]
-
-
-def cone_interval(light: SpotLight, origins: Floats, directions: Floats) -> Interval:
-    """Interval of each ray inside the light's solid cone; the end may be infinite."""
-    return light.interval(origins, directions)
-
-
-def light_rays(light: Light, points: Floats) -> tuple[Rays, Arrival]:
-    """Rays from where a map's distances begin to points ``[rays, 3]``, and how the light arrives there."""
-    arrival = light.arrival(points)
-    return Rays(light.begins(points), arrival.direction), arrival
-
-
-def map_rays(light: Light, positions: Floats) -> Rays:
-    """Rays of map positions ``[rays, 2]`` in [0, 1]², unit directions."""
-    return Rays(*light.rays(positions))
-
-
-def texel_rays(light: Light, res: int) -> Rays:
-    """Rays through the texel centres of a map, in the order of `texel_positions`."""
-    return map_rays(light, texel_positions(res))
 
 
 # --- what is on the way ----------------------------------------------------------------------------------

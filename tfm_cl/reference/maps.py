@@ -13,16 +13,16 @@ from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import field_density, march_bounds, optical_depths
+from tfm_cl.reference.fitting import fitted, light_rays, lights_of, map_rays, texel_rays, with_numbers
 from tfm_cl.reference.geometry import Floats, Integers, edges
-from tfm_cl.reference.light import fitted, light_rays, lights_of, map_rays, texel_rays, with_numbers
 from tfm_cl.reference.solids import clip
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.lights import Light
 from tfm_cl.scene.lights.base import texel_positions
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
 
 DARKEST = 1e-37
 """Smallest transmittance looked up in a map: near float32's smallest normal number."""

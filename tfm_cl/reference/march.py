@@ -15,7 +15,7 @@ import numpy as np
 
 from tfm_cl.reference.bodies import Matter, body_interval, channel_densities, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Integers, Interval, Rays, hull, interval, overlap, warped
-from tfm_cl.scene.bodies import EverywhereVolume
+from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 
 LEAST_CUTOFF = 1e-7
 """Transmittance at which a camera ray ends that nothing else ends."""

@@ -12,15 +12,9 @@ from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
+from tfm_cl.reference.fitting import lights_of, with_numbers
 from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
-from tfm_cl.reference.light import (
-    arriving,
-    light_transmittance,
-    lights_of,
-    marched_depths,
-    nearest_distance,
-    with_numbers,
-)
+from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
     Crossing,
@@ -33,13 +27,13 @@ from tfm_cl.reference.march import (
     segments,
 )
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
-from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.lights import Light
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
 
 Method = Literal["tfm", "dual"]
 Crop = tuple[int, int, int, int]

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.cache import Cache
+from tfm_cl.reference.fitting import fitted
 from tfm_cl.reference.geometry import Floats, Rays, corners
-from tfm_cl.reference.light import fitted
 from tfm_cl.render.visibility import Visibility, clip_of
-from tfm_cl.scene.lights import Light
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
     from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
 
 Shadows = Literal["exact", "map"]
 """Of solids in the medium: traced to every sample, or looked up in the scene's ``[shadow]`` map."""

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import NUMBERS_UNIT
+from tfm_cl.constants import NUMBERS_UNIT, STORAGE_BITS
 from tfm_cl.device import launch
 from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
-from tfm_cl.maps.resolved import STORAGE_BITS, ResolvedMap
 from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
 from tfm_cl.scene.lights.base import texel_positions
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.tracing.tracer import Tracer

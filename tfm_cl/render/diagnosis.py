@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.files.image_io.png import linear_from_srgb
-from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.render.culling import bounds_of_lights, box_on_screen
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import Light, texel_positions

@@ -19,7 +19,6 @@ from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.media import media_on_device
 from tfm_cl.errors import SceneError
-from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan import resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.plan import plan
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
-from tfm_cl.maps.resolved import ResolvedMap
-from tfm_cl.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.scene import Scene
 
 
 @dataclass

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE, Vec3
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.model import Vec3
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light

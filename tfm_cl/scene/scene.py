@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,14 @@ from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights.base import Light
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
-from tfm_cl.scene.solids.base import Solid
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.lights.base import Light
+    from tfm_cl.scene.solids.base import Solid
 
 
 @dataclass(frozen=True, init=False)

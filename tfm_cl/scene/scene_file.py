@@ -12,28 +12,20 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 import tomli_w
 from pydantic import BeforeValidator, Field, PlainValidator
 
-from tfm_cl.errors import Faults, InputError, SceneError
+from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
 from tfm_cl.files import volume_io
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
-from tfm_cl.model import (
-    LARGEST_COLOUR,
-    SPELLINGS,
-    Model,
-    Vec3,
-    nearest,
-    number_or_auto,
-    section_within,
-    unknown_key,
-)
+from tfm_cl.limits import LARGEST_COLOUR
+from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body
 from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.lights import LIGHTS, Light, parse_light
+from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid

@@ -4,15 +4,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from tfm_cl.errors import unknown_key
 from tfm_cl.maps.bases import BASES
-from tfm_cl.model import (
-    Model,
-    count_or_auto,
-    in_words,
-    number_or_auto,
-    number_or_none,
-    unknown_key,
-)
+from tfm_cl.model import Model, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
-from tfm_cl.model import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COORDINATE
 
 FLATTEST = 1e-6
 """Least volume of a transform's axes, each brought to length 1: below, it is flat within float32."""

@@ -6,14 +6,17 @@ import itertools
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tfm_cl.errors import InputError, SceneError
 from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided, in_words
 from tfm_cl.scene.settings import MAX_COEFFS, MapSettings
-from tfm_cl.sweep.rows import Weighting
+from tfm_cl.sweep.rows import in_place_of
+
+if TYPE_CHECKING:
+    from tfm_cl.sweep.rows import Weighting
 
 
 @dataclass(frozen=True)
@@ -140,11 +143,6 @@ def nearest_count(basis: str, count: Any) -> Any:
     # A number that no basis supports is refused by the settings.
     possible = type(count) is int and 1 <= count <= MAX_COEFFS
     return min(counts, key=lambda own: (abs(own - count), own)) if possible else count
-
-
-def in_place_of(counts: dict[int, int]) -> str:
-    """Say which numbers of coefficients (keys) replace which requested ones (values)."""
-    return ", ".join(f"{own} in place of {asked}" for asked, own in sorted(counts.items()))
 
 
 def _unique(values: Iterable[Weighting]) -> list[Weighting]:

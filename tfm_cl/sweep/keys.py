@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -13,7 +13,9 @@ from pydantic import BaseModel
 from tfm_cl._version import __version__
 from tfm_cl.errors import SceneError
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.scene import Scene
 
 
 def content_hash(*values: Any) -> str:

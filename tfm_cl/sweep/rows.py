@@ -165,6 +165,11 @@ def equal_bytes(
     }
 
 
+def in_place_of(counts: dict[int, int]) -> str:
+    """Say which numbers of coefficients replace which requested ones, the keys."""
+    return ", ".join(f"{own} in place of {asked}" for asked, own in sorted(counts.items()))
+
+
 def _rank(row: SweepRow) -> tuple[float, float]:
     return row.lit_psnr, -row.bytes_per_texel
 

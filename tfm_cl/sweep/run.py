@@ -26,9 +26,8 @@ from tfm_cl.scene.settings import MAX_STEPS, MapSettings
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep import written as sweep_report
 from tfm_cl.sweep.axes import Axes
-from tfm_cl.sweep.curves import Curve, Ray
 from tfm_cl.sweep.keys import content_hash
-from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes
+from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes, Progress
 from tfm_cl.sweep.rows import (
     BUDGETS,
     SweepFolder,
@@ -41,8 +40,8 @@ from tfm_cl.sweep.rows import (
 from tfm_cl.sweep.work import OVERHEAD, Overrides, Plan, Task, Workshop
 
 if TYPE_CHECKING:
-    from tfm_cl.device.launch import Progress
-    from tfm_cl.render.renderer import Renderer
+    from tfm_cl.sweep.curves import Curve, Ray
+    from tfm_cl.sweep.renderer import Renderer
 
 __all__ = [
     "BUDGETS",
@@ -60,6 +59,7 @@ __all__ = [
 def run(
     inputs: Sequence[Path],
     out: Path,
+    renderer: Renderer | Callable[[], Renderer],
     *,
     bases: Sequence[str] = ("dct", "auto"),
     coeffs: Sequence[int] = (2, 4, 8, 16),
@@ -72,8 +72,6 @@ def run(
     converged_steps: int | None = None,
     ray: Ray | None = None,
     jobs: int = 1,
-    renderer: Renderer | None = None,
-    device: str | None = None,
     overrides: Overrides | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -87,6 +85,9 @@ def run(
     out
         Folder of the results, created if missing. Only one sweep at a time may write to it; later sweeps,
         also with other settings, may add to it.
+    renderer
+        A renderer to use (with one process), or a function that makes one, which other processes can have:
+        ``tfm.Renderer`` itself, or ``functools.partial(tfm.Renderer, "gpu")``.
     bases, coeffs, density_weightings, ranges, fits, storages, map_sizes
         Values of the map's basis, coeffs, density_weighting (α: 1 or more, or ``"auto"``), range, fit,
         storage and res. Every combination is rendered, except those that a basis refuses. A number of
@@ -102,8 +103,6 @@ def run(
         by `tfm_cl.sweep.curves.choose_ray`, once for each reference.
     jobs
         Number of processes. Several of them share the device, so that their times are longer.
-    renderer, device
-        A renderer to use (with one process), or part of the name of the device for a new one.
     overrides
         Settings for every scene: pairs of a scene file's key and a value, as ``("camera.res", [320, 180])``
         (applied before camera and light are placed), or a function of the scene that was read.
@@ -146,8 +145,8 @@ def run(
         converged=converged,
         converged_steps=converged_steps,
     )
-    workshop = Workshop(task, device)
-    pool = Here(workshop.using(renderer)) if jobs == 1 else Processes(workshop.worker, jobs)
+    workshop = Workshop(task, renderer)
+    pool = Here(workshop.using()) if jobs == 1 else Processes(workshop.worker, jobs)
     sweep = _Sweep(out, ray, notice or _say_nothing, progress)
     try:
         with pool:
@@ -158,15 +157,17 @@ def run(
     return rows
 
 
-def _check(converged_steps: int | None, ray: Ray | None, jobs: int, renderer: Renderer | None) -> None:
+def _check(
+    converged_steps: int | None, ray: Ray | None, jobs: int, renderer: Renderer | Callable[[], Renderer]
+) -> None:
     if converged_steps is not None and not 1 <= converged_steps <= MAX_STEPS:
         raise InputError(f"converged steps = {converged_steps}: should be from 1 to {MAX_STEPS}")
     if ray is not None and not all(0 <= part <= 1 for part in ray):
         raise InputError(f"ray = {ray[0]:g},{ray[1]:g}: should be u,v on the light's map, each from 0 to 1")
     if not 1 <= jobs <= MOST_JOBS:
         raise InputError(f"jobs = {jobs}: should be from 1 to {MOST_JOBS}")
-    if jobs > 1 and renderer is not None:
-        raise InputError(f"jobs = {jobs}: every process makes its own renderer; give the name of a device")
+    if jobs > 1 and not callable(renderer):
+        raise InputError(f"jobs = {jobs}: every process has its own renderer; give a function that makes one")
 
 
 class _Sweep:

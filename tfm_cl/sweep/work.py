@@ -19,17 +19,17 @@ from tfm_cl.model import decided
 from tfm_cl.plan import resolution
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.settings import MapSettings
 from tfm_cl.sweep import curves as sweep_curves
-from tfm_cl.sweep.axes import Axes
-from tfm_cl.sweep.curves import Curve, Ray
 from tfm_cl.sweep.keys import content_hash, reference_key
 from tfm_cl.sweep.rows import SweepRow, keep_image, keep_march, kept_image, kept_march
 
 if TYPE_CHECKING:
-    from tfm_cl.device.launch import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
-    from tfm_cl.render.renderer import Renderer
+    from tfm_cl.scene.settings import MapSettings
+    from tfm_cl.sweep.axes import Axes
+    from tfm_cl.sweep.curves import Curve, Ray
+    from tfm_cl.sweep.pool import Progress
+    from tfm_cl.sweep.renderer import Renderer
 
 Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
 
@@ -312,20 +312,17 @@ class Workshop:
     """Makes workers, here or in other processes."""
 
     task: Task
-    device: str | None
-    """Part of the name of the device of renderers that are made for the purpose."""
+    renderer: Renderer | Callable[[], Renderer]
+    """The one to use, or what makes one for each worker."""
 
     def worker(self) -> Worker:
         """Make one with a renderer of its own."""
-        return Worker(self.task, self._renderer())
+        return Worker(self.task, self.renderer() if callable(self.renderer) else self.renderer)
 
     @contextlib.contextmanager
-    def using(self, renderer: Renderer | None) -> Iterator[Worker]:
-        """Make one with a renderer that is there, or with one that is closed afterwards."""
-        with self._renderer() if renderer is None else contextlib.nullcontext(renderer) as used:
+    def using(self) -> Iterator[Worker]:
+        """Make one with the renderer that is there, or with one that is closed afterwards."""
+        renderer = self.renderer
+        owned = contextlib.closing(renderer()) if callable(renderer) else contextlib.nullcontext(renderer)
+        with owned as used:
             yield Worker(self.task, used)
-
-    def _renderer(self) -> Renderer:
-        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - a caller's own renderer needs no OpenCL
-
-        return Renderer(self.device)

@@ -18,7 +18,7 @@ from numcodecs import blosc
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io import binary, choose_grid, nvdb, open_grids
 from tfm_cl.files.volume_io import tree as vdb_tree
-from tfm_cl.files.volume_io.leaves import MAX_LEAVES
+from tfm_cl.files.volume_io.limits import MAX_LEAVES
 from tfm_cl.scene.bodies.volume import Volume
 
 ROOT = Path(__file__).resolve().parents[3]

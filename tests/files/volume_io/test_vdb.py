@@ -24,7 +24,7 @@ from tfm_cl.cli.info import describe
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io import binary, choose_grid, open_grids, vdb
 from tfm_cl.files.volume_io import tree as vdb_tree
-from tfm_cl.files.volume_io.leaves import MAX_LEAVES
+from tfm_cl.files.volume_io.limits import MAX_LEAVES
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.placement import camera_for, density_scale_for
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.structs.declared import MEDIUM
-from tfm_cl.scene.phases import PHASES
+from tfm_cl.scene.phases.base import PHASES
 
 if TYPE_CHECKING:
     from tfm_cl.scene.medium import Medium

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import VIEW
-from tfm_cl.model import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COORDINATE
 
 if TYPE_CHECKING:
     from tfm_cl.scene.fields import Fields

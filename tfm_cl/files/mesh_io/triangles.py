@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COORDINATE
 
 DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
 """Linear Rec. 709, of what nothing says more about."""

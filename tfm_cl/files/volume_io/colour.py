@@ -14,7 +14,7 @@ from tfm_cl.files.volume_io import numpy_array
 from tfm_cl.files.volume_io.grid import COLOUR, Grid, shown, shown_names
 from tfm_cl.files.volume_io.leaves import Index
 from tfm_cl.files.volume_io.limits import too_large
-from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR
 
 ColourSource = str | Path | Sequence[str] | Literal[False] | None
 """The source of a colour, as for `tfm_cl.scene.bodies.volume.Volume.load`."""

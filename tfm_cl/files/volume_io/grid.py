@@ -1,16 +1,20 @@
 """The interface of volume formats: a description of each grid, and a way to read its voxels."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io.leaves import Leaves
+
+if TYPE_CHECKING:
+    from tfm_cl.files.volume_io.leaves import Leaves
 
 LONGEST_SHOWN = 40
 """Largest number of characters of a name in a message."""

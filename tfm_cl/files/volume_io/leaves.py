@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.files.volume_io.limits import MAX_LEAVES
 
 LEAF = 8
 """Voxels along an edge of a leaf."""
-MAX_LEAVES = 1 << 22
-"""Most leaves held in memory (8 GiB of float32)."""
 
 _BATCH = 1024
 """Leaves worked on at a time (2 MiB)."""

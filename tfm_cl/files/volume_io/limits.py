@@ -2,8 +2,8 @@
 
 import math
 
-from tfm_cl.files.volume_io.leaves import MAX_LEAVES
-
+MAX_LEAVES = 1 << 22
+"""Largest number of leaves held in memory (8 GiB of float32)."""
 MAX_VOXELS = 1 << 31
 """Largest number of voxels of a grid read densely into memory (8 GiB of float32)."""
 MAX_BOX_VOXELS, MAX_BOX_EDGE = 1 << 34, 1 << 24

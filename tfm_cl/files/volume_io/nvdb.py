@@ -44,7 +44,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -59,7 +59,6 @@ from tfm_cl.files.volume_io.binary import (
     unzip_into,
 )
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
-from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
@@ -80,6 +79,9 @@ from tfm_cl.files.volume_io.tree import (
     place_origins,
     vector_type,
 )
+
+if TYPE_CHECKING:
+    from tfm_cl.files.volume_io.leaves import Leaves
 
 __all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 

@@ -11,15 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io.binary import Cursor
-from tfm_cl.files.volume_io.leaves import LEAF, MAX_LEAVES, Leaves
-from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
+from tfm_cl.files.volume_io.leaves import LEAF, Leaves
+from tfm_cl.files.volume_io.limits import MAX_LEAVES, too_large, too_many_leaves
+
+if TYPE_CHECKING:
+    from tfm_cl.files.volume_io.binary import Cursor
 
 ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
 """Voxels along an edge of a tile of the root, of an upper node and of a lower node."""

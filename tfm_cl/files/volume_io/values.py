@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.limits import too_large
-from tfm_cl.model import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR
 
 
 def _is_number(value: Any) -> bool:

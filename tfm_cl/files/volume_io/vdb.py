@@ -48,7 +48,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,6 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.binary import Cursor, map_file, unblosc, unzip
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
-from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.tree import (
     LEAF_VOXELS,
     LOWER_EDGE,
@@ -77,6 +76,9 @@ from tfm_cl.files.volume_io.tree import (
     place_origins,
     vector_type,
 )
+
+if TYPE_CHECKING:
+    from tfm_cl.files.volume_io.leaves import Leaves
 
 __all__ = ["EXTENSIONS", "StoredTree", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 

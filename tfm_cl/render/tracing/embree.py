@@ -6,7 +6,10 @@ far from the scene therefore loses precision. In robust mode no ray passes throu
 triangles; of rays aimed exactly at a vertex, a few in a thousand may pass.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -14,7 +17,8 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from tfm_cl.scene.solids.mesh import MeshSolid
+if TYPE_CHECKING:
+    from tfm_cl.scene.solids.mesh import MeshSolid
 
 BEYOND = 16.0
 """A distance beyond every triangle, in Embree's units, in which the meshes' sphere has a radius of at most

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COLOUR, Model, section_within, unknown_key
+from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.limits import LARGEST_COLOUR
+from tfm_cl.model import Model, section_within
 from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.medium import Medium, parse_medium
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.model import LARGEST_COORDINATE, Vec3
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model import Vec3
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 
 

@@ -19,7 +19,7 @@ from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_
 from tfm_cl.files.volume_io.leaves import Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
-from tfm_cl.model import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import Body
 from tfm_cl.scene.medium import Medium, parse_medium
 
@@ -261,7 +261,7 @@ class Volume(Body):
         Raises
         ------
         VolumeError
-            The volume is dense and has more than `leaves.MAX_LEAVES` of them.
+            The volume is dense and has more than `limits.MAX_LEAVES` of them.
         """
         if self._voxels.leaves is not None:
             return self._voxels.leaves

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.errors import SceneError
-from tfm_cl.model import LARGEST_COORDINATE, RGB, Model, number_or_none, unknown_key
+from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model import RGB, Model, number_or_none
 from tfm_cl.scene.lights.texels import look_up
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tfm_cl.model import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.scene.lights.area import MOST_SAMPLES, sphere_directions
 from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval
 from tfm_cl.scene.lights.placed import PlacedLight

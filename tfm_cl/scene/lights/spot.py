@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from tfm_cl.files.texture import Held, ImagePath, texture_for
-from tfm_cl.model import LARGEST_COORDINATE, Vec3, check_different
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model import Vec3, check_different
 from tfm_cl.scene.frames import facing
 from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
 from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from tfm_cl.model import Model, unknown_key
+from tfm_cl.errors import unknown_key
+from tfm_cl.model import Model
 
 
 class Phase(Model):

@@ -5,8 +5,7 @@ To add a shape, write a module with an `AnalyticSolid` subclass and add the clas
 
 from typing import Any
 
-from tfm_cl.errors import SceneError
-from tfm_cl.model import unknown_key
+from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.box import BoxSolid
 from tfm_cl.scene.solids.mesh import MeshSolid

@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tfm_cl.sweep.axes import in_place_of
-from tfm_cl.sweep.rows import BUDGETS, SweepRow, equal_bytes
+from tfm_cl.sweep.rows import BUDGETS, SweepRow, equal_bytes, in_place_of
 
 SETTINGS = {
     "density_weighting": "α {:g}",

@@ -10,13 +10,15 @@ import json
 import math
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tfm_cl.metrics import compare
 from tfm_cl.sweep import curves as sweep_curves
-from tfm_cl.sweep.report.groups import Group
 from tfm_cl.sweep.report.pictures import Pictures, pictures
 from tfm_cl.sweep.rows import BUDGETS, SweepRow, kept_image
+
+if TYPE_CHECKING:
+    from tfm_cl.sweep.report.groups import Group
 
 LIMIT = 40_000_000
 """Largest number of bytes of the file; further pictures are left out, and the page says which."""

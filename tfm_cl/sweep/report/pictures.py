@@ -6,15 +6,17 @@ import base64
 import io
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
-from tfm_cl.sweep.report.groups import Group
 from tfm_cl.sweep.rows import kept_image
+
+if TYPE_CHECKING:
+    from tfm_cl.sweep.report.groups import Group
 
 SIDES = (640, 448, 320)
 """Longest side of a picture in pixels; a smaller value is used if pictures take too many bytes."""

@@ -1,0 +1,6 @@
+"""The largest numbers that a scene may hold, so that float32 holds what is made of them."""
+
+LARGEST_COORDINATE = 1e15
+"""Its square is far from float32's limit."""
+LARGEST_COLOUR = 1e25
+"""Likewise its product with densities and phase functions."""
