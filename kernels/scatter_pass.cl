@@ -31,39 +31,33 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene);
   LightSums sums = light_sums_begin();
-  CameraSums camera = camera_sums_begin(media, on_ray.meets);
-#if !TFM_SHARED
-  /* For each light what lies before its reach, then what its reach scatters; last, what the camera sees. */
-  for (int k = 0; k < here.count + (sees_camera ? 1 : 0); ++k) {
-    const int of_light = k < here.count;
-    Interval lit = on_ray.all, before = on_ray.all;
-    Ints active = on_ray.meets;
-    if (of_light) {
-      active &= light_clip(lights + here.numbers[k], ray, &lit);
-      before.end = view->paper_attenuation ? before.begin : lit.begin;
-    }
-    if (of_light && !any_lane(active))
-      continue;
-    const CameraSums seen = see_media(&scene, &on_ray, before, of_light, active);
-    if (of_light) {
-      const Lights one = {lights, here.numbers + k, 1, &buffers};
-      scatter_lights(&scene, &one, ray, &on_ray, lit, active, &seen, &sums, 0);
-    } else
-      camera = seen;
-  }
-#else
-  const CameraSums none = camera;
+#if TFM_SHARED
+  const CameraSums none = camera_sums_begin(media, on_ray.meets);
 #if TFM_BODIES
-  if (sees_camera)
-    camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
   if (here.count > 0)
     scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums, 0);
 #else
+  CameraSums camera = none;
   scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums, sees_camera ? &camera : 0);
 #endif
+#else
+  for (int k = 0; k < here.count; ++k) {
+    const Lights one = {lights, here.numbers + k, 1, &buffers};
+    Interval lit = on_ray.all, before = on_ray.all;
+    const Ints active = on_ray.meets & light_clip(lights + here.numbers[k], ray, &lit);
+    if (!any_lane(active))
+      continue;
+    before.end = view->paper_attenuation ? before.begin : lit.begin;
+    const CameraSums dimmed = see_media(&scene, &on_ray, before, 1, active);
+    scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, 0);
+  }
 #endif
-  if (sees_camera)
+  if (sees_camera) {
+#if !TFM_SHARED || TFM_BODIES
+    const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
+#endif
     camera_sums_store(view, media, &camera, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
+  }
   if (here.count == 0)
     return;
   const Ints index = pixel_index(view, pixels);

@@ -237,18 +237,6 @@ TFM_INLINE Floats twice_sinh(Floats x)
 /* The only body there is: a sample is in it. */
 #define ALONE (TFM_GRIDS == 0 && TFM_BODIES == 1)
 
-/* A step of a stretch without grids, where every lane may have a number of steps of its own. */
-TFM_INLINE WarpedStep step_of_stretch(Warp warp, int n, Ints steps, int most)
-{
-#if TFM_GRIDS == 0
-  (void)steps;
-  return warped_step(warp, n, most);
-#else
-  (void)most;
-  return warped_step_of_lanes(warp, n, TO_FLOATS(steps));
-#endif
-}
-
 /* A stretch of a ray without grids: the media are known in closed form. What a step of a camera ray is worth is the
    difference of the transmittance at its ends. */
 TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval part,
@@ -289,9 +277,16 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
     sum[c] = floats(0.0f);
 #endif
   for (int n = 0; n < most; ++n) {
+#if TFM_GRIDS == 0
+    const Ints here = active; /* all have as many, and the others no length */
+    const WarpedStep placed = warped_step(warp, n, most);
+    const Floats step_length = length * placed.length;
+#else
     const Ints here = n < steps;
-    const WarpedStep placed = step_of_stretch(warp, n, at_least_one, most);
-    const Floats t = begin + length * placed.middle, step_length = here ? length * placed.length : floats(0.0f);
+    const WarpedStep placed = warped_step_of_lanes(warp, n, TO_FLOATS(at_least_one));
+    const Floats step_length = here ? length * placed.length : floats(0.0f);
+#endif
+    const Floats t = begin + length * placed.middle;
     Amounts step = no_amounts();
 #if ALONE
     const Floats amount = least(scene->bodies->density * step_length, floats(TFM_MAX_OPTICAL_DEPTH));
@@ -351,7 +346,6 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
         sums->seen[c] += weight * left;
 #endif
       }
-      sums->samples += here ? ints(1) : ints(0);
 #if TFM_SHARED
       add_light(media, light, sum, sums);
 #endif
@@ -359,6 +353,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
     for (int c = 0; c < TFM_CHANNELS; ++c)
       depth[c] = least(depth[c] + taken[c], floats(TFM_MAX_OPTICAL_DEPTH));
   }
+  sums->samples += steps * LIGHTS_OF_MARCH(lights);
 #if !TFM_SHARED
   add_light(media, light, sum, sums);
 #endif
@@ -388,7 +383,7 @@ TFM_INLINE void scatter_lights(const Scene *scene, const Lights *lights, Ray ray
   CameraRay state = before->ray;
   Floats depth[TFM_CHANNELS];
   for (int c = 0; c < TFM_CHANNELS; ++c)
-    depth[c] = extinguished(scene->media, &before->total, c);
+    depth[c] = least(extinguished(scene->media, &before->total, c), floats(TFM_MAX_OPTICAL_DEPTH));
   sums->samples += before->samples;
 #if TFM_BODIES == 0
   scatter_in_grids(scene, lights, ray, on_ray, lit, active, &state, depth, sums, camera);

@@ -82,10 +82,15 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
   Interval visible = part;
   visible.end = least(part.end, part.begin + scene->view->end);
 #if TFM_GRIDS == 0
-  const int in_one = only_dims | (TFM_BODIES == 1); /* one body's mean distance is known */
-  if (in_one)
+  if (only_dims) {
+    add_bodies(scene->bodies, &on_ray->bodies, part.begin, active ? part.end : part.begin, &sums.total);
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      sums.ray.through[c] *= transmittance_of(extinguished(scene->media, &sums.total, c));
+    return sums;
+  }
+  if (TFM_BODIES == 1) /* its mean distance is known */
     visible = part;
-  see_bodies(scene, on_ray, visible, active ? ints(in_one ? 1 : steps) : ints(0), &sums);
+  see_bodies(scene, on_ray, visible, active ? ints(TFM_BODIES == 1 ? 1 : steps) : ints(0), &sums);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
