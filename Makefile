@@ -11,10 +11,10 @@ demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus
 	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
 
 test: lint  ## the tests a change must pass
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 test-slow: $(INSTALLED)  ## the rest: minutes
-	$(BIN)/python -m pytest -n auto -m slow $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow  ## every test: half an hour on two cores
 
