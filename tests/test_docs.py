@@ -31,6 +31,7 @@ def checkout(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_commands_run_in_order(checkout, capsys):
     commands = [shlex.split(line) for line in CONSOLE if line.startswith("tfm ")]
     for command in commands:
@@ -43,6 +44,7 @@ def test_commands_run_in_order(checkout, capsys):
     assert (checkout / "out" / "sweep" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_programs_run(checkout):
     programs = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     for program in programs:

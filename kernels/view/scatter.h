@@ -250,7 +250,6 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
   const Floats length = active ? part.end - part.begin : floats(0.0f);
   steps = active ? steps : ints(0);
   const int most = -least_int(-steps);
-  const Ints at_least_one = steps > 0 ? steps : ints(1);
 #if !TFM_SHARED
   LIGHT light = lights->of + lights->numbers[0];
   const Ray light_space_ray = ray_in_light(light, ray);
@@ -266,7 +265,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
   for (int i = 0; i < TFM_BODIES; ++i)
     densest += body_extinction(media, scene->bodies, i, 0);
   const int thin =
-      greatest_float(active ? stretch * length * densest - THIN_STEP * TO_FLOATS(at_least_one) : floats(-1.0f)) <= 0.0f;
+      greatest_float(active ? stretch * length * densest - THIN_STEP * TO_FLOATS(steps) : floats(-1.0f)) <= 0.0f;
 #endif
   Floats step_begin = begin, before[TFM_CHANNELS];
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -283,7 +282,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
     const Floats step_length = length * placed.length;
 #else
     const Ints here = n < steps;
-    const WarpedStep placed = warped_step_of_lanes(warp, n, TO_FLOATS(at_least_one));
+    const WarpedStep placed = warped_step_of_lanes(warp, n, TO_FLOATS(steps > 0 ? steps : ints(1)));
     const Floats step_length = here ? length * placed.length : floats(0.0f);
 #endif
     const Floats t = begin + length * placed.middle;

@@ -136,6 +136,7 @@ def test_more_coefficients_come_nearer_to_the_march(renderer):
     assert errors[-1] < errors[0] / 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("storage", "nbytes", "error"),
     [("f32", 4, 0.0), pytest.param("f16", 2, 0.01, marks=pytest.mark.slow), ("u8", 1, 0.05)],

@@ -44,6 +44,7 @@ def scene_with(**settings):
     return make_scene(map=tfm.MapSettings(**{"res": 24, "steps": 24, **settings}))
 
 
+@pytest.mark.quick("klt", "dct, visibility")
 @pytest.mark.lanes
 @pytest.mark.parametrize("case", cases(QUICK))
 def test_map_equals_the_model(renderer, case):

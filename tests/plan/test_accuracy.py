@@ -83,6 +83,7 @@ def check(renderer, scene, **options):
     return result
 
 
+@pytest.mark.quick("spot")
 @pytest.mark.parametrize("name", SCENES)
 def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     result = check(renderer, SCENES[name])
@@ -100,6 +101,7 @@ def test_it_takes_what_it_needs(renderer):
     assert steps[0] < steps[2]
 
 
+@pytest.mark.quick("{'res': 256}-{}", "{}-{'steps': 222}")
 @pytest.mark.parametrize(
     ("given", "march"),
     [
@@ -256,6 +258,7 @@ MIXTURES = {
 }
 
 
+@pytest.mark.quick("grid and box-lit-tfm", "fog-without lights-dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("lights", [[SPOT], []], ids=["lit", "without lights"])
 @pytest.mark.parametrize("name", MIXTURES)

@@ -156,6 +156,7 @@ def test_the_weighting_is_decided_by_the_lights_rays(renderer):
     assert after.map == result.stats.map
 
 
+@pytest.mark.slow
 def test_max_error_is_left_to_measuring(renderer):
     scene = scene_of(["coarse"], settings=tfm.MapSettings(max_error=0.2)).replace(
         camera=CAMERA.replace(res=(12, 9))

@@ -122,13 +122,7 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
-@pytest.mark.quick(
-    "a grid in fog-tfm",
-    "white beside brown-tfm",
-    "boxes and a ball in fog-tfm",
-    "all kinds-tfm",
-    "all kinds-dual",
-)
+@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm", "all kinds-dual")
 @both_methods
 @every_mixture
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, mixture, method):
@@ -148,7 +142,7 @@ LIGHT_KINDS = {
 FROM_INFINITY = ("sun", "sky")
 
 
-@pytest.mark.quick("sun-tfm", "point inside-tfm")
+@pytest.mark.quick("sun-tfm")
 @both_methods
 @pytest.mark.parametrize("light", LIGHT_KINDS)
 def test_every_kind_of_light(renderer, save_on_failure, light, method):
@@ -156,7 +150,7 @@ def test_every_kind_of_light(renderer, save_on_failure, light, method):
     assert_equals_reference(renderer, save_on_failure, scene, method)
 
 
-@pytest.mark.quick("with a reach-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("light", [name for name in LIGHT_KINDS if name not in FROM_INFINITY])
 def test_every_kind_of_light_in_fog(renderer, save_on_failure, light, method):
@@ -164,7 +158,7 @@ def test_every_kind_of_light_in_fog(renderer, save_on_failure, light, method):
     assert_equals_reference(renderer, save_on_failure, scene, method)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_a_texture_in_fog(renderer, save_on_failure, tmp_path, rng, method):
     path = tmp_path / "window.png"
@@ -181,7 +175,7 @@ CAMERAS = {
 }
 
 
-@pytest.mark.quick("in the fog and in the grid-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_cameras_inside(renderer, save_on_failure, camera, method):
@@ -197,7 +191,7 @@ MARCHES = {
 }
 
 
-@pytest.mark.quick("as the paper dims-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("march", MARCHES)
 def test_settings_of_the_march(renderer, save_on_failure, march, method):
@@ -226,7 +220,7 @@ def test_among_solids(renderer, save_on_failure, mixture, method):
     assert (result.image[..., 3] == 1).any()
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_light_shafts_stand_in_the_fog_behind_a_wall(renderer, method):
     """Fog is lit through a hole in the ceiling, and dark beside the shaft."""
@@ -242,7 +236,7 @@ def test_light_shafts_stand_in_the_fog_behind_a_wall(renderer, method):
     assert max(row[:8].max(), row[16:].max()) < PASS
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_ambient_light(renderer, save_on_failure, method):
     scene = scene_of(*MIXTURES["coloured, plain and a ball"], ambient=Ambient(radiance=(0.5, 1.0, 2.0)))
@@ -344,7 +338,7 @@ def test_a_body_and_itself_are_a_denser_one(renderer, body):
     assert np.allclose(two.aovs["depth"][seen], one.aovs["depth"][seen], rtol=QUADRATURE)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_fog_and_a_grid_of_ones_is_fog_and_a_box(renderer, method):
     count, low, high = 48, -1.0, 1.0
@@ -498,7 +492,7 @@ def shifted(body, by):
     return body.replace(centre=np.add(body.centre, by)) if isinstance(body, tfm.SphereVolume) else body
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_far_from_the_origin_it_is_the_same(renderer, method):
     by = np.array([3e5, -2e5, 7e5])  # 1e-10 of which float64 still tells apart
@@ -515,7 +509,7 @@ def test_far_from_the_origin_it_is_the_same(renderer, method):
 # --- settings ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.quick("f16")
+@pytest.mark.slow
 @pytest.mark.parametrize("voxels", ROUNDED)
 def test_smaller_voxels(renderer, voxels):
     scene = scene_of(COLOURED.with_medium(BROWN), CLOUD, FOG)
@@ -524,7 +518,7 @@ def test_smaller_voxels(renderer, voxels):
     assert 0 < np.abs(image - exact).max() < ROUNDED[voxels] * max(1.0, exact.max())
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_the_cutoff_ends_rays_where_hardly_anything_is_seen(renderer, method):
     scene = scene_of(CLOUD.with_density_scale(12.0), FOG.replace(density=1.0), BALL.replace(density=20.0))
@@ -693,7 +687,7 @@ def recoloured(number, medium):
     return scene_of(*bodies)
 
 
-@pytest.mark.quick("another albedo", "fog of another colour")
+@pytest.mark.quick("another albedo")
 @pytest.mark.parametrize("change", SERVED)
 def test_maps_serve_while_the_fields_stay(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))
@@ -703,7 +697,7 @@ def test_maps_serve_while_the_fields_stay(renderer, change):
     assert np.abs(reused - renderer.render(scene_of(*OF_MAPS), method="tfm", maps=maps).image).max() > 1e-3
 
 
-@pytest.mark.quick("a tint that the other of its field has not")
+@pytest.mark.slow
 @pytest.mark.parametrize("change", REFUSED)
 def test_maps_of_other_fields_are_refused_by_the_body_s_name(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))

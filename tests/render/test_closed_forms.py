@@ -29,7 +29,7 @@ def density_along(t):
     return float(np.clip((1 + voxel / 2 - abs(t)) / voxel, 0, 1))
 
 
-@pytest.mark.quick("none-projective-tfm", "inverse-square-projective-dual")
+@pytest.mark.quick("none-projective-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("sampling", ["projective", "world"])
 @pytest.mark.parametrize("falloff", ["none", "inverse-square"])
@@ -114,6 +114,7 @@ def test_depth_is_the_mean_distance_of_what_is_seen(renderer):
     assert aovs["depth"][0, 0] == pytest.approx(mean, rel=QUADRATURE)
 
 
+@pytest.mark.slow
 def test_the_medium_outside_the_cone_dims_what_is_behind(renderer):
     # A narrow beam crosses the box at right angles to the view: what is seen of it is attenuated by the
     # unlit half of the box before it.

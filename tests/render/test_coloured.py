@@ -92,7 +92,7 @@ def test_each_channel_is_that_of_the_reference(renderer, method, save_on_failure
     assert np.abs(error[seen]).max() <= PASS * result.aovs["depth"].max()
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_constant_colour_is_another_extinction(renderer, method):
     factors = (0.5, 1.3, 2.0)
@@ -144,7 +144,7 @@ def test_a_colour_of_1_is_none(renderer, method):
     assert np.abs(ours.aovs["transmittance"] - truth.aovs["transmittance"]).max() <= TWICE
 
 
-@pytest.mark.quick("dct")
+@pytest.mark.slow
 @pytest.mark.parametrize("basis", ["auto", "dct"])
 def test_a_grey_colour_of_a_grey_medium_under_grey_light_is_its_product(renderer, basis):
     grey = rainbow()[..., :1]

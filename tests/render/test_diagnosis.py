@@ -331,6 +331,7 @@ WITHOUT_LIGHT = {
 }
 
 
+@pytest.mark.quick("density_scale 0", "an empty grid", "absorbs only", "thin", "looks away")
 @pytest.mark.parametrize(
     ("scene", "reason"), [*OF_MEDIUM.values(), *OF_CAMERA.values()], ids=[*OF_MEDIUM, *OF_CAMERA]
 )
@@ -338,17 +339,19 @@ def test_of_medium_and_camera(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
+@pytest.mark.quick("intensity 0", "misses", "ends before", "thinner than a pixel", "swallowed", "too faint")
 @pytest.mark.parametrize(("scene", "reason"), OF_LIGHTS.values(), ids=OF_LIGHTS)
 def test_of_lights(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
-@pytest.mark.quick("one is empty, one absorbs")
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "reason"), OF_BODIES.values(), ids=OF_BODIES)
 def test_of_several_bodies(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
+@pytest.mark.quick("a grid-tfm", "a box-dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("scene", WITHOUT_LIGHT.values(), ids=WITHOUT_LIGHT)
 def test_without_any_light(renderer, scene, method):
@@ -365,6 +368,7 @@ def test_a_scene_without_lights_asks_for_more_ambient_light(renderer):
     assert told(renderer, scene).endswith("of the medium: raise ambient.radiance")
 
 
+@pytest.mark.quick("hides the medium")
 @pytest.mark.parametrize(("scene", "reason"), OF_SOLIDS.values(), ids=OF_SOLIDS)
 def test_of_solids(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)

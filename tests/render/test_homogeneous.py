@@ -257,6 +257,7 @@ SOLIDS = (
 )
 
 
+@pytest.mark.quick("box")
 @every_volume
 def test_many_lights_are_the_sum_of_each(renderer, rng, volume):
     lights = random_lights(rng, 12)
@@ -312,6 +313,7 @@ def test_lights_with_solids_against_the_reference(renderer, rng):
     assert np.allclose(result.aovs["solid_distance"][shown], surface[shown], rtol=1e-5)
 
 
+@pytest.mark.quick("box-nearest")
 @pytest.mark.parametrize(("name", "filter_"), [("box", "nearest"), ("sphere", "pcf"), ("everywhere", "pcf")])
 def test_a_shaft_of_shadow(renderer, name, filter_):
     # The camera looks across the shadow of a ball: part of each ray is dark.
@@ -330,6 +332,7 @@ def test_a_shaft_of_shadow(renderer, name, filter_):
     assert_close(result.image, image, SHADOW_EDGE / 2)
 
 
+@pytest.mark.slow
 def test_solids_outside_the_medium(renderer):
     # Light and view cross the medium only in part.
     plane = PlaneSolid(point=(0, -1.6, 0), normal=(0, 1, 0), albedo=(0.9, 0.6, 0.3))
@@ -361,6 +364,7 @@ def test_small_lights_have_small_shadow_maps(renderer, monkeypatch):
     assert all(size & (size - 1) == 0 and size >= 32 for size in sizes)
 
 
+@pytest.mark.slow
 def test_equals_the_grid_path(renderer):
     # 96 voxels a side: the border of one voxel, where density falls off, is 1 % of the box.
     count = 96
@@ -385,6 +389,7 @@ def test_equals_the_grid_path(renderer):
         assert np.allclose(closed.aovs["depth"][inside], marched.aovs["depth"][inside], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_grid_path_knows_the_reach(renderer, small_scene):
     lights = [
         SpotLight(from_=(0.5, 0.6, 0.2), to=(-0.3, -1, 0), cone=50, reach=1.1),
@@ -454,6 +459,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", VOLUMES)
 @pytest.mark.parametrize("density", HOSTILE.values(), ids=HOSTILE)
 def test_hostile_densities_give_finite_pictures(renderer, shape, density):

@@ -78,6 +78,7 @@ def session(device_name):
         yield renderer
 
 
+@pytest.mark.quick("camera", "albedo", "one light", "density", "a solid's place", "place of one of two grids")
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_frame_makes_what_it_must(session, renderer, change):
     before, after, expected = CHANGES[change]
@@ -94,6 +95,7 @@ def test_the_first_frame_makes_everything(session):
     assert session.render(SCENE).stats.made == {"bricks": 1, "probe": 2, "map": 2}
 
 
+@pytest.mark.slow
 def test_without_room_only_the_last_is_kept(device_name):
     with tfm.Renderer(device_name, cache_bytes=0) as tight:
         first = tight.render(SCENE)

@@ -46,7 +46,7 @@ def joined_scene(volumes, **changes):
     return make_scene(volume=list(volumes), **changes)
 
 
-@pytest.mark.quick("overlapping-tfm", "overlapping-dual", "five-tfm")
+@pytest.mark.quick("overlapping-tfm", "five-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volumes, method):
@@ -70,7 +70,7 @@ def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volum
         assert np.abs(result.aovs[name] - layers[name]).max() < 20 * PASS * far
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_among_solids(renderer, save_on_failure, method):
     solids = [SphereSolid(centre=(0.1, 0.1, 0.2), radius=0.35), PlaneSolid(point=(0, -0.7, 0))]
@@ -100,7 +100,7 @@ def test_empty_ones_change_nothing_but_where_steps_lie(renderer):
     assert np.abs(alone.image - with_it.image).max() < PASS
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_the_order_does_not_matter(renderer, method):
     images = [
@@ -112,7 +112,7 @@ def test_the_order_does_not_matter(renderer, method):
         assert np.abs(image - images[0]).max() < ORDER * max(1.0, images[0].max())
 
 
-@pytest.mark.quick("2-u8")
+@pytest.mark.slow
 @pytest.mark.parametrize("voxels", ROUNDED)
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_smaller_voxels(renderer, count, voxels):
@@ -164,6 +164,7 @@ def test_curve_of_a_map_through_several(renderer):
     assert np.abs(exact - found).max() < 0.05
 
 
+@pytest.mark.slow
 def test_more_than_there_may_be(renderer):
     with pytest.raises(VolumeError, match="a scene has 1 to 16 volumes; got 17"):
         joined_scene([one(FIRST)] * 17)

@@ -214,6 +214,7 @@ def test_maps_do_not_show_skipping(renderer, gappy, steps):
     assert max(1 - m.coefficients[..., 0].min() for m in renderer.build_maps(scene)) > 1e-3
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_volume_with_gaps_is_the_reference_s(renderer, save_on_failure, method):
     data = balls((30, 26, 32), 9, 2.6)
@@ -385,6 +386,7 @@ def test_lanes_that_the_device_does_not_have_are_refused(device_name, lanes_poss
             tfm.Renderer(device_name, lanes=lanes)
 
 
+@pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", METHODS)
 def test_lanes_agree(check_lanes, method):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(97, 61))
@@ -393,6 +395,7 @@ def test_lanes_agree(check_lanes, method):
     check_lanes(scene.replace(camera=camera))
 
 
+@pytest.mark.quick("38-tfm")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("fov", [4, 38])
 def test_all_samples_are_taken_without_skipping(by_lanes, lanes_possible, fov, method):
@@ -569,6 +572,7 @@ def sparse_scenes(draw):
     )
 
 
+@pytest.mark.slow
 @given(scene=sparse_scenes())
 @settings(
     max_examples=25,

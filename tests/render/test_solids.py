@@ -221,7 +221,7 @@ def lambert(light, points, normals, albedo):
     return np.where(inside, albedo / np.pi * np.array(light.intensity) * gain * cosine, 0)
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 def test_a_convex_sphere_in_clear_air_has_no_acne(renderer, light):
     light = CLEAR_LIGHTS[light]
@@ -298,7 +298,7 @@ def test_shadows_on_a_plane_end_where_the_silhouette_does(renderer, light):
 # --- light through the medium ----------------------------------------------------------------------------
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_lights_add_up(renderer, method):
     lights = [LIGHTS["spot"], LIGHTS["sun"], LIGHTS["point inside"]]
@@ -314,7 +314,7 @@ def test_lights_add_up(renderer, method):
     assert whole[..., :3].max() > max(image[..., :3].max() for image in each)
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", LIGHTS)
 def test_the_map_is_as_right_as_it_says(renderer, light):
     scene = solid_scene("several", light, ambient=None, shadow=ShadowSettings(res=256))
@@ -336,7 +336,7 @@ def slab(scale=1.0):
     return tfm.Volume(np.ones((32, 32, 32)), voxel_size=2 / 32, origin=(-1, -1, -1), density_scale=scale)
 
 
-@pytest.mark.quick("klt-visible-0.005")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("basis", "range_", "error"),
     [
@@ -371,7 +371,7 @@ def test_behind_the_last_density_light_does_not_go_on_falling(renderer, basis, r
     assert np.ptp(behind) < 1e-5 * images[0]
 
 
-@pytest.mark.quick("klt-sun")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", ["sun", "spot", "point"])
 @pytest.mark.parametrize("basis", ["klt", "dct"])
 def test_brightness_is_continuous_across_the_silhouette(renderer, light, basis):
@@ -617,7 +617,7 @@ def test_light_or_camera_within_a_solid(renderer, method):
 # --- textures --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.quick("from the side")
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["behind the light", "from the side"])
 def test_a_textured_spot_throws_its_image_upright(renderer, tmp_path, side):
     texture = np.random.default_rng(3).uniform(0.1, 1, size=(3, 4, 3)).astype(np.float32)

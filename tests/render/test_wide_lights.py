@@ -42,7 +42,7 @@ def error(renderer, scene):
     return np.sqrt((difference**2).mean()) / dual[lit, :3].mean()
 
 
-@pytest.mark.quick("128-point within")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIGHTS)
 @pytest.mark.parametrize("res", [128, "auto"])
 def test_is_as_good_as_a_narrow_cone(renderer, name, res):

@@ -1072,6 +1072,7 @@ def test_real_renderer(volume, out, device_name):
     assert curves["exact"][-1] < curves["exact"][0] <= 1
 
 
+@pytest.mark.slow
 def test_several_processes_make_the_same_rows(volume, tmp_path, device_name):
     seconds = dict.fromkeys(("seconds_light_pass", "seconds_view_pass", "seconds_reference"), 0.0)
     other = blob(tmp_path / "other.npy", seed=1)
