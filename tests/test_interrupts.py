@@ -51,6 +51,7 @@ for task in set(os.listdir("/proc/self/task")) - before:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="no /proc as Linux has it")
 def test_a_compiler_does_not_take_it(device_name, tmp_path):
     done = subprocess.run(

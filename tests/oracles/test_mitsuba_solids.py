@@ -114,9 +114,7 @@ def failures(result, batches, samples, scalar=False):
 
 
 CASES = [
-    pytest.param("before", "spot", QUICK, id="before, spot"),
     pytest.param("within", "sun", QUICK, id="within, sun"),
-    pytest.param("behind", "point", QUICK, id="behind, point"),
     *(
         pytest.param(sphere, light, SLOW, id=f"{sphere}, {light}, more", marks=pytest.mark.slow)
         for sphere in SPHERES

@@ -182,6 +182,7 @@ def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
         renderer.render(scene_of(error=0.05))
 
 
+@pytest.mark.quick("black")
 @pytest.mark.parametrize(
     "scene",
     [

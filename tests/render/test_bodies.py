@@ -447,7 +447,7 @@ def test_the_order_does_not_matter(renderer, mixture, method):
         assert_close(image, images[0], TWICE if method == "dual" else MAP_PASS)
 
 
-@pytest.mark.quick("white beside brown-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("mixture", ["white beside brown", "two boxes", "all kinds"])
 def test_lights_add_up(renderer, mixture, method):

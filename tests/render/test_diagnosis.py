@@ -394,6 +394,7 @@ def textures(tmp_path):
     return save
 
 
+@pytest.mark.slow
 def test_of_black_textures(renderer, textures):
     path = textures(np.zeros((4, 4, 3)))
     black = f"the texture of light 1 is black: {path}"

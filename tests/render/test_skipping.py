@@ -156,6 +156,9 @@ def test_skipping_does_not_show(renderer, gappy, sampling, method):
     assert skipped.stats.samples["view_pass"] < every.stats.samples["view_pass"]
 
 
+@pytest.mark.quick(
+    "7-camera inside-tfm", "300-light inside-dual", "300-three lights-tfm", "300-a wide lens close by-tfm"
+)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("steps", [7, 300])
@@ -386,7 +389,7 @@ def test_lanes_that_the_device_does_not_have_are_refused(device_name, lanes_poss
             tfm.Renderer(device_name, lanes=lanes)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_lanes_agree(check_lanes, method):
     camera = tfm.Camera(from_=(0.6, 0.8, 4.2), to=(0.05, 0.1, 0), fov=38, res=(97, 61))

@@ -242,7 +242,7 @@ def test_a_convex_sphere_in_clear_air_has_no_acne(renderer, light):
     assert (image[..., 3] == hit)[clear].all()
 
 
-@pytest.mark.quick("normal0-spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 @pytest.mark.parametrize("normal", [(0.3, 1, 0.2), (1, 0.1, 0), (0, 0.05, 1)])
 def test_a_tilted_plane_in_clear_air_has_no_acne(renderer, light, normal):
@@ -474,7 +474,7 @@ def test_maps_serve_the_same_shadow_map_only(renderer):
         renderer.render(scene, maps=maps)
 
 
-@pytest.mark.quick("0.6")
+@pytest.mark.slow
 @pytest.mark.parametrize("reflects", [0.0, 0.6])
 def test_ambient_closed_forms(renderer, reflects):
     sky, sigma_s, sigma_a = np.array([0.5, 1.0, 2.0]), np.array([0.3, 0.6, 0.9]), 0.2
@@ -526,7 +526,7 @@ def test_a_light_crosses_the_box_without_a_jump(renderer, solids, method):
     assert changes[1] < changes[0] / 2
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_far_spot_is_a_sun(renderer, method):
     sun = LIGHTS["sun"]
@@ -553,7 +553,7 @@ def test_a_far_spot_is_a_sun(renderer, method):
     assert difference.mean() < 5e-3 * images[0].mean() + 1e-3
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_an_endless_ceiling_keeps_the_sun_out(renderer, method):
     sun = SunLight(from_=(0, 1, 0), to=(0, 0, 0), **BRIGHT)
@@ -601,7 +601,7 @@ def test_a_crop_shows_what_the_whole_frame_does(renderer, method):
     assert (part == whole[3:11, 5:14]).all()
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_light_or_camera_within_a_solid(renderer, method):
     light = PointLight(from_=BALL.centre, **BRIGHT)
