@@ -42,7 +42,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 #endif
 #else
   for (int k = 0; k < here.count; ++k) {
-    const Lights one = {lights, here.numbers + k, 1, &buffers};
+    const Lights one = {lights, here.numbers + k, 1, here.many, &buffers};
     Interval lit = on_ray.all, before = on_ray.all;
     const Ints active = on_ray.meets & light_clip(lights + here.numbers[k], ray, &lit);
     if (!any_lane(active))

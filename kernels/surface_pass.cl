@@ -55,7 +55,7 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     const Ints shaded = lit_pixels(light, lit, pixels, wanted & (reflects > 0.0f));
     if (!any_lane(shaded))
       continue;
-    const LightPath path = light_path(&scene, light, &buffers, surface.point, sample, 0);
+    const LightPath path = light_path(&scene, light, &buffers, surface.point, sample, 0, 0);
     Floats depth[TFM_CHANNELS], tint[3], through[3];
     light_optical_depths(&scene, light, &buffers, &path, shaded, &read, depth);
     light_tint(light, &buffers, sample, tint);

@@ -14,6 +14,11 @@
 #define TFM_INLINE static inline __attribute__((always_inline))
 #endif
 
+/* Bring what p points at near. OpenCL's prefetch() does nothing in PoCL. */
+#if TFM_LANES > 1 && (defined(__x86_64__) || defined(__aarch64__))
+#define PREFETCH(p) __builtin_prefetch(p)
+#endif
+
 #if TFM_LANES == 1
 typedef float Floats;
 typedef int Ints;

@@ -11,6 +11,7 @@ typedef struct {
   LIGHT of;
   __global const int *numbers;
   int count;
+  int many; /* the block has several, whose maps push each other out of the cache */
   const LightBuffers *buffers;
 } Lights;
 
@@ -28,6 +29,7 @@ TFM_INLINE Lights lights_of_block(LIGHT lights, __global const int *starts, __gl
   found.of = lights;
   found.numbers = touching + first;
   found.count = starts[row * blocks.z + column + 1] - first;
+  found.many = found.count > 1;
   found.buffers = buffers;
   return found;
 }

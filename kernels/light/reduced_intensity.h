@@ -55,16 +55,22 @@ typedef struct {
 #endif
 } LightPath;
 
-/* inside: bits of the bodies that light and point lie in. */
+/* inside: bits of the bodies that light and point lie in. is_far: the maps are hardly in the cache, and not read at
+   once. */
 TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuffers *buffers, Vec3 point,
-                                LightSample sample, int inside)
+                                LightSample sample, int inside, int is_far)
 {
   LightPath path;
 #if READS_MAPS
-  for (int k = 0; k < TFM_FIELDS; ++k)
-    path.place[k] = map_place(scene->grids, light, &buffers->maps, buffers->maps.of + light->first_map + k, point, sample);
+  for (int k = 0; k < TFM_FIELDS; ++k) {
+    MAP map = buffers->maps.of + light->first_map + k;
+    path.place[k] = map_place(scene->grids, light, &buffers->maps, map, point, sample);
+    if (is_far)
+      map_prefetch(&buffers->maps, map, path.place[k]);
+  }
 #else
   (void)buffers;
+  (void)is_far;
   path.point = point;
   path.distance = sample.distance;
 #endif

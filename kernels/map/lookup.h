@@ -109,6 +109,23 @@ TFM_INLINE MapPlace map_place(GRID grids, LIGHT light, const Maps *maps, MAP map
   return place;
 }
 
+/* Asks for the coefficients around a place before they are needed: rays find them in no order that a cache expects. */
+TFM_INLINE void map_prefetch(const Maps *maps, MAP map, MapPlace place)
+{
+#ifdef PREFETCH
+  __global const MapStorage *numbers = numbers_of(maps, map);
+  const int dy = map->res > 1 ? map->res * TFM_N_COEFF : 0;
+#define TEXEL_ROWS(p, i, s) (PREFETCH(numbers + (size_t)LANE(place.position.texel, s) * TFM_N_COEFF), \
+                             PREFETCH(numbers + (size_t)LANE(place.position.texel, s) * TFM_N_COEFF + dy), 0)
+  (void)(Ints)FOR_LANES(TEXEL_ROWS, 0, 0);
+#undef TEXEL_ROWS
+#else
+  (void)maps;
+  (void)map;
+  (void)place;
+#endif
+}
+
 /* Optical depth at v, of the coefficients at one position. */
 TFM_INLINE Floats map_optical_depth_at(const Maps *maps, MAP map, MapPosition position, Floats v)
 {

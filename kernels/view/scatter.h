@@ -41,9 +41,10 @@ typedef struct {
   LightPath path;
 } LightArrival;
 
-TFM_INLINE LightArrival light_arrival(const Scene *scene, LIGHT light, const LightBuffers *buffers, Ray ray,
-                                      Ray light_space_ray, Floats t, int inside)
+TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, LIGHT light, Ray ray, Ray light_space_ray,
+                                      Floats t, int inside)
 {
+  const LightBuffers *buffers = lights->buffers;
   const LightSample sample = light_at(light, ray_at(light_space_ray, t));
   LightArrival arrival;
   arrival.mu = -dot3(sample.direction, light_space_ray.direction);
@@ -52,7 +53,7 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, LIGHT light, const Lig
 #if TFM_TEXTURE
   light_tint(light, buffers, sample, arrival.tint);
 #endif
-  arrival.path = light_path(scene, light, buffers, ray_at(ray, t), sample, inside);
+  arrival.path = light_path(scene, light, buffers, ray_at(ray, t), sample, inside, lights->many);
   return arrival;
 }
 
@@ -177,7 +178,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       LightArrival arrival[MOST_STEPS];
       Floats arrives[MOST_STEPS][TFM_CHANNELS];
       for (int k = 0; k < count; ++k)
-        arrival[k] = light_arrival(scene, light, lights->buffers, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0);
+        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0);
       for (int k = 0; k < count; ++k) {
         if (any_lane(arrival[k].visible > 0.0f))
           light_optical_depths(scene, light, lights->buffers, &arrival[k].path, any_amount(&step[k]), &sums->samples,
@@ -316,7 +317,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
       LIGHT light = lights->of + lights->numbers[i];
       const Ray light_space_ray = ray_in_light(light, ray);
 #endif
-      const LightArrival arrival = light_arrival(scene, light, lights->buffers, ray, light_space_ray, t, ALONE ? ~0 : 0);
+      const LightArrival arrival = light_arrival(scene, lights, light, ray, light_space_ray, t, ALONE ? ~0 : 0);
       Floats way[TFM_CHANNELS];
 #if TFM_SHARED
       Floats sum[TFM_CHANNELS];
