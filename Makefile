@@ -10,13 +10,13 @@ demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus
 	mkdir -p out
 	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
 
-test: lint  ## the tests a change must pass
+test: lint  ## the tests a change must pass: five minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 test-slow: $(INSTALLED)  ## the rest: minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
 
-test-all: test test-slow  ## every test: half an hour on two cores
+test-all: test test-slow  ## every test: an hour on two cores
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check
