@@ -7,7 +7,7 @@
 /* radiance       adds single scattering, RGB
    light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
    samples        adds the densities read, and the samples taken in closed form
-transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0, of the first launch: what lies
+   transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0, of the first launch: what lies
                   along a ray is in the cache already, and lights that share its samples need no march of its own
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
