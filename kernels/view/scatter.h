@@ -32,8 +32,12 @@ TFM_INLINE LightSums light_sums_begin(void)
 
 /* How a light arrives at a sample. */
 typedef struct {
+#if TFM_MEDIA == 1
+  Floats source; /* phase function times strength */
+#else
   Floats mu; /* cosine between its travel and the direction to the camera */
   Floats strength;
+#endif
   Floats visible; /* the part of it that no solid stops */
 #if TFM_TEXTURE
   Floats tint[3];
@@ -47,8 +51,13 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   const LightBuffers *buffers = lights->buffers;
   const LightSample sample = light_at(light, ray_at(light_space_ray, t));
   LightArrival arrival;
-  arrival.mu = -dot3(sample.direction, light_space_ray.direction);
+  const Floats mu = -dot3(sample.direction, light_space_ray.direction);
+#if TFM_MEDIA == 1
+  arrival.source = TFM_PHASE(scene->media, mu) * sample.strength;
+#else
+  arrival.mu = mu;
   arrival.strength = sample.strength;
+#endif
   arrival.visible = light_visibility(light, buffers->shadow, sample);
 #if TFM_TEXTURE
   light_tint(light, buffers, sample, arrival.tint);
@@ -62,9 +71,10 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
 TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour)
 {
 #if TFM_MEDIA == 1
+  (void)media;
   (void)step;
   (void)colour;
-  return TFM_PHASE(media, arrival->mu) * arrival->strength;
+  return arrival->source;
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
