@@ -22,5 +22,5 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene);
   const CameraSums sums = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
-  camera_sums_store(view, media, &sums, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
+  camera_sums_store(view, media, &sums, on_ray.meets, seen.end, pixels, albedo, transmittance, radiance, samples);
 }

@@ -4,7 +4,7 @@
 #include "view/scatter.h"
 #include "view/see.h"
 
-/* radiance       adds single scattering, RGB
+/* radiance       adds single scattering, RGB; where sees_camera is not 0 to what the camera pass stores there
    light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
    samples        adds the densities read, and the samples taken in closed form
    transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0, of the first launch: what lies
@@ -56,7 +56,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 #if !TFM_SHARED || TFM_BODIES
     const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
 #endif
-    camera_sums_store(view, media, &camera, on_ray.meets, pixels, albedo, transmittance, radiance, samples);
+    camera_sums_store(view, media, &camera, on_ray.meets, seen.end, pixels, albedo, transmittance, radiance, samples);
   }
   if (here.count == 0)
     return;

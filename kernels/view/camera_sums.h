@@ -58,11 +58,12 @@ TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *
 }
 
 /* Eq. 7, the ambient light that arrives scattered or reflected, and what is left of the view.
+   end            of the rays: infinite where no solid is seen
    transmittance  out: RGB of the whole camera ray, and the opacity-weighted mean distance (0 without a medium)
-   radiance       adds the ambient light
+   radiance       out: the ambient light, and the alpha: 1 - mean transmittance, and 1 on solids
    samples        adds the densities read
    albedo         of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
-TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Pixels pixels,
+TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Floats end, Pixels pixels,
                                   __global const float4 *albedo, __global float4 *transmittance,
                                   __global float4 *radiance, __global uint *samples)
 {
@@ -82,8 +83,12 @@ TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sum
   const Floats depth = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
   store_float4(transmittance, index, pixels.wanted, through[0], through[1], through[2], depth);
   add_counts(samples, index, pixels.wanted, sums->samples);
-  if (view->ambient[0] + view->ambient[1] + view->ambient[2] <= 0.0f)
-    return;
+#if TFM_SHADOW
+  const Floats alpha = end < INFINITY ? floats(1.0f) : 1.0f - (through[0] + through[1] + through[2]) / 3.0f;
+#else
+  const Floats alpha = 1.0f - (through[0] + through[1] + through[2]) / 3.0f;
+  (void)end;
+#endif
 #if TFM_SHADOW
   Floats reflects[4];
   load_float4(albedo, index, pixels.wanted & pixels.inside, 0.0f, reflects);
@@ -102,7 +107,7 @@ TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sum
 #endif
     colour[c] *= view->ambient[c];
   }
-  add_float4(radiance, index, pixels.wanted, colour[0], colour[1], colour[2], floats(0.0f));
+  store_float4(radiance, index, pixels.wanted, colour[0], colour[1], colour[2], alpha);
 }
 
 #endif

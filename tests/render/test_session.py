@@ -91,6 +91,26 @@ def test_a_frame_makes_what_it_must(session, renderer, change):
     np.testing.assert_array_equal(second.image, fresh.image)
 
 
+def test_a_picture_stays_what_it_was_while_the_next_are_rendered(session):
+    result = session.render(SCENE)
+    image, depth = result.image, result.aovs["depth"]
+    before = image.copy(), depth.copy(), result.aovs["light_transmittance"].copy()
+    late = session.render(SCENE.replace(march=SCENE.march.replace(steps=20))).aovs
+    layers = result.aovs
+    del result
+    for fov in (25.0, 30.0, 35.0):
+        session.render(SCENE.replace(camera=SCENE.camera.replace(fov=fov)))
+    assert (image == before[0]).all()
+    assert (depth == before[1]).all()
+    assert (layers["light_transmittance"] == before[2]).all()
+    assert (
+        late["transmittance"]
+        == session.render(IN_FOG.replace(volume=GRID, march=SCENE.march.replace(steps=20))).aovs[
+            "transmittance"
+        ]
+    ).all()
+
+
 def test_the_first_frame_makes_everything(session):
     assert session.render(SCENE).stats.made == {"bricks": 1, "probe": 2, "map": 2}
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -105,6 +106,8 @@ class Launcher:
             possible = ", ".join(map(str, sorted(self.lanes_possible)))
             raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
         self._kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._shares_memory = bool(device.type & cl.device_type.CPU)
+        self._host_memory = HostMemory()
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
         self._groups: dict[int, tuple[int, ...] | None] = {
@@ -248,11 +251,37 @@ class Launcher:
     def zeros(self, what: str, nbytes: int) -> cl.Buffer:
         """Allocate a device buffer of zeros, reusing memory."""
         buffer = self.empty(what, nbytes, reuse=True)
-        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, 16))
+        self.clear(buffer, nbytes)
         return buffer
+
+    def output(self, what: str, shape: tuple[int, ...], dtype: type[np.generic]) -> "Output":
+        """Allocate what kernels write and the host reads: where they share memory it is not copied."""
+        nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if not self._shares_memory:
+            return Output(self.empty(what, nbytes, reuse=True), shape, dtype, None)
+        if nbytes > self.largest_buffer:
+            self.empty(what, nbytes)  # says so
+        memory = self._host_memory.take(max(nbytes, 16))
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
+
+    def read(self, output: "Output") -> NDArray[Any]:
+        """Return what kernels wrote; they must not write it again."""
+        if output.memory is None:
+            return self.download(output.buffer, output.shape, output.dtype)
+        # Tells the driver that the host looks at its memory now.
+        whole = 0, (output.memory.nbytes,), np.dtype(np.uint8)
+        mapped: Any = cl.enqueue_map_buffer(self.queue, output.buffer, cl.map_flags.READ, *whole)
+        mapped[0].base.release(self.queue)
+        return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
+
+    def clear(self, buffer: cl.Buffer, nbytes: int) -> None:
+        """Fill a buffer with zeros."""
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, 16))
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""
+        self._host_memory.clear()
         if was_forked():  # it is not this process's
             return
         self.queue.finish()
@@ -279,6 +308,67 @@ class Launcher:
         array = np.empty(shape, dtype)
         cl.enqueue_copy(self.queue, array, buffer, src_offset=first)
         return array
+
+
+@dataclass(frozen=True)
+class Output:
+    """Memory that kernels write and the host reads."""
+
+    buffer: cl.Buffer
+    shape: tuple[int, ...]
+    dtype: type[np.generic]
+    memory: NDArray[np.uint8] | None
+    """The same, for the host, where it is shared."""
+
+    @property
+    def nbytes(self) -> int:
+        """Its size."""
+        return int(np.prod(self.shape)) * np.dtype(self.dtype).itemsize
+
+
+class HostMemory:
+    """Memory of arrays that are no longer used: fresh pages cost as much as filling them."""
+
+    MOST_BYTES = 512 << 20
+    """Kept at most."""
+
+    def __init__(self) -> None:
+        self._free: dict[int, list[NDArray[np.uint8]]] = {}
+        self._nbytes = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes kept."""
+        return self._nbytes
+
+    def take(self, nbytes: int) -> NDArray[np.uint8]:
+        """Return an array of so many bytes; when it and all its views are gone, its memory is kept."""
+        free = self._free.get(nbytes)
+        if free:
+            self._nbytes -= nbytes
+        return np.asarray(_Lease(self, free.pop() if free else np.empty(nbytes, np.uint8)))
+
+    def give_back(self, memory: NDArray[np.uint8]) -> None:
+        """Keep memory, as far as there is room."""
+        if self._nbytes + memory.nbytes <= self.MOST_BYTES:
+            self._nbytes += memory.nbytes
+            self._free.setdefault(memory.nbytes, []).append(memory)
+
+    def clear(self) -> None:
+        """Keep nothing."""
+        self._free.clear()
+        self._nbytes = 0
+
+
+class _Lease:
+    """What an array of `HostMemory` stands on."""
+
+    def __init__(self, owner: HostMemory, memory: NDArray[np.uint8]) -> None:
+        self._owner, self._memory = owner, memory
+        self.__array_interface__ = memory.__array_interface__
+
+    def __del__(self) -> None:
+        self._owner.give_back(self._memory)
 
 
 class Windows:

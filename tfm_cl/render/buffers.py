@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.launch import Launcher, Output
     from tfm_cl.render.visibility import GBuffer
 
 SUMS: dict[str, tuple[type[np.generic], int]] = {
@@ -20,7 +20,10 @@ SUMS: dict[str, tuple[type[np.generic], int]] = {
     "transmittance": (np.float32, 4),
     "samples": (np.uint32, 1),
 }
-"""Name, as kernels take it -> type and numbers per pixel. All begin at 0."""
+"""Name, as kernels take it -> type and numbers per pixel."""
+
+ADDED = ("light_seen", "samples")
+"""Those that begin at 0; the camera stores the others."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class FrameBuffers:
 
     shape: tuple[int, int]
     """(height, width)."""
-    sums: dict[str, cl.Buffer]
+    sums: dict[str, Output]
     solid: cl.Buffer
     """float4: normal and distance of the solid that a pixel shows; of no meaning without solids."""
     albedo: cl.Buffer
@@ -37,7 +40,8 @@ class FrameBuffers:
 
     def arguments(self, *names: str) -> dict[str, cl.Buffer]:
         """Return kernel arguments, by name."""
-        known = self.sums | {"solid": self.solid, "albedo": self.albedo}
+        known = {name: output.buffer for name, output in self.sums.items()}
+        known |= {"solid": self.solid, "albedo": self.albedo}
         return {name: known[name] for name in names}
 
 
@@ -48,22 +52,43 @@ class Sums:
     radiance: NDArray[np.float32]
     light_seen: NDArray[np.float32]
     transmittance: NDArray[np.float32]
-    samples: NDArray[np.float32]
-    solid: NDArray[np.float32]
-    albedo: NDArray[np.float32]
-    errors: NDArray[np.float32]
+    samples: NDArray[np.uint32]
+    gbuffer: GBuffer | None
+    of_errors: NDArray[np.float32] | None
+
+    @property
+    def solid(self) -> NDArray[np.float32]:
+        """Normal and distance; infinite without."""
+        if self.gbuffer is not None:
+            return self.gbuffer.solid
+        nowhere = np.zeros_like(self.radiance)
+        nowhere[..., 3] = np.inf
+        return nowhere
+
+    @property
+    def albedo(self) -> NDArray[np.float32]:
+        """RGB, and 0."""
+        return np.zeros_like(self.radiance) if self.gbuffer is None else self.gbuffer.albedo
+
+    @property
+    def errors(self) -> NDArray[np.float32]:
+        """As ``light_seen``."""
+        return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
 
 
 def allocate(launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuffer | None) -> FrameBuffers:
-    """Make empty buffers for the pixels x0, y0, x1, y1, with the solids that they show."""
+    """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show."""
     x0, y0, x1, y1 = crop
-    pixels, none = (x1 - x0) * (y1 - y0), np.zeros(4, np.float32)
+    shape, none = (y1 - y0, x1 - x0), np.zeros(4, np.float32)
+    sums = {
+        name: launcher.output("the image", (*shape, count) if count > 1 else shape, kind)
+        for name, (kind, count) in SUMS.items()
+    }
+    for name in ADDED:
+        launcher.clear(sums[name].buffer, sums[name].nbytes)
     return FrameBuffers(
-        (y1 - y0, x1 - x0),
-        sums={
-            name: launcher.zeros("the image", np.dtype(kind).itemsize * count * pixels)
-            for name, (kind, count) in SUMS.items()
-        },
+        shape,
+        sums,
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
         albedo=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.albedo),
     )
@@ -72,22 +97,10 @@ def allocate(launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuff
 def read(
     launcher: Launcher, frame: FrameBuffers, gbuffer: GBuffer | None, errors: FrameBuffers | None
 ) -> Sums:
-    """Copy the sums to the host."""
-
-    def download(buffers: FrameBuffers, name: str) -> NDArray[Any]:
-        kind, count = SUMS[name]
-        shape = (*frame.shape, count) if count > 1 else frame.shape
-        return launcher.download(buffers.sums[name], shape, kind)
-
-    none = np.zeros((*frame.shape, 4), np.float32)
-    nowhere = none.copy()
-    nowhere[..., 3] = np.inf
+    """Return the sums on the host; the frame's buffers are then of no more use."""
+    sums = {name: launcher.read(output) for name, output in frame.sums.items()}
     return Sums(
-        radiance=download(frame, "radiance"),
-        light_seen=download(frame, "light_seen"),
-        transmittance=download(frame, "transmittance"),
-        samples=download(frame, "samples").astype(np.float32),
-        solid=nowhere if gbuffer is None else gbuffer.solid,
-        albedo=none if gbuffer is None else gbuffer.albedo,
-        errors=none if errors is None else download(errors, "light_seen"),
+        **sums,
+        gbuffer=gbuffer,
+        of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
     )

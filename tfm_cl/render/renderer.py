@@ -28,14 +28,11 @@ from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.bodies.base import around
-from tfm_cl.scene.layers import LAYERS
+from tfm_cl.scene.layers import LAYERS, Layers
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
-    from tfm_cl.render.buffers import Sums
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene
 
@@ -274,11 +271,11 @@ class Renderer:
             progress,
         )
         sums, warnings = frame.render(method, maps, with_errors="map_error" in aovs)
-        layers = {
-            name: layer.resolve(sums)
+        names = [
+            name
             for name, layer in LAYERS.items()
             if layer.made == "always" or name in aovs or (layer.made == "solids" and scene.solids)
-        }
+        ]
         if scene.solids:
             stats.seconds["trace"] = self._visibility.seconds - traced
         stats.seconds |= {
@@ -286,11 +283,11 @@ class Renderer:
             "total": time.perf_counter() - started,
         }
         stats.made = dict(self._cache.made - made)
-        stats.samples["view_pass"] = int(layers["samples"].sum(dtype=np.float64))
+        stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
         lit = any(row[:, 3].any() for row in sums.light_seen)
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
-        return RenderResult(_image(sums), layers, stats, scene, crop, (*notes, *warnings), lit)
+        return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)
 
 
 def _what(grids: Sequence[Volume]) -> str:
@@ -347,14 +344,6 @@ def _checked_crop(crop: Crop | None, res: tuple[int, int]) -> Crop:
             "it is x0,y0,x1,y1 in pixels, end excluded"
         )
     return x0, y0, x1, y1
-
-
-def _image(sums: Sums) -> NDArray[np.float32]:
-    """Scene-linear RGB, premultiplied; alpha is 1 - mean transmittance, and 1 on solids."""
-    image = sums.radiance.copy()
-    image[..., 3] = 1.0 - sums.transmittance[..., :3].mean(axis=-1)
-    image[np.isfinite(sums.solid[..., 3]), 3] = 1.0
-    return image
 
 
 def _silent(stage: str, fraction: float) -> None:

@@ -14,6 +14,8 @@ from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.scene.scene import Scene
@@ -69,9 +71,10 @@ class RenderResult:
 
     image: NDArray[np.float32]
     """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids."""
-    aovs: dict[str, NDArray[np.float32]]
-    """``depth`` and ``samples`` [H, W], ``transmittance`` and ``light_transmittance`` [H, W, 3]; with solids,
-    or asked for, ``solid_distance`` [H, W], ``normal`` and ``albedo`` [H, W, 3]."""
+    aovs: Mapping[str, NDArray[np.float32]]
+    """Each made when it is first asked for: ``depth`` and ``samples`` [H, W], ``transmittance`` and
+    ``light_transmittance`` [H, W, 3]; with solids, or asked for, ``solid_distance`` [H, W], ``normal`` and
+    ``albedo`` [H, W, 3]."""
     stats: RenderStats
     scene: Scene
     crop: tuple[int, int, int, int]

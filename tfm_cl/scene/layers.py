@@ -6,7 +6,7 @@ there yet, a store in a pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -28,7 +28,7 @@ class Seen(Protocol):
         """[…, 4]: light that arrives times opacity, RGB, and the opacity, summed over lights."""
 
     @property
-    def samples(self) -> Array:
+    def samples(self) -> NDArray[np.uint32]:
         """Densities read, and samples taken in closed form."""
 
     @property
@@ -78,7 +78,9 @@ LAYERS = {
         lambda seen: _mean_by_opacity(seen.light_seen),
     ),
     "samples": Layer(
-        1, "density samples taken for the pixel by the passes of the camera", lambda seen: seen.samples
+        1,
+        "density samples taken for the pixel by the passes of the camera",
+        lambda seen: seen.samples.astype(np.float32),
     ),
     "solid_distance": Layer(
         1,
@@ -104,3 +106,34 @@ LAYERS = {
     ),
 }
 """Name -> layer, in the order in which they are listed."""
+
+
+class Layers(Mapping[str, Array]):
+    """Layers of a picture by name, each made when it is first asked for.
+
+    Parameters
+    ----------
+    names
+        Of `LAYERS`.
+    seen
+        What the passes made.
+    """
+
+    def __init__(self, names: Iterable[str], seen: Seen) -> None:
+        self._seen = seen
+        self._made: dict[str, Array | None] = dict.fromkeys(names)
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a layer, [H, W] or [H, W, 3]."""
+        made = self._made[name]
+        if made is None:
+            made = self._made[name] = LAYERS[name].resolve(self._seen)
+        return made
+
+    def __iter__(self) -> Iterator[str]:
+        """Names, in their order."""
+        return iter(self._made)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._made)
