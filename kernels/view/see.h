@@ -6,9 +6,10 @@
 #include "view/camera_sums.h"
 
 #if TFM_GRIDS
-/* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step. */
-TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, Ints active,
-                          CameraSums *sums)
+/* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step.
+   as_many: all rays have as many steps. */
+TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, int as_many,
+                          Ints active, CameraSums *sums)
 {
   active &= steps > 0;
   if (!any_lane(active))
@@ -23,7 +24,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
     Amounts step[MOST_STEPS];
     for (int k = 0; k < list.count; ++k) {
       const Place place = place_of(&walk, list.n[k]);
-      const Ints here = active & (list.n[k] < walk.steps);
+      const Ints here = as_many ? active : active & (list.n[k] < walk.steps);
       step[k] = along_step(densities_at(scene->padded, &walk, &list, k, place.t, &read), place.length, here);
 #if TFM_BODIES
       const Floats to_end = here ? 0.5f * place.length : floats(0.0f);
@@ -74,9 +75,8 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
   CameraSums sums = camera_sums_begin(scene->media, active);
   active &= part.begin < part.end;
 #if TFM_BODIES == 0
-  (void)only_dims;
-  part.end = least(part.end, on_ray->grids.end);
-  see_grids(scene, on_ray, part, steps_in_grids(on_ray, part, steps), active, &sums);
+  const Ints wanted = only_dims ? steps_in_grids(on_ray, part, steps) : ints(steps);
+  see_grids(scene, on_ray, part, wanted, !only_dims, active, &sums);
 #else
   /* Beyond nothing is seen, and steps that reach farther would be too long. */
   Interval visible = part;
@@ -97,7 +97,7 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
   for (int i = 0; i < STRETCHES; ++i) {
     const Ints here = active & (stretch[i].begin < stretch[i].end);
     if (i == 1)
-      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), here, &sums);
+      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), 0, here, &sums);
     else {
       const Ints wanted = only_dims ? ints(1) : steps_of_stretch(stretch[i], visible, steps);
       see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums);
