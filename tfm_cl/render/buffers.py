@@ -30,8 +30,6 @@ ADDED = ("light_seen", "samples")
 class FrameBuffers:
     """Buffers of one crop, by the names that kernels have for them."""
 
-    shape: tuple[int, int]
-    """(height, width)."""
     sums: dict[str, Output]
     solid: cl.Buffer
     """float4: normal and distance of the solid that a pixel shows; of no meaning without solids."""
@@ -87,7 +85,6 @@ def allocate(launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuff
     for name in ADDED:
         launcher.clear(sums[name].buffer, sums[name].nbytes)
     return FrameBuffers(
-        shape,
         sums,
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
         albedo=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.albedo),
