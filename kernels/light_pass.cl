@@ -24,13 +24,19 @@ TFM_INLINE Texels tile_texels(int res, int4 window)
   return texels;
 }
 
+/* Number of this work-item's tile among those of the launch. */
+TFM_INLINE size_t tile_number(int4 window)
+{
+  const size_t tiles_x = (size_t)((window.z - window.x + TILE_WIDTH - 1) / TILE_WIDTH);
+  return get_global_id(1) * tiles_x + get_global_id(0);
+}
+
 /* The part of a texel's ray that its numbers speak of; the lanes in which there is one. */
-TFM_INLINE Ints texel_range(GRID grids, MAP map, __global const float4 *ranges, Texels texels, const GridRay *ray,
-                            Interval *part)
+TFM_INLINE Ints texel_range(GRID grids, LIGHT light, MAP map, __global const float4 *ranges, Texels texels, Interval *part)
 {
 #if TFM_RANGE
   (void)grids;
-  (void)ray;
+  (void)light;
   const RayRange range = map_range(map, ranges, texels.u, texels.v);
   part->begin = range.begin;
   part->end = range.end;
@@ -38,8 +44,8 @@ TFM_INLINE Ints texel_range(GRID grids, MAP map, __global const float4 *ranges, 
 #else
   (void)map;
   (void)ranges;
-  (void)texels;
-  return light_medium_interval(grids, ray, part);
+  const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
+  return light_medium_interval(grids, &ray, part);
 #endif
 }
 
@@ -111,70 +117,74 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   const Texels texels = tile_texels(res, window);
   if (!any_lane(texels.inside))
     return;
-  const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
-  Interval part;
-  const Ints active = texels.inside & texel_range(grids, map, ranges, texels, &ray, &part);
-
 #if !TFM_SHADOW
   (void)clip;
 #endif
+  const Ints texel = texels.y * res + texels.x;
+  __global uint2 *counted = counts + tile_number(window);
+  coefficients += (size_t)map->first_number * NUMBERS_UNIT;
+  Interval part;
+  const Ints active = texels.inside & texel_range(grids, light, map, ranges, texels, &part);
+  if (!any_lane(active)) {
+    Floats clear[TFM_N_COEFF];
+    for (int j = 0; j < TFM_N_COEFF; ++j)
+      clear[j] = floats(clear_coefficient(j));
+    store_coefficients(coefficients, texel, texels.inside, clear);
+    store_float2(occupied, texel, texels.inside, floats(0.0f), floats(0.0f));
+    *counted = (uint2)(0, 0);
+    return;
+  }
   const int level = march_level(map, ranges, texels);
   const int most = steps_of_level(map->steps, level);
   __global const float *table = tables + table_starts[level - 1];
   BasisState state;
   basis_begin(&state);
   Ints first = ints(0), end = ints(0), samples = ints(0);
-  Floats step = floats(0.0f);
-  if (any_lane(active)) {
-    PADDED_GRIDS(padded);
-    const Floats length = part.end - part.begin;
+  const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
+  PADDED_GRIDS(padded);
+  const Floats length = part.end - part.begin;
 #if TFM_SHADOW
-    /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end, and walks one more, which
-       finds nothing: a full step changes the one after it too. */
-    const Floats open = clamp_to((texel_clip(texels, res, clip) - part.begin) / length, 1.0f) * (float)most;
-    const Ints taken_steps = TO_INTS(open) + 1 < most ? TO_INTS(open) + 1 : ints(most);
-    const Ints walked = taken_steps < most ? taken_steps + 1 : taken_steps;
-    const Walk walk = walk_from(&padded, &ray, part.begin, length * TO_FLOATS(walked) * (1.0f / (float)most), no_warp(), 0,
-                                walked, active);
+  /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end, and walks one more, which
+     finds nothing: a full step changes the one after it too. */
+  const Floats open = clamp_to((texel_clip(texels, res, clip) - part.begin) / length, 1.0f) * (float)most;
+  const Ints taken_steps = TO_INTS(open) + 1 < most ? TO_INTS(open) + 1 : ints(most);
+  const Ints walked = taken_steps < most ? taken_steps + 1 : taken_steps;
+  const Walk walk = walk_from(&padded, &ray, part.begin, length * TO_FLOATS(walked) * (1.0f / (float)most), no_warp(), 0,
+                              walked, active);
 #else
-    const Ints taken_steps = ints(most);
-    const Walk walk = walk_from(&padded, &ray, part.begin, length, no_warp(), 0, taken_steps, active);
+  const Ints taken_steps = ints(most);
+  const Walk walk = walk_from(&padded, &ray, part.begin, length, no_warp(), 0, taken_steps, active);
 #endif
-    step = walk.step;
-    Floats optical_depth = floats(0.0f);
-    Steps list = no_steps();
-    LightSteps steps;
-    /* The second half of a full step still changes the one after it, even if that is empty. */
-    while (find_steps(&padded, &walk, active, 1, &list)) {
-      steps.count = list.count;
-      for (int k = 0; k < list.count; ++k) {
-        steps.n[k] = list.n[k];
-        const Floats density = densities_at(&padded, &walk, &list, k, place_of(&walk, list.n[k]).t, &samples).of[0][0];
-        steps.depth[k] = (active & (list.n[k] < taken_steps)) ? walk.step * density : floats(0.0f);
-      }
-      for (int k = 0; k < list.count; ++k) {
-        const int n = list.n[k];
-        const Ints dense = steps.depth[k] > 0.0f;
-        first = (dense & (end == 0)) ? ints(n) : first;
-        end = dense ? ints(n + 1) : end;
-        steps.before[k] = optical_depth;
-        steps.depth[k] = least(steps.depth[k], TFM_MAX_OPTICAL_DEPTH - optical_depth);
-        optical_depth += steps.depth[k];
-      }
-      basis_steps(map, table, &state, &steps, most);
+  Floats optical_depth = floats(0.0f);
+  Steps list = no_steps();
+  LightSteps steps;
+  /* The second half of a full step still changes the one after it, even if that is empty. */
+  while (find_steps(&padded, &walk, active, 1, &list)) {
+    steps.count = list.count;
+    for (int k = 0; k < list.count; ++k) {
+      steps.n[k] = list.n[k];
+      const Floats density = densities_at(&padded, &walk, &list, k, place_of(&walk, list.n[k]).t, &samples).of[0][0];
+      steps.depth[k] = (active & (list.n[k] < taken_steps)) ? walk.step * density : floats(0.0f);
     }
+    for (int k = 0; k < list.count; ++k) {
+      const int n = list.n[k];
+      const Ints dense = steps.depth[k] > 0.0f;
+      first = (dense & (end == 0)) ? ints(n) : first;
+      end = dense ? ints(n + 1) : end;
+      steps.before[k] = optical_depth;
+      steps.depth[k] = least(steps.depth[k], TFM_MAX_OPTICAL_DEPTH - optical_depth);
+      optical_depth += steps.depth[k];
+    }
+    basis_steps(map, table, &state, &steps, most);
   }
   Floats c[TFM_N_COEFF];
   basis_finish(map, table, active, &state, most, c);
 
-  const Ints texel = texels.y * res + texels.x;
   const Ints dense = active & (end > 0);
-  store_float2(occupied, texel, texels.inside, dense ? part.begin + TO_FLOATS(first) * step : floats(0.0f),
-               dense ? part.begin + TO_FLOATS(end) * step : floats(0.0f));
-  store_coefficients(coefficients + (size_t)map->first_number * NUMBERS_UNIT, texel, texels.inside, c);
-  const uint met = sum_of_lanes(ints(1), texels.inside & active), read = sum_of_lanes(samples, texels.inside & active);
-  const size_t tiles_x = (size_t)((window.z - window.x + TILE_WIDTH - 1) / TILE_WIDTH);
-  counts[get_global_id(1) * tiles_x + get_global_id(0)] = (uint2)(met, read);
+  store_float2(occupied, texel, texels.inside, dense ? part.begin + TO_FLOATS(first) * walk.step : floats(0.0f),
+               dense ? part.begin + TO_FLOATS(end) * walk.step : floats(0.0f));
+  store_coefficients(coefficients, texel, texels.inside, c);
+  *counted = (uint2)(sum_of_lanes(ints(1), active), sum_of_lanes(samples, active));
 }
 
 /* Store float coefficients in fewer bits. One work-item per texel.

@@ -21,6 +21,8 @@ TARGETS = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
 """What a basis approximates -> its number in the kernels, ``TARGET_TRANSMITTANCE`` and so on."""
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
 """How a map stores its numbers -> ``TFM_STORAGE_BITS``."""
+SUMS_BLOCK = 12
+"""Sums over a ray's steps that registers hold at once."""
 RIDGE = 1e-6
 """Added to the diagonal of normal equations, as a part of its mean: float32 solves what is left."""
 EDGE_MARGIN = 1e-3
@@ -38,6 +40,7 @@ def c_definitions() -> str:
         "CURVE_CELLS": CURVE_CELLS,
         "TABULATED_CELLS": TABULATED_CELLS,
         "NUMBERS_UNIT": NUMBERS_UNIT,
+        "SUMS_BLOCK": SUMS_BLOCK,
         "TFM_RIDGE": f"{RIDGE}f",
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},

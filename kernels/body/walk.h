@@ -49,6 +49,13 @@ typedef struct {
 #define MOST_STEPS 1
 #else
 #define MOST_STEPS 8
+/* A number for each step of a list. */
+typedef float8 StepFloats;
+typedef int8 StepInts;
+typedef union {
+  StepInts all;
+  int one[MOST_STEPS];
+} StepArray;
 #endif
 
 typedef struct {
@@ -69,11 +76,6 @@ typedef struct {
   Floats t;      /* ray parameter of the middle */
   Floats length; /* in units of the ray parameter */
 } Place;
-
-TFM_INLINE float fraction_of(float s, float ratio)
-{
-  return s * ratio / (s * ratio + (1.0f - s));
-}
 
 TFM_INLINE float part_of_fraction(float f, float ratio)
 {
@@ -184,10 +186,38 @@ TFM_INLINE int step_at(float position, int n, int most)
 }
 
 #if SHARES_WINDOWS
-TFM_INLINE int clamped_cell(float x, float upper)
+/* Windows of as many steps as a list holds, from n on: what they cost for one, they cost for all. */
+typedef struct {
+  StepArray corner[3]; /* the lowest voxel */
+  StepArray voxels[3];
+  StepArray brick; /* of the corner, in the grid's table */
+} Windows;
+
+TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
 {
-  x = x > 0.0f ? x : 0.0f;
-  return (int)(x < upper ? x : upper);
+  const StepFloats s = (convert_float8(n + (StepInts)(0, 1, 2, 3, 4, 5, 6, 7)) + 0.5f) * walk->width;
+  StepFloats f = s, g = s;
+  if (walk->warped) {
+    f = s * walk->least_ratio / (s * walk->least_ratio + (1.0f - s));
+    g = s * walk->greatest_ratio / (s * walk->greatest_ratio + (1.0f - s));
+  }
+  Windows windows;
+  StepInts brick[3];
+#pragma unroll
+  for (int axis = 0; axis < 3; ++axis) {
+    const StepFloats low_f = walk->low[axis] + f * walk->low_change[axis], low_g = walk->low[axis] + g * walk->low_change[axis];
+    const StepFloats high_f = walk->high[axis] + f * walk->high_change[axis], high_g = walk->high[axis] + g * walk->high_change[axis];
+    StepFloats low = low_f < low_g ? low_f : low_g, high = high_f > high_g ? high_f : high_g;
+    low = low > 0.0f ? low : (StepFloats)(0.0f);
+    high = high > 0.0f ? high : (StepFloats)(0.0f);
+    const StepInts corner = convert_int8(low < extent->upper[axis] ? low : (StepFloats)(extent->upper[axis]));
+    const StepInts last = convert_int8(high < extent->upper[axis] ? high : (StepFloats)(extent->upper[axis]));
+    windows.corner[axis].all = corner;
+    windows.voxels[axis].all = last - corner + 2;
+    brick[axis] = corner >> BRICK_SHIFT;
+  }
+  windows.brick.all = BRICK_AT(extent, brick[0], brick[1], brick[2]);
+  return windows;
 }
 
 /* Find steps for the tile as a whole. after: also list the step after each one that is read. */
@@ -196,47 +226,40 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
   const Extent *extent = &grid->of[0];
   int n = steps->next, count = 0, force = steps->forced;
   while (n < walk->most && count < MOST_STEPS) {
-    const float s = ((float)n + 0.5f) * walk->width;
-    const float f = walk->warped ? fraction_of(s, walk->least_ratio) : s;
-    const float g = walk->warped ? fraction_of(s, walk->greatest_ratio) : s;
-    Window *window = &steps->window[count];
-    int brick[3];
+    const Windows windows = windows_from(walk, extent, n);
+    for (int i = 0; i < MOST_STEPS && n < walk->most && count < MOST_STEPS; ++i) {
+      const int record = extent->bricks[windows.brick.one[i]];
+      if (force | (record > 0) | !walk->skip) {
+        Window *window = &steps->window[count];
 #pragma unroll
-    for (int axis = 0; axis < 3; ++axis) {
-      const float low = smaller(walk->low[axis] + f * walk->low_change[axis], walk->low[axis] + g * walk->low_change[axis]);
-      const int cell = clamped_cell(low, extent->upper[axis]);
-      window->corner[axis] = cell;
-      brick[axis] = cell >> BRICK_SHIFT;
-    }
-    const int record = extent->bricks[BRICK_AT(extent, brick[0], brick[1], brick[2])];
-    if (force | (record > 0) | !walk->skip) {
+        for (int axis = 0; axis < 3; ++axis) {
+          window->corner[axis] = windows.corner[axis].one[i];
+          window->voxels[axis] = windows.voxels[axis].one[i];
+        }
+        window->record = record > 0 ? record : 0;
+        steps->n[count] = n;
+        force = after & (record > 0);
+        ++count;
+        ++n;
+        continue;
+      }
+      /* Continue until the box leaves the cube of bricks, around the brick of its corner, that are known to be empty
+         together with the cells beyond that they cover. */
+      float until[3];
 #pragma unroll
       for (int axis = 0; axis < 3; ++axis) {
-        const float high =
-            larger(walk->high[axis] + f * walk->high_change[axis], walk->high[axis] + g * walk->high_change[axis]);
-        window->voxels[axis] = clamped_cell(high, extent->upper[axis]) - window->corner[axis] + 2;
+        const int brick = windows.corner[axis].one[i] >> BRICK_SHIFT;
+        const float below = (float)((brick + record + 1) * BRICK_EDGE);
+        const float above = (float)((brick - record) * BRICK_EDGE + MOST_SHARED - 1);
+        const float down = walk->low_inverse[axis] != 0.0f ? (below - walk->low[axis]) * walk->low_inverse[axis] : 1.0f;
+        const float up = walk->high_inverse[axis] != 0.0f ? (above - walk->high[axis]) * walk->high_inverse[axis] : 1.0f;
+        until[axis] = smaller(down, up);
       }
-      steps->n[count] = n;
-      window->record = record > 0 ? record : 0;
-      force = after & (record > 0);
-      ++count;
-      ++n;
-      continue;
+      const float fraction = larger(smaller(smaller(until[0], until[1]), smaller(until[2], 1.0f)), 0.0f);
+      const float part = walk->warped ? part_of_fraction(fraction, walk->greatest_ratio) : fraction;
+      n = step_at((float)walk->most * part, n, walk->most);
+      break;
     }
-    /* Continue until the box leaves the cube of bricks, around the brick of its corner, that are known to be empty
-       together with the cells beyond that they cover. */
-    float until[3];
-#pragma unroll
-    for (int axis = 0; axis < 3; ++axis) {
-      const float below = (float)((brick[axis] + record + 1) * BRICK_EDGE);
-      const float above = (float)((brick[axis] - record) * BRICK_EDGE + MOST_SHARED - 1);
-      const float down = walk->low_inverse[axis] != 0.0f ? (below - walk->low[axis]) * walk->low_inverse[axis] : 1.0f;
-      const float up = walk->high_inverse[axis] != 0.0f ? (above - walk->high[axis]) * walk->high_inverse[axis] : 1.0f;
-      until[axis] = smaller(down, up);
-    }
-    const float fraction = larger(smaller(smaller(until[0], until[1]), smaller(until[2], 1.0f)), 0.0f);
-    const float part = walk->warped ? part_of_fraction(fraction, walk->greatest_ratio) : fraction;
-    n = step_at((float)walk->most * part, n, walk->most);
   }
   steps->next = n;
   steps->forced = force;

@@ -11,7 +11,7 @@
 
    table  for the march's number of steps M: L2: [M][n], S (or a, where the target is the extinction, which is not
           summed by parts). visibility: the products B_i B_j (i >= j) averaged over the steps, then [M] rows of S[n],
-          B[n] and B_i B_j.
+          B[n] and B_i B_j. Products come in whole SUMS_BLOCKs.
    Requires: TFM_N_COEFF; TFM_TARGET, one of the three below; TFM_FIT 0 (L2) or 1 (visibility). */
 #ifndef TFM_PROJECTION_H
 #define TFM_PROJECTION_H
@@ -19,6 +19,7 @@
 #include "../body/walk.h"
 
 #define PRODUCTS (TFM_N_COEFF * (TFM_N_COEFF + 1) / 2)
+#define WHOLE_PRODUCTS ((PRODUCTS + SUMS_BLOCK - 1) / SUMS_BLOCK * SUMS_BLOCK)
 
 /* Steps of the march, in order: all with density, and the one after each. */
 typedef struct {
@@ -28,15 +29,34 @@ typedef struct {
   Floats depth[MOST_STEPS];  /* and along it */
 } LightSteps;
 
+/* The coefficients of a ray that meets nothing, T = 1: 0, but for the series of f itself whose first function is 1. */
+TFM_INLINE float clear_coefficient(int j)
+{
+#if TFM_TARGET == TARGET_TRANSMITTANCE && defined(TFM_BASIS_HAS_ONE)
+  return j == 0 ? 1.0f : 0.0f;
+#else
+  (void)j;
+  return 0.0f;
+#endif
+}
+
 #ifndef TFM_BASIS_OWN_STATE
+
+/* Of few coefficients, what the loops below work on stays in registers. */
+#if TFM_N_COEFF <= 8
+#define UNROLL_IF_FEW _Pragma("unroll")
+#else
+#define UNROLL_IF_FEW
+#endif
 
 typedef struct {
   Floats sum[TFM_N_COEFF];
   Floats value; /* of the target in the step before: 1 - f, which keeps its digits in thin media, or tau */
 #if TFM_FIT
   Floats weighted[TFM_N_COEFF]; /* sums of w f B */
-  Floats gram[PRODUCTS];        /* sums of w B_i B_j */
+  Floats gram[WHOLE_PRODUCTS];  /* sums of w B_i B_j */
   Floats weight;
+  Floats left; /* T^2 before the next step */
 #endif
 } BasisState;
 
@@ -48,9 +68,10 @@ TFM_INLINE void basis_begin(BasisState *state)
 #if TFM_FIT
   for (int j = 0; j < TFM_N_COEFF; ++j)
     state->weighted[j] = floats(0.0f);
-  for (int j = 0; j < PRODUCTS; ++j)
+  for (int j = 0; j < WHOLE_PRODUCTS; ++j)
     state->gram[j] = floats(0.0f);
   state->weight = floats(0.0f);
+  state->left = floats(1.0f);
 #endif
 }
 
@@ -65,37 +86,53 @@ TFM_INLINE Floats target_value(MAP map, Floats optical_depth)
 }
 
 #if TFM_FIT
-#define TABLE_HEAD PRODUCTS
-#define TABLE_ROW (2 * TFM_N_COEFF + PRODUCTS)
-/* The weight of a step; for f = T^(1/alpha) an error counts (alpha / f)^2 times. */
-TFM_INLINE Floats visibility(MAP map, Floats before, Floats depth)
+#define TABLE_HEAD WHOLE_PRODUCTS
+#define TABLE_ROW (2 * TFM_N_COEFF + WHOLE_PRODUCTS)
+/* The weight of a step; for f = T^(1/alpha) an error counts (alpha / f)^2 times. left: T^2 before the next step. */
+TFM_INLINE Floats visibility(MAP map, Floats before, Floats depth, Floats *left)
 {
   const float extinction = map->reference_extinction;
+  const Floats lost = opacity_of(2.0f * extinction * depth);
 #if TFM_TARGET == TARGET_TRANSMITTANCE
+  (void)left;
   const float rate = extinction > map->inverse_weighting ? extinction - map->inverse_weighting : 0.0f;
+  return transmittance_of(2.0f * rate * before) * lost;
 #else
-  const float rate = extinction;
+  (void)before;
+  const Floats weight = *left * lost;
+  *left -= weight;
+  return weight;
 #endif
-  return transmittance_of(2.0f * rate * before) * opacity_of(2.0f * extinction * depth);
 }
 #else
 #define TABLE_HEAD 0
 #define TABLE_ROW TFM_N_COEFF
 #endif
 
-/* In the steps' order, so that a step that weighs nothing leaves no trace in the sums' rounding. */
-#define TERM(w, rows, j, k) w[k] * rows[k][j]
-#if TFM_LANES == 1
-#define ADD_STEPS(sum, w, rows, j) (sum) += TERM(w, rows, j, 0)
-#else
-#define ADD_STEPS(sum, w, rows, j)                                                                            \
-  (sum) = ((((((((sum) + TERM(w, rows, j, 0)) + TERM(w, rows, j, 1)) + TERM(w, rows, j, 2)) +                 \
-              TERM(w, rows, j, 3)) + TERM(w, rows, j, 4)) + TERM(w, rows, j, 5)) + TERM(w, rows, j, 6)) +     \
-          TERM(w, rows, j, 7)
-#endif
+/* Adds factor[k] * rows[k][j] to `count` sums, as many at a time as registers hold; in the steps' order, so that a step
+   that weighs nothing leaves no trace in the sums' rounding. */
+TFM_INLINE void add_steps(Floats *sums, int count, const Floats *factor, __global const float *const *rows, int column)
+{
+  for (int first = 0; first < count; first += SUMS_BLOCK) {
+    Floats sum[SUMS_BLOCK];
+#pragma unroll
+    for (int j = 0; j < SUMS_BLOCK; ++j)
+      if (first + j < count)
+        sum[j] = sums[first + j];
+#pragma unroll
+    for (int k = 0; k < MOST_STEPS; ++k)
+#pragma unroll
+      for (int j = 0; j < SUMS_BLOCK; ++j)
+        if (first + j < count)
+          sum[j] += factor[k] * rows[k][column + first + j];
+#pragma unroll
+    for (int j = 0; j < SUMS_BLOCK; ++j)
+      if (first + j < count)
+        sums[first + j] = sum[j];
+  }
+}
 
-TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *state,
-                            const LightSteps *steps, int most)
+TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *state, const LightSteps *steps, int most)
 {
   (void)most;
   __global const float *rows[MOST_STEPS];
@@ -115,21 +152,18 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
     rows[k] = rows[0];
     factor[k] = floats(0.0f);
   }
-  for (int j = 0; j < TFM_N_COEFF; ++j)
-    ADD_STEPS(state->sum[j], factor, rows, j);
+  add_steps(state->sum, TFM_N_COEFF, factor, rows, 0);
 #if TFM_FIT
   Floats weight[MOST_STEPS];
   for (int k = 0; k < steps->count; ++k) {
-    weight[k] = visibility(map, steps->before[k], steps->depth[k]);
+    weight[k] = visibility(map, steps->before[k], steps->depth[k], &state->left);
     state->weight += weight[k];
     factor[k] = weight[k] * target_value(map, steps->before[k] + 0.5f * steps->depth[k]);
   }
   for (int k = steps->count; k < MOST_STEPS; ++k)
     weight[k] = floats(0.0f);
-  for (int j = 0; j < TFM_N_COEFF; ++j)
-    ADD_STEPS(state->weighted[j], factor, rows, TFM_N_COEFF + j);
-  for (int j = 0; j < PRODUCTS; ++j)
-    ADD_STEPS(state->gram[j], weight, rows, 2 * TFM_N_COEFF + j);
+  add_steps(state->weighted, TFM_N_COEFF, factor, rows, TFM_N_COEFF);
+  add_steps(state->gram, WHOLE_PRODUCTS, weight, rows, 2 * TFM_N_COEFF);
 #endif
 }
 
@@ -146,31 +180,40 @@ TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
   for (int j = 0; j < PRODUCTS; ++j)
     l[j] = scale * state->gram[j] + share * table[j];
   Floats trace = floats(0.0f);
+  UNROLL_IF_FEW
   for (int i = 0; i < TFM_N_COEFF; ++i)
     trace += l[i * (i + 1) / 2 + i];
   const Floats ridge = (TFM_RIDGE / TFM_N_COEFF) * trace;
   Floats inverse[TFM_N_COEFF];
+  UNROLL_IF_FEW
   for (int i = 0; i < TFM_N_COEFF; ++i) {
     const int row = i * (i + 1) / 2;
+    UNROLL_IF_FEW
     for (int j = 0; j < i; ++j) {
       Floats sum = l[row + j];
+      UNROLL_IF_FEW
       for (int k = 0; k < j; ++k)
         sum -= l[row + k] * l[j * (j + 1) / 2 + k];
       l[row + j] = sum * inverse[j];
     }
     Floats diagonal = l[row + i] + ridge;
+    UNROLL_IF_FEW
     for (int k = 0; k < i; ++k)
       diagonal -= l[row + k] * l[row + k];
     inverse[i] = reciprocal_sqrt(greatest(diagonal, ridge));
   }
+  UNROLL_IF_FEW
   for (int i = 0; i < TFM_N_COEFF; ++i) {
     Floats sum = scale * state->weighted[i] + share * state->sum[i];
+    UNROLL_IF_FEW
     for (int k = 0; k < i; ++k)
       sum -= l[i * (i + 1) / 2 + k] * c[k];
     c[i] = sum * inverse[i];
   }
+  UNROLL_IF_FEW
   for (int i = TFM_N_COEFF - 1; i >= 0; --i) {
     Floats sum = c[i];
+    UNROLL_IF_FEW
     for (int k = i + 1; k < TFM_N_COEFF; ++k)
       sum -= l[k * (k + 1) / 2 + i] * c[k];
     c[i] = sum * inverse[i];
@@ -183,11 +226,9 @@ TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
 #endif
   for (int j = 0; j < TFM_N_COEFF; ++j) {
 #if TFM_TARGET == TARGET_TRANSMITTANCE && defined(TFM_BASIS_HAS_ONE)
-    /* The function 1 is the first: the series of f itself. */
-    c[j] = active ? (j == 0 ? 1.0f : 0.0f) - c[j] : floats(j == 0 ? 1.0f : 0.0f);
-#else
-    c[j] = active ? c[j] : floats(0.0f);
+    c[j] = clear_coefficient(j) - c[j]; /* of f instead of 1 - f */
 #endif
+    c[j] = active ? c[j] : floats(clear_coefficient(j));
   }
 }
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import RIDGE
+from tfm_cl.constants import RIDGE, SUMS_BLOCK
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
@@ -126,7 +126,8 @@ class Basis:
             return rows.astype(np.float32).ravel()
         values = functions.values(middles(steps))
         below = np.tril_indices(n)
-        products = values[:, below[0]] * values[:, below[1]]
+        products = np.zeros((steps, -(-len(below[0]) // SUMS_BLOCK) * SUMS_BLOCK))
+        products[:, : len(below[0])] = values[:, below[0]] * values[:, below[1]]
         rows = np.concatenate([_suffix_sums(values / steps), values, products], axis=1)
         return np.concatenate([products.mean(axis=0), rows.ravel()]).astype(np.float32)
 

@@ -19,9 +19,11 @@ Srebro and Jaakkola, "Weighted low-rank approximations", ICML 2003.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from tfm_cl.maps.bases.base import UNIFORM_SHARE, Basis, Choices, Defaults, Floats, weighted_fit
 from tfm_cl.maps.bases.curves import CELLS, Curves
@@ -63,9 +65,20 @@ class Learnt:
         return functionals
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
 def learn(choices: Choices, curves: Curves | None) -> Learnt:
     """Find the functions for some light rays."""
     assert curves is not None  # noqa: S101 - needs_curves
+    # Threads of BLAS wait for more work by spinning, on the cores that the light pass needs next.
+    with _blas().limit(limits=1, user_api="blas"):
+        return _learn(choices, curves)
+
+
+def _learn(choices: Choices, curves: Curves) -> Learnt:
     n = choices.coeffs
     x = np.linspace(-1, 1, CELLS + 1)[1:]
     polynomials = _orthonormal(np.polynomial.legendre.legvander(x, n - 1).astype(np.float64))
