@@ -7,6 +7,8 @@ BRICK_EDGE = 1 << BRICK_SHIFT
 """Cells along an edge of a brick, the unit in which marches skip what is empty."""
 BLOCK_BRICKS = 2
 """Bricks along an edge of a block, the unit of storage."""
+BLOCK_NUMBERS = 12
+"""Ints that tell where a record's block is, and which records the blocks after it have."""
 MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
 """Lanes -> cells along an axis within which a tile's lanes share what they read."""
 MARCH_LEVELS = 8
@@ -36,6 +38,8 @@ def c_definitions() -> str:
         "BRICK_SHIFT": BRICK_SHIFT,
         "BRICK_EDGE": BRICK_EDGE,
         "BLOCK_EDGE": BLOCK_BRICKS * BRICK_EDGE,
+        "BLOCK_SHIFT": BRICK_SHIFT + BLOCK_BRICKS.bit_length() - 1,
+        "BLOCK_NUMBERS": BLOCK_NUMBERS,
         "MARCH_LEVELS": MARCH_LEVELS,
         "CURVE_CELLS": CURVE_CELLS,
         "TABULATED_CELLS": TABULATED_CELLS,

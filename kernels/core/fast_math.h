@@ -10,7 +10,7 @@ typedef struct {
   Floats part;
 } Exp2;
 
-/* For x in [-126, 0]. part is the Taylor series of 2^f - 1 for f in [-1/2, 1/2], with an error of 5e-9. */
+/* For x in [-126, 126]. part is the Taylor series of 2^f - 1 for f in [-1/2, 1/2], with an error of 5e-9. */
 TFM_INLINE Exp2 exp2_split(Floats x)
 {
   /* Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits. */
@@ -42,6 +42,13 @@ TFM_INLINE Floats opacity_of(Floats optical_depth)
 {
   const Exp2 e = exp_of_minus(optical_depth);
   return (1.0f - e.scale) - e.scale * e.part;
+}
+
+/* 2^x; beyond 126 either way it stays the same. */
+TFM_INLINE Floats exp2_of(Floats x)
+{
+  const Exp2 e = exp2_split(least(greatest(x, floats(-126.0f)), floats(126.0f)));
+  return e.scale + e.scale * e.part;
 }
 
 /* Natural logarithm of positive normal numbers (Cephes logf). */

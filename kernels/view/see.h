@@ -1,15 +1,25 @@
 /* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, and eq. 7's ambient light.
-   Requires: what camera_sums.h does. */
+   Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
+   requires. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
 
 #include "view/camera_sums.h"
+#ifndef TFM_LATTICE
+#define TFM_LATTICE 0
+#endif
+#if TFM_LATTICE
+#include "view/lattice.h"
+#define LATTICE_PARAMETERS , __global const float *lattice, LatticeSums *lit
+#else
+#define LATTICE_PARAMETERS
+#endif
 
 #if TFM_GRIDS
 /* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step.
    as_many: all rays have as many steps. */
 TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, int as_many,
-                          Ints active, CameraSums *sums)
+                          Ints active, CameraSums *sums LATTICE_PARAMETERS)
 {
   active &= steps > 0;
   if (!any_lane(active))
@@ -31,9 +41,18 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       add_bodies(scene->bodies, &on_ray->bodies, place.t - to_end, place.t + to_end, &step[k]);
 #endif
     }
+#if TFM_LATTICE
+    LatticeValue light[MOST_STEPS];
+    for (int k = 0; k < list.count; ++k)
+      light[k] = any_lane(any_amount(&step[k])) ? lattice_at(lattice, &walk, &list, k, place_of(&walk, list.n[k]).t)
+                                                : lattice_begin();
+#endif
     for (int k = 0; k < list.count; ++k) {
       Floats opacity[TFM_CHANNELS];
       const Floats weight = camera_ray_step(media, &sums->ray, &step[k], opacity);
+#if TFM_LATTICE
+      lattice_sums_step(lit, &light[k], opacity, weight);
+#endif
       camera_sums_step(media, sums, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
     }
     alive = active & is_visible(view, &sums->ray);
@@ -67,6 +86,7 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
 }
 #endif
 
+#if !TFM_LATTICE
 /* A part of the rays, from where they meet the first of the media. only_dims: what it takes from the rays is wanted, not
    where. */
 TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, Interval part, int only_dims, Ints active)
@@ -109,5 +129,6 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
 #endif
   return sums;
 }
+#endif
 
 #endif

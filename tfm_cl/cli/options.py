@@ -125,7 +125,7 @@ SCENE_OPTIONS = (
     SceneOption("Map", "--target", "map.target", "", click.Choice(["auto", *TARGETS])),
     SceneOption("Map", "--fit", "map.fit", "", click.Choice(["auto", *FITS])),
     SceneOption("Map", "--range", "map.range", "", click.Choice(["auto", *RANGES])),
-    SceneOption("Map", "--lookup", "map.lookup", "", click.Choice(["auto", *LOOKUPS])),
+    SceneOption("Map", "--lookup", "map.lookup", "", click.Choice(["auto", *LOOKUPS, "lattice"])),
     SceneOption("Map", "--map-res", "map.res", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("Map", "--light-steps", "map.steps", "N|auto", count_or_auto, "bare: auto"),
     SceneOption("Map", "--storage", "map.storage", "", click.Choice(["f32", "f16", "u8"])),

@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
@@ -57,6 +57,8 @@ BATCH = 1024
 class BrickGrid:
     """The bricks of one or several grids on a device."""
 
+    blocks: cl.Buffer
+    """int [records, `BLOCK_NUMBERS`]: of its (first channel's) record, where each block is: see `_places`."""
     table: cl.Buffer
     """int [z, y, x] of the bricks, a grid after the other: number of the (first channel's) record, from 1, or
     minus the distance to the nearest."""
@@ -99,7 +101,7 @@ class BrickGrid:
     @property
     def nbytes(self) -> int:
         """Size on the device."""
-        return sum(int(buffer.size) for buffer in (self.table, *self.pools))
+        return sum(int(buffer.size) for buffer in (self.blocks, self.table, *self.pools))
 
 
 def record_voxels(lanes: int) -> int:
@@ -123,7 +125,8 @@ def device_bytes(channels: Channels, lanes: int, voxels: VoxelType) -> int:
     """Size that `build_bricks` will give a grid, without a device: `BrickGrid.nbytes`."""
     # The first record is zero.
     records = 1 + len(channels) * len(np.unique(np.concatenate([_blocks(one, lanes) for one in channels])))
-    return records * record_bytes(lanes, voxels) + TABLE_ENTRY * math.prod(brick_count_of(channels[0].shape))
+    of_record = record_bytes(lanes, voxels) + 4 * BLOCK_NUMBERS
+    return records * of_record + TABLE_ENTRY * math.prod(brick_count_of(channels[0].shape))
 
 
 def _blocks(leaves: Leaves, lanes: int) -> NDArray[np.int64]:
@@ -188,7 +191,9 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
         tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in channels) for channels in grids
     )
     occupied = sum(int(np.count_nonzero(of_grid)) for of_grid in flags)
-    bricks = BrickGrid(table, pools, counts, occupied, records, pool_size, voxels, exponents)
+    places = _places(blocks, [len(channels) for channels in grids], records)
+    block_buffer = launcher.upload(f"the blocks of {what}", places)
+    bricks = BrickGrid(block_buffer, table, pools, counts, occupied, records, pool_size, voxels, exponents)
     first, tables = 1, []
     for i, of_grid in enumerate(slabs):
         channels = len(of_grid)
@@ -197,13 +202,38 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
             done = 0
             for slab in one:
                 begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
-                places = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
-                numbers = first + channel + channels * np.arange(done, done + len(places), dtype=np.int64)
-                _fill(launcher, slab, bricks, exponents[i][channel], places, numbers)
-                done += len(places)
+                corners = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
+                numbers = first + channel + channels * np.arange(done, done + len(corners), dtype=np.int64)
+                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers)
+                done += len(corners)
         first += channels * int(np.count_nonzero(blocks[i]))
     launcher.write(table, np.concatenate(tables))
     return bricks
+
+
+def _places(blocks: list[NDArray[np.bool_]], channels: list[int], records: int) -> NDArray[np.int32]:
+    """Tell of each record where its block is.
+
+    Returns
+    -------
+    int32 [records, `BLOCK_NUMBERS`]: the block's x, y, z, in blocks; the number of its grid, or -1 for the
+    zero record and those of further channels; the records of the blocks one further along x, y and z, by
+    these three as bits of an index from 1 to 7, or 0.
+    """
+    places = np.zeros((records, BLOCK_NUMBERS), np.int32)
+    places[:, 3] = -1
+    first = 1
+    for grid, (has_density, step) in enumerate(zip(blocks, channels, strict=True)):
+        corners = np.argwhere(has_density)
+        mine = first + step * np.arange(len(corners))
+        numbers = np.zeros(tuple(n + 1 for n in has_density.shape), np.int32)
+        numbers[tuple(corners.T)] = mine
+        places[mine, :3], places[mine, 3] = corners[:, ::-1], grid
+        for after in range(1, 8):
+            offset = (after >> 2 & 1, after >> 1 & 1, after & 1)
+            places[mine, 4 + after] = numbers[tuple((corners + offset).T)]
+        first += step * len(corners)
+    return places
 
 
 def check_count(grids: Sequence[Channels], what: str) -> int:

@@ -43,7 +43,7 @@ def map_variant(settings: ResolvedMap) -> tuple[str, dict[str, int | str]]:
         "TFM_TARGET": TARGETS[settings.target],
         "TFM_FIT": FITS[settings.fit],
         "TFM_RANGE": int(settings.range != "box"),
-        "TFM_LOOKUP": LOOKUPS[settings.lookup],
+        "TFM_LOOKUP": LOOKUPS[settings.between_texels],
     }
 
 

@@ -30,12 +30,17 @@ class ResolvedMap(Model):
     fit: Fit
     range: Range
     slicing: Literal["uniform", "density", "gamma"]
-    lookup: Lookup
+    lookup: Lookup | Literal["lattice"]
     res: int
     steps: int
     storage: Literal["f32", "f16", "u8"]
     blur: float
     blur_kernel: Literal["box", "gaussian"] = Field("gaussian")
+
+    @property
+    def between_texels(self) -> Lookup:
+        """How kernels look a point up: at the points of a lattice as the basis does best."""
+        return BASES[self.basis].defaults.lookup if self.lookup == "lattice" else self.lookup
 
     @property
     def bytes_per_texel(self) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.plan import resolution
+from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene import placement
 
@@ -128,6 +128,11 @@ def plan(
             plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
             decisions |= _of_map(scene.map, resolve(plain.map))
         return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
+    if has_maps and scene.map.lookup == "auto":
+        on_lattice = lattice.choice(scene) if maps is None else lattice.as_of(maps)
+        if on_lattice.is_lattice:
+            scene = scene.replace(map=scene.map.replace(lookup="lattice"))
+            decisions["map.lookup"] = Decision("lattice", on_lattice.why)
     wanted = resolution.wanted(scene, maps)
     decided = resolution.with_numbers(scene, {key: found.number for key, found in wanted.items()})
     resolved = resolve(decided.map) if has_maps else None

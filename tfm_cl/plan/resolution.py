@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 VOXELS_PER_TEXEL = 0.5
 """Width of a texel in voxels, where the light's rays cross the medium: two samples per voxel resolve a
 trilinear density."""
+VOXELS_PER_TEXEL_OF_LATTICE = 1.0
+"""The same for maps that are looked up once a voxel."""
 PIXELS_PER_TEXEL = 0.25
 """Smallest width of a texel in pixels, where the light's rays cross the medium. A pixel is a single ray; at
 half a pixel the error grows to 4 % (64×36)."""
@@ -102,10 +104,10 @@ def voxel_depth(grids: Sequence[Marched]) -> float:
     return max(sigma_t * grid.typical_density * float(grid.voxel_size.min()) for grid, sigma_t in grids)
 
 
-def texels_for(grids: Sequence[Marched], light: Light, camera: Camera) -> float:
+def texels_for(grids: Sequence[Marched], light: Light, camera: Camera, voxels: float) -> float:
     """Return the texels along a side that a light's map should have.
 
-    The width of a texel is `VOXELS_PER_TEXEL` times the shortest edge of a voxel, at the mean of the light's
+    The width of a texel is ``voxels`` times the shortest edge of a voxel, at the mean of the light's
     distances to the nearest and the farthest point of the occupied bounds. For a light outside, that is near
     their centre; for one inside it is half the farthest distance. A texel is at least `PIXELS_PER_TEXEL`
     times as wide as the footprint of a pixel at the point of the bounds nearest to the camera. If its optical
@@ -116,8 +118,8 @@ def texels_for(grids: Sequence[Marched], light: Light, camera: Camera) -> float:
     width = light.footprint((near + far) / 2)
     to_camera, _ = _distances(bounds, np.asarray(camera.from_))
     pixel = 2 * math.tan(math.radians(camera.fov) / 2) * to_camera / camera.res[1]
-    texel = max(VOXELS_PER_TEXEL * finest_voxel(grids), PIXELS_PER_TEXEL * pixel)
-    depth = VOXELS_PER_TEXEL * voxel_depth(grids)
+    texel = max(voxels * finest_voxel(grids), PIXELS_PER_TEXEL * pixel)
+    depth = voxels * voxel_depth(grids)
     return float(width / texel * max(1.0, depth / DEPTH_PER_TEXEL) ** TEXEL_POWER)
 
 
@@ -210,16 +212,17 @@ def limited(scene: Scene) -> tuple[str, ...]:
 
 def _wanted_res(scene: Scene, grids: Sequence[Marched]) -> Wanted:
     bounds = occupied_bounds(grids)
+    voxels = VOXELS_PER_TEXEL_OF_LATTICE if scene.map.lookup == "lattice" else VOXELS_PER_TEXEL
     asked = [
-        max(texels_for(grids, part.fitted(bounds), scene.camera) for part in light.parts())
+        max(texels_for(grids, part.fitted(bounds), scene.camera, voxels) for part in light.parts())
         for light in scene.lights
     ]
     most = max(range(len(asked)), key=asked.__getitem__)
     why = (
-        f"texels of {VOXELS_PER_TEXEL} voxels, {VOXELS_PER_TEXEL * finest_voxel(grids):.3g}, or "
+        f"texels of {voxels:g} voxels, {voxels * finest_voxel(grids):.3g}, or "
         f"{PIXELS_PER_TEXEL} pixels where those are wider, across the grids"
     )
-    if VOXELS_PER_TEXEL * voxel_depth(grids) > DEPTH_PER_TEXEL:
+    if voxels * voxel_depth(grids) > DEPTH_PER_TEXEL:
         why += f", narrower where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
     if len(asked) > 1:
         why += f"; light {most + 1} needs most"

@@ -202,7 +202,7 @@ def map_optical_depth(
         return depth
 
     tau = np.zeros(len(points))
-    if model.settings.lookup == "reconstruct":
+    if model.settings.between_texels == "reconstruct":
         for x, y, weight in geometry.corners(len(coefficients), positions):
             tau += weight[:, 0] * reconstructed(coefficients[y, x])
     else:

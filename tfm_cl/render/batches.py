@@ -6,7 +6,7 @@ Each block of pixels has a list of the lights that touch it (`tfm_cl.render.cull
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -177,12 +177,16 @@ class Batches:
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
 
-    def groups(self) -> Iterator[tuple[LightVariant, list[int]]]:
-        """Yield the lights that may be seen, by variant; those that share the camera's samples come first."""
+    def is_seen(self, light: int) -> bool:
+        """Whether a light may change any pixel."""
+        return bool(self._areas[light] > 0)
+
+    def groups(self, lights: Collection[int]) -> Iterator[tuple[LightVariant, list[int]]]:
+        """Yield those lights that may be seen, by variant; first those that share the camera's samples."""
         found: dict[LightVariant, list[int]] = {}
-        for index, light in enumerate(self._scene.lights):
-            if self._areas[index] > 0:
-                found.setdefault(LightVariant.of(light, self._scene), []).append(index)
+        for index in lights:
+            if self.is_seen(index):
+                found.setdefault(LightVariant.of(self._scene.lights[index], self._scene), []).append(index)
         yield from sorted(found.items(), key=lambda item: not item[0].shares_samples)
 
     def cut(self, lights: Sequence[int]) -> Iterator[list[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +12,12 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
+from tfm_cl.plan.lattice import smooth_lights
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
+from tfm_cl.render.lattice import Lattice
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
 from tfm_cl.scene.bodies.base import around
@@ -23,12 +25,15 @@ from tfm_cl.scene.bodies.base import around
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import pyopencl as cl
+
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
-    from tfm_cl.render.maps import MapBuilder
+    from tfm_cl.render.maps import MapBuilder, Sources
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import GBuffer, Visibility
     from tfm_cl.scene.scene import Scene
@@ -37,6 +42,26 @@ STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
 VISIBLE_DEPTH = 7.0
 """Optical depth beyond which light (less than 0.1 % of it) is not missed."""
+
+
+@dataclass
+class _Work:
+    """One frame under way."""
+
+    view: cl.Buffer
+    gbuffer: GBuffer | None
+    frame: buffers.FrameBuffers
+    errors: buffers.FrameBuffers | None
+    sources: Sources | None
+    builds: bool
+    """Whether maps are built where they are not known."""
+    batches: Batches
+    reads_maps: bool
+    light_steps: int
+    """Of the dual march."""
+    seconds: float = 0.0
+    camera_is_seen: bool = False
+    warnings: dict[str, None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,60 +105,107 @@ class Frame:
         -------
         The sums, and warnings.
         """
-        launcher, scene, crop, stats = self.launcher, self.scene, self.crop, self.stats
+        launcher, scene, crop = self.launcher, self.scene, self.crop
         gbuffer = self.visibility.gbuffer(scene, crop)
-        frame = buffers.allocate(launcher, crop, gbuffer)
-        errors = buffers.allocate(launcher, crop, gbuffer) if with_errors else None
-        view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
-        fields = self.media.fields.count
-        reads_maps = method == "tfm" and fields > 0
-        is_dual = method == "dual" and fields > 0
+        reads_maps = method == "tfm" and self.media.fields.count > 0
+        is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
-        sources = self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None
-        batches = Batches(
-            launcher,
-            scene,
-            self.media,
-            self.visibility,
-            gbuffer,
-            light_structs(scene, scene.lights),
-            self._touched(gbuffer),
-            crop,
-            resolve(scene.map) if reads_maps else None,
-            is_dual=is_dual,
+        work = _Work(
+            view=launcher.upload("the view", view_struct(scene, self.media.fields, crop)),
+            gbuffer=gbuffer,
+            frame=buffers.allocate(launcher, crop, gbuffer),
+            errors=buffers.allocate(launcher, crop, gbuffer) if with_errors else None,
+            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
+            builds=maps is None,
+            batches=Batches(
+                launcher,
+                scene,
+                self.media,
+                self.visibility,
+                gbuffer,
+                light_structs(scene, scene.lights),
+                self._touched(gbuffer),
+                crop,
+                resolve(scene.map) if reads_maps else None,
+                is_dual=is_dual,
+            ),
+            reads_maps=reads_maps,
+            light_steps=decided(scene.map.steps) if is_dual else 1,
         )
-        steps, light_steps = decided(scene.march.steps), decided(scene.map.steps) if is_dual else 1
-        seconds, camera_is_seen, warnings = 0.0, False, dict[str, None]()
-        for variant, members in batches.groups():
-            for indices in batches.cut(members):
-                of_batch = self.maps.of(sources, indices, self.progress) if sources and reads_maps else []
-                built = self.maps.built if maps is None else frozenset[int]()
-                for light_map in of_batch:
-                    stats.add_map(light_map, built=id(light_map) in built)
-                    warnings |= dict.fromkeys(_warnings(light_map))
-                batch = batches.batch(variant, indices, of_batch, whole=not camera_is_seen)
-                stage = f"view pass, {batch.name}"
-                done = _reporter(self.progress, stage)
-                seconds += scatter(
-                    launcher,
-                    self.media,
-                    view,
-                    batch,
-                    steps * light_steps,
-                    frame,
-                    done,
-                    sees_camera=not camera_is_seen,
+        lattice = self._lattice(work) if reads_maps else None
+        on_lattice: list[int] = []
+        if lattice is not None:
+            on_lattice = lattice.lights
+            self._light_lattice(work, lattice)
+        self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
+        if not work.camera_is_seen:
+            work.seconds += self._see(work.view, work.frame, has_solids=gbuffer is not None)
+        self.stats.seconds["view_pass"] += work.seconds
+        return buffers.read(launcher, work.frame, gbuffer, work.errors), (*work.warnings,)
+
+    def _light_lattice(self, work: _Work, lattice: Lattice) -> None:
+        """Look lights up on a lattice, and march the camera's rays through it."""
+        for variant, members in work.batches.groups(lattice.lights):
+            for indices in work.batches.cut(members):
+                maps = self._maps_of(work, indices)
+                batch = work.batches.batch(variant, indices, maps, whole=True)
+                work.seconds += lattice.add(batch)
+                self._sum_errors(work, batch, maps)
+        steps, done = decided(self.scene.march.steps), _reporter(self.progress, "view pass")
+        work.seconds += lattice.see(self.crop, steps, work.frame, done)
+        work.camera_is_seen = True
+
+    def _scatter(self, work: _Work, lights: Sequence[int]) -> None:
+        """Look lights up at every sample of the camera's rays."""
+        launcher, media, view, frame = self.launcher, self.media, work.view, work.frame
+        samples = decided(self.scene.march.steps) * work.light_steps
+        for variant, members in work.batches.groups(lights):
+            for indices in work.batches.cut(members):
+                maps = self._maps_of(work, indices)
+                batch = work.batches.batch(variant, indices, maps, whole=not work.camera_is_seen)
+                done = _reporter(self.progress, f"view pass, {batch.name}")
+                work.seconds += scatter(
+                    launcher, media, view, batch, samples, frame, done, sees_camera=not work.camera_is_seen
                 )
-                camera_is_seen = True
-                if gbuffer is not None:
-                    seconds += reflect(launcher, self.media, view, batch, light_steps, frame, done)
-                if errors is not None and of_batch:
-                    residuals = batches.residuals(batch, of_batch)
-                    scatter(launcher, self.media, view, residuals, steps, errors, done)
-        if not camera_is_seen:
-            seconds += self._see(view, frame, has_solids=gbuffer is not None)
-        stats.seconds["view_pass"] += seconds
-        return buffers.read(launcher, frame, gbuffer, errors), (*warnings,)
+                work.camera_is_seen = True
+                if work.gbuffer is not None:
+                    work.seconds += reflect(launcher, media, view, batch, work.light_steps, frame, done)
+                self._sum_errors(work, batch, maps)
+
+    def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
+        """Build or find the maps of some lights, and tell of them."""
+        if work.sources is None or not work.reads_maps:
+            return []
+        maps = self.maps.of(work.sources, indices, self.progress)
+        built = self.maps.built if work.builds else frozenset[int]()
+        for light_map in maps:
+            self.stats.add_map(light_map, built=id(light_map) in built)
+            work.warnings |= dict.fromkeys(_warnings(light_map))
+        return maps
+
+    def _sum_errors(self, work: _Work, batch: Batch, maps: list[TransmittanceMap]) -> None:
+        if work.errors is None or not maps:
+            return
+        residuals, steps = work.batches.residuals(batch, maps), decided(self.scene.march.steps)
+        done = _reporter(self.progress, f"view pass, {batch.name}")
+        scatter(self.launcher, self.media, work.view, residuals, steps, work.errors, done)
+
+    def _lattice(self, work: _Work) -> Lattice | None:
+        """Return the lattice of the lights that are looked up there; None without any."""
+        if self.scene.map.lookup != "lattice":
+            return None
+        lights = [light for light in smooth_lights(self.scene) if work.batches.is_seen(light)]
+        if not lights:
+            return None
+        lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights)
+        if lattice.fits:
+            return lattice
+        message = (
+            f"the lattice of light needs {lattice.nbytes / 2**20:,.0f} MiB in one buffer, more than the device "
+            "allows: light is looked up at every sample"
+        )
+        work.warnings[message] = None
+        return None
 
     def _see(self, view: object, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
         steps = decided(self.scene.march.steps)

@@ -19,7 +19,7 @@ from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.media import media_on_device
 from tfm_cl.errors import SceneError
-from tfm_cl.plan import resolution
+from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.plan import plan
 from tfm_cl.render import diagnosis
@@ -253,6 +253,7 @@ class Renderer:
         method = _checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
+        wants_lattice = method == "tfm" and scene.map.lookup == "lattice"
         scene = plan(scene, method=method, maps=maps[0].requested if maps else None).scene
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
@@ -285,6 +286,8 @@ class Renderer:
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
+        if wants_lattice and (left_out := lattice.left_out(points)):
+            warnings += (left_out,)
         lit = any(row[:, 3].any() for row in sums.light_seen)
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
         return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)

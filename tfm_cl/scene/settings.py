@@ -75,10 +75,11 @@ class MapSettings(Model):
         description="planes of the bases slices and slices-cubic: uniform: equidistant; density: closer "
         "where the mean density of the rays is high; gamma: closer near the light",
     )
-    lookup: Literal["auto", "interpolate", "reconstruct", "stochastic"] = Field(
+    lookup: Literal["auto", "interpolate", "reconstruct", "stochastic", "lattice"] = Field(
         "auto",
         description="between texels: interpolate the coefficients, interpolate the reconstructed optical "
-        "depths, or use one texel at random",
+        "depths, or use one texel at random; lattice: look all lights up once a voxel, and interpolate what "
+        "they scatter",
     )
     res: Annotated[Count, count_or_auto(MAX_RES)] = Field(
         1024,

@@ -1,5 +1,7 @@
 """Affine transforms as scene files write them."""
 
+from collections.abc import Sequence
+from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
@@ -49,3 +51,8 @@ def turned(vectors: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[n
     """
     product: NDArray[np.float64] = np.einsum("ij,jk->ik", vectors, axes)
     return product
+
+
+def corners_of(bounds: NDArray[np.float64] | Sequence[Sequence[float]]) -> NDArray[np.float64]:
+    """Corners [8, 3] of a box [2, 3]."""
+    return np.array(list(product(*np.asarray(bounds, dtype=np.float64).T)))

@@ -49,6 +49,7 @@ def grid_structs(
         z, y, x = grid.shape
         padded_from_device = padded_from_index() @ np.linalg.inv(grid.world_from_index) @ moved
         struct["index_from_world"] = padded_from_device[:3].ravel()
+        struct["world_from_index"] = np.linalg.inv(padded_from_device)[:3].ravel()
         struct["size"] = (x + 2, y + 2, z + 2)
         struct["skip_empty"] = scene.march.skip_empty
         if bricks is None:

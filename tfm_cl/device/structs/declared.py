@@ -58,6 +58,7 @@ GRID = Struct(
     "A body whose density is a grid's.",
     (
         Field("float", "index_from_world", 12, "3x4 row major, to the padded grid: 0 is the zero border"),
+        Field("float", "world_from_index", 12, "its inverse"),
         Field("int", "size", 3, "padded grid x, y, z: one zero voxel on each side"),
         Field("int", "brick_count", 3, "bricks x, y, z that cover it"),
         Field("int", "first_brick", 1, "where its bricks begin in the table"),

@@ -155,6 +155,11 @@ class Light(Model):
         cone = self.lit_cone()
         return cone is None or (np.isinf(cone.slope) and np.isinf(cone.reach))
 
+    def is_smooth_in(self, bounds: Floats) -> bool:
+        """Whether there is no edge, source or texture of the light in a box, [2, 3], or near it."""
+        del bounds
+        return self.is_unbounded and self.texture_image() is None
+
     @property
     def has_even_depth(self) -> bool:
         """Whether even steps of its projective space are even in the world: constant `projective_depth`."""

@@ -13,6 +13,9 @@ from tfm_cl.scene.lights.base import Floats, Light, LightFrame, Reach
 from tfm_cl.scene.lights.fitting import Cone, View, fitted_view, whole_view
 from tfm_cl.scene.transform import turned
 
+NEAR = 0.1
+"""Of a box's diagonal: nearer than this, what a light's falloff does from voxel to voxel is not smooth."""
+
 
 class PlacedLight(Light):
     """Light from a point; its map covers all that it reaches or, once `fitted`, the medium within reach."""
@@ -67,6 +70,14 @@ class PlacedLight(Light):
             chart.window,
             np.eye(3) if cone is None else cone.axes.T @ axes,
         )
+
+    def is_smooth_in(self, bounds: Floats) -> bool:
+        """As `Light.is_smooth_in`."""
+        position = np.asarray(self.from_)
+        away = np.linalg.norm(position - np.clip(position, bounds[0], bounds[1]))
+        if away < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
+            return False
+        return self.reach is None and self.texture_image() is None
 
     def footprint(self, distance: float) -> float:
         """As `Light.footprint`."""

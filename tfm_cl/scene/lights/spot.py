@@ -16,7 +16,7 @@ from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
 from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval
 from tfm_cl.scene.lights.fitting import Cone
 from tfm_cl.scene.lights.placed import PlacedLight
-from tfm_cl.scene.transform import turned
+from tfm_cl.scene.transform import corners_of, turned
 
 
 class SpotLight(PlacedLight):
@@ -82,6 +82,12 @@ class SpotLight(PlacedLight):
         """Return the cone."""
         reach = math.inf if self.reach is None else self.reach
         return LitCone(self._world_from_cone, self._slope, reach)
+
+    def is_smooth_in(self, bounds: Floats) -> bool:
+        """As `Light.is_smooth_in`: the box lies in the cone, before its edge softens."""
+        x, y, z = self._from_apex(corners_of(bounds))[1].T
+        within = np.hypot(x, y) <= math.tan(math.radians(self.cone) * (1 - self.blend)) * z
+        return bool(((z > 0) & within).all()) and super().is_smooth_in(bounds)
 
     def parts(self) -> tuple[Light, ...]:
         """Return itself or, with a ``radius``, its ``samples`` points.

@@ -1,7 +1,5 @@
 """The sun: parallel light."""
 
-from collections.abc import Sequence
-from itertools import product
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -11,7 +9,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Vec3, check_different
 from tfm_cl.scene.frames import facing
 from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
-from tfm_cl.scene.transform import turned
+from tfm_cl.scene.transform import corners_of, turned
 
 MARGIN = 1e-5
 """Margin of a sun's map, as a fraction of the bounds' diagonal: some hundred rounding errors of float32."""
@@ -51,8 +49,8 @@ class SunLight(Light):
         would lose precision.
         """
         sun = self.model_copy()
-        sun._corners = _corners_of(bounds)  # noqa: SLF001 - of the same class
-        sun._all_corners = None if everything is None else _corners_of(everything)  # noqa: SLF001
+        sun._corners = corners_of(bounds)  # noqa: SLF001 - of the same class
+        sun._all_corners = None if everything is None else corners_of(everything)  # noqa: SLF001
         return sun
 
     @property
@@ -119,8 +117,3 @@ class SunLight(Light):
     def source_distance(self, points: Floats) -> Floats:
         """Infinite."""
         return np.full(len(points), np.inf)
-
-
-def _corners_of(bounds: Floats | Sequence[Sequence[float]]) -> Floats:
-    """Corners [8, 3] of a box [2, 3]."""
-    return np.array(list(product(*np.asarray(bounds, dtype=np.float64).T)))

@@ -1,0 +1,134 @@
+/* Lattice pass: looks lights up at the voxels of all blocks with density (view/lattice.h).
+   Includes expected before: a basis and a light header, and those of the phase functions. Requires: what
+   reduced_intensity.h and view/lattice.h do. */
+#include "core/store.h"
+#include "light/reduced_intensity.h"
+#include "view/lattice.h"
+
+/* Voxels of a record that no other has: those of its block. The ones after, for cells at the block's end, are the first
+   of the blocks that follow, where these have a record. */
+#define OWN_VOXELS (BLOCK_EDGE * BLOCK_EDGE * BLOCK_EDGE)
+#define ALL_VOXELS (RECORD_EDGE * RECORD_LAYER)
+#define CHUNKS ((ALL_VOXELS + TFM_LANES - 1) / TFM_LANES)
+#define BEHIND (RECORD_EDGE - BLOCK_EDGE)
+#define BEHIND_X (BLOCK_EDGE * BLOCK_EDGE * BEHIND)
+#define BEHIND_Y (BLOCK_EDGE * BEHIND * RECORD_EDGE)
+
+/* A few voxels of a record, a lane each. */
+typedef struct {
+  Ints x, y, z; /* in the record */
+  Ints at;      /* number in the lattice */
+  Ints same;    /* that of the same voxel in a record whose own it is; its own number where there is none */
+  Ints inside;  /* the record */
+} Voxels;
+
+/* The item-th few: first those of the block itself, row by row. */
+TFM_INLINE Voxels voxels_of(__global const int *block, int record, int item)
+{
+  Voxels found;
+  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  /* Behind along x, else along y, else along z. */
+  const Ints nx = n - OWN_VOXELS, ny = nx - BEHIND_X, nz = ny - BEHIND_Y;
+  const Ints own = nx < 0, by_x = ny < 0, by_y = nz < 0;
+  found.x = own ? n % BLOCK_EDGE : by_x ? BLOCK_EDGE + nx % BEHIND : by_y ? ny % RECORD_EDGE : nz % RECORD_EDGE;
+  found.y = own ? n / BLOCK_EDGE % BLOCK_EDGE
+          : by_x ? nx / BEHIND % BLOCK_EDGE
+          : by_y ? BLOCK_EDGE + ny / RECORD_EDGE % BEHIND : nz / RECORD_EDGE % RECORD_EDGE;
+  found.z = own ? n / (BLOCK_EDGE * BLOCK_EDGE)
+          : by_x ? nx / (BEHIND * BLOCK_EDGE)
+          : by_y ? ny / (RECORD_EDGE * BEHIND) : BLOCK_EDGE + nz / RECORD_LAYER;
+  found.inside = n < ALL_VOXELS;
+  found.at = record * RECORD_VOXELS + found.z * RECORD_LAYER + found.y * RECORD_ROW + found.x;
+  const Ints after = (found.x >> BLOCK_SHIFT) + 2 * (found.y >> BLOCK_SHIFT) + 4 * (found.z >> BLOCK_SHIFT);
+  const Ints other = (found.inside & (after > 0)) ? gather_ints(block + 4, after & 7) : ints(0);
+  const Ints in_other = other * RECORD_VOXELS + (found.z & (BLOCK_EDGE - 1)) * RECORD_LAYER +
+                        (found.y & (BLOCK_EDGE - 1)) * RECORD_ROW + (found.x & (BLOCK_EDGE - 1));
+  found.same = other > 0 ? in_other : found.at;
+  return found;
+}
+
+/* A light's intensity in a colour of the lattice; of one alone, in the colour of which there is most. */
+TFM_INLINE float intensity_of(LIGHT light, int c)
+{
+#if TFM_LATTICE_COLOURS == 3
+  return light->intensity[c];
+#else
+  (void)c;
+  return fmax(fmax(light->intensity[0], light->intensity[1]), light->intensity[2]);
+#endif
+}
+
+/* One work-item takes as many voxels of a record as there are lanes.
+   blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, and its grid, -1 for records without a light of
+            their own; and the records of the blocks after it
+   lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms
+   number   of the light among those given: one after the other, as their maps would push each other out of the cache
+   count    of all lights
+   begins   1: the first light; ends: the last
+   records  first of this launch and end */
+__kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                            __global const int *blocks, __global float *lattice, int number, int count,
+                            int begins, int ends, int2 records)
+{
+  const int record = records.x + (int)get_global_id(0) / CHUNKS;
+  if (record >= records.y)
+    return;
+  __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
+  if (block[3] < 0)
+    return;
+  const Voxels voxels = voxels_of(block, record, (int)get_global_id(0) % CHUNKS);
+  const Ints wanted = voxels.inside & (voxels.same == voxels.at);
+  if (!any_lane(wanted))
+    return;
+  const Vec3 point = transform_point(grids[block[3]].world_from_index,
+                                     vec3(TO_FLOATS(voxels.x + block[0] * BLOCK_EDGE),
+                                          TO_FLOATS(voxels.y + block[1] * BLOCK_EDGE),
+                                          TO_FLOATS(voxels.z + block[2] * BLOCK_EDGE)));
+  const Vec3 from_camera = vec3(point.x - view->position[0], point.y - view->position[1], point.z - view->position[2]);
+  Ray ray;
+  ray.origin = point;
+  ray.direction = scale3(reciprocal_sqrt(dot3(from_camera, from_camera)), from_camera);
+  SCENE(scene);
+  LIGHT_BUFFERS(buffers);
+
+  LIGHT light = lights + number;
+  const Ray in_light = ray_in_light(light, ray);
+  const LightSample sample = light_at(light, in_light.origin);
+  const LightPath path = light_path(&scene, light, &buffers, point, sample, 0, 0);
+  Floats depth[TFM_CHANNELS];
+  Ints samples = ints(0);
+  light_optical_depths(&scene, light, &buffers, &path, wanted, &samples, depth);
+  const Floats source = TFM_PHASE(media, -dot3(sample.direction, in_light.direction)) * sample.strength;
+  LatticeValue sum;
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sum.of[TFM_LATTICE_COLOURS + c] = transmittance_of(depth[c]);
+  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
+    sum.of[c] = intensity_of(light, c) * source * sum.of[TFM_LATTICE_COLOURS + (TFM_CHANNELS == 3 ? c : 0)];
+
+  const Ints at = voxels.at * LATTICE_NUMBERS;
+  for (int n = 0; n < LATTICE_NUMBERS; ++n) {
+    Floats value = sum.of[n];
+    if (!begins)
+      value += gather_floats(lattice + n, wanted ? at : ints(0));
+    if (ends)
+      value = n < TFM_LATTICE_COLOURS ? TFM_LOG2_E * log_of(greatest(value, floats(FLT_MIN))) : value / (float)count;
+    store_floats(lattice + n, at, wanted, value);
+  }
+}
+
+/* Copies to every record the voxels that are another's own. */
+__kernel void share_lattice(__global const int *blocks, __global float *lattice, int2 records)
+{
+  const int record = records.x + (int)get_global_id(0) / CHUNKS;
+  if (record >= records.y)
+    return;
+  __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
+  const int item = (int)get_global_id(0) % CHUNKS;
+  if (block[3] < 0 || (item + 1) * TFM_LANES <= OWN_VOXELS)
+    return;
+  const Voxels voxels = voxels_of(block, record, item);
+  const Ints wanted = voxels.inside & (voxels.same != voxels.at);
+  for (int n = 0; n < LATTICE_NUMBERS; ++n)
+    store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, wanted,
+                 gather_floats(lattice + n, wanted ? voxels.same * LATTICE_NUMBERS : ints(0)));
+}

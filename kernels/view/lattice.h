@@ -1,0 +1,128 @@
+/* Light on a lattice: what all lights scatter towards the camera, and what of them arrives, known at the voxels of every
+   block with density. In between both are linear, the former as a logarithm: as optical depth grows evenly where density
+   is even, light falls off in equal factors. A camera ray then reads the same window for density and for any number of
+   lights.
+   Requires: what walk.h does; TFM_LATTICE_COLOURS, 1 where all lights have the colour that the kernel is told, else 3. */
+#ifndef TFM_LATTICE_H
+#define TFM_LATTICE_H
+
+#include "body/walk.h"
+
+/* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity; the mean over the lights of
+   what arrives. */
+#define LATTICE_NUMBERS (TFM_LATTICE_COLOURS + TFM_CHANNELS)
+
+typedef struct {
+  Floats of[LATTICE_NUMBERS];
+} LatticeValue;
+
+TFM_INLINE LatticeValue lattice_begin(void)
+{
+  LatticeValue value;
+  for (int i = 0; i < LATTICE_NUMBERS; ++i)
+    value.of[i] = floats(0.0f);
+  return value;
+}
+
+#if SHARES_WINDOWS
+/* Of all lanes from one window, as density_together. */
+TFM_INLINE LatticeValue lattice_together(__global const float *lattice, const Window *window, Vec3 point)
+{
+  const int corner = (window->corner[2] & (BLOCK_EDGE - 1)) * RECORD_LAYER +
+                     (window->corner[1] & (BLOCK_EDGE - 1)) * RECORD_ROW + (window->corner[0] & (BLOCK_EDGE - 1));
+  __global const float *start =
+      lattice + ((size_t)window->record * RECORD_VOXELS + (size_t)corner) * LATTICE_NUMBERS;
+  const int nx = window->voxels[0], ny = window->voxels[1], nz = window->voxels[2];
+  Floats wx[MOST_SHARED + 1], wy[MOST_SHARED + 1], wz[MOST_SHARED + 1];
+  tents(point.x - (float)window->corner[0], nx, wx);
+  tents(point.y - (float)window->corner[1], ny, wy);
+  tents(point.z - (float)window->corner[2], nz, wz);
+  LatticeValue sum = lattice_begin();
+  for (int k = 0; k < nz; ++k)
+    for (int j = 0; j < ny; ++j) {
+      const Floats weight = wz[k] * wy[j];
+      __global const float *voxel = start + (k * RECORD_LAYER + j * RECORD_ROW) * LATTICE_NUMBERS;
+#pragma unroll
+      for (int n = 0; n < LATTICE_NUMBERS; ++n) {
+        Floats row = wx[0] * voxel[n] + wx[1] * voxel[LATTICE_NUMBERS + n];
+#pragma unroll
+        for (int i = 2; i <= MOST_SHARED; ++i)
+          if (i < nx)
+            row += wx[i] * voxel[i * LATTICE_NUMBERS + n];
+        sum.of[n] += weight * row;
+      }
+    }
+  return sum;
+}
+#endif
+
+/* Where every lane reads for itself, at points in a grid; records > 0. */
+TFM_INLINE LatticeValue lattice_apart(__global const float *lattice, Ints record, Vec3 point)
+{
+  const Ints ix = TO_INTS(point.x), iy = TO_INTS(point.y), iz = TO_INTS(point.z);
+  const Floats fx = point.x - TO_FLOATS(ix), fy = point.y - TO_FLOATS(iy), fz = point.z - TO_FLOATS(iz);
+  const Ints at = (record * RECORD_VOXELS + (iz & (BLOCK_EDGE - 1)) * RECORD_LAYER + (iy & (BLOCK_EDGE - 1)) * RECORD_ROW +
+                   (ix & (BLOCK_EDGE - 1))) * LATTICE_NUMBERS;
+  LatticeValue sum = lattice_begin();
+  for (int corner = 0; corner < 8; ++corner) {
+    const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
+    const Floats weight = (x ? fx : 1.0f - fx) * (y ? fy : 1.0f - fy) * (z ? fz : 1.0f - fz);
+    __global const float *voxel = lattice + (z * RECORD_LAYER + y * RECORD_ROW + x) * LATTICE_NUMBERS;
+    for (int n = 0; n < LATTICE_NUMBERS; ++n)
+      sum.of[n] += weight * gather_floats(voxel + n, at);
+  }
+  return sum;
+}
+
+/* At the k-th of the steps, whose middle is at t; any number where there is no density. Where several grids have some,
+   the last one's voxels know the light of all. */
+TFM_INLINE LatticeValue lattice_at(__global const float *lattice, const Walk *walk, const Steps *steps, int k, Floats t)
+{
+#if SHARES_WINDOWS
+  if (walk->together)
+    return lattice_together(lattice, &steps->window[k], ray_at(walk->ray.of[0], t));
+#endif
+  (void)walk;
+  (void)t;
+  LatticeValue value = lattice_begin();
+  for (int i = 0; i < TFM_GRIDS; ++i) {
+    const Ints records = steps->records[k][i], has = records > 0;
+    const LatticeValue here = lattice_apart(lattice, has ? records : ints(0), steps->point[k][i]);
+    for (int n = 0; n < LATTICE_NUMBERS; ++n)
+      value.of[n] = has ? here.of[n] : value.of[n];
+  }
+  return value;
+}
+
+/* What camera rays gather of it. */
+typedef struct {
+  Floats colour[3];          /* radiance over albedo */
+  Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
+  Floats seen_opacity;
+} LatticeSums;
+
+TFM_INLINE LatticeSums lattice_sums_begin(void)
+{
+  LatticeSums sums;
+  for (int c = 0; c < 3; ++c)
+    sums.colour[c] = floats(0.0f);
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums.seen[c] = floats(0.0f);
+  sums.seen_opacity = floats(0.0f);
+  return sums;
+}
+
+/* A step took its opacity, of mean `weight`, from the ray. */
+TFM_INLINE void lattice_sums_step(LatticeSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
+{
+  Floats radiance[TFM_LATTICE_COLOURS];
+  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
+    radiance[c] = exp2_of(value->of[c]);
+  for (int c = 0; c < 3; ++c)
+    sums->colour[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * radiance[TFM_LATTICE_COLOURS == 3 ? c : 0];
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums->seen[c] += weight * value->of[TFM_LATTICE_COLOURS + c];
+  sums->seen_opacity += weight;
+}
+
+#endif

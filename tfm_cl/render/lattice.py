@@ -1,0 +1,154 @@
+"""Light on a lattice: many lights at the price of looking each up once a voxel.
+
+Where the light of a scene is smooth within its grids, what all lights scatter towards the camera is found at
+the voxels of every block with density, and camera rays interpolate it as they do the density
+(``kernels/view/lattice.h``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.device.bricks import MAX_INDEX, record_voxels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import pyopencl as cl
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.program import Kernel
+    from tfm_cl.render.batches import Batch
+    from tfm_cl.render.buffers import FrameBuffers
+    from tfm_cl.render.culling import Rectangle
+    from tfm_cl.scene.scene import Scene
+
+LOOK_UPS = 1 << 22
+"""Of a light at voxels, at most, in a launch."""
+
+
+@dataclass
+class Lattice:
+    """The lights of a frame at the voxels of its grids.
+
+    Attributes
+    ----------
+    scene
+        Of single, fitted lights.
+    media
+        Its media; all grids have one.
+    view
+        The struct, on the device.
+    lights
+        Numbers of those that are on the lattice; all are added before the camera sees them.
+    """
+
+    launcher: Launcher
+    scene: Scene
+    media: MediaOnDevice
+    view: object
+    lights: list[int]
+    _added: int = 0
+
+    @cached_property
+    def _numbers(self) -> cl.Buffer:
+        return self.launcher.empty("the lattice of light", self.nbytes, reuse=True)
+
+    @property
+    def nbytes(self) -> int:
+        """Size on the device."""
+        assert self.media.bricks is not None  # noqa: S101 - there are grids
+        voxels = self.media.bricks.records * record_voxels(self.launcher.lanes)
+        return 4 * voxels * (self._colours + self._channels)
+
+    @property
+    def fits(self) -> bool:
+        """Whether kernels can reach all of it."""
+        return self.nbytes <= min(self.launcher.largest_buffer, 4 * MAX_INDEX)
+
+    @property
+    def _channels(self) -> int:
+        return self.media.channels(textured=False)["TFM_CHANNELS"]
+
+    @property
+    def _colours(self) -> int:
+        """1 where the colours of all lights are multiples of one, else 3."""
+        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
+        strongest = colours[colours.max(axis=1).argmax()]
+        alike = np.allclose(np.outer(colours.max(axis=1), strongest), colours * strongest.max(), rtol=1e-6)
+        return 1 if alike and self._channels == 1 else 3
+
+    @property
+    def _defines(self) -> dict[str, int | str]:
+        return {"TFM_LATTICE_COLOURS": self._colours}
+
+    def add(self, batch: Batch) -> float:
+        """Look some of the lights up; returns device seconds."""
+        launcher, media = self.launcher, self.media
+        headers, defines = batch.variant(media)
+
+        def run(name: str, arguments: dict[str, Any]) -> float:
+            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines | self._defines)
+            return self._over_records(kernel, arguments)
+
+        of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
+        seconds = 0.0
+        for number in range(len(batch.indices)):
+            begins, ends = self._added == 0, self._added + 1 == len(self.lights)
+            of_light = {"number": number, "begins": int(begins), "ends": int(ends)}
+            seconds += run("light_lattice", of_all | of_light)
+            self._added += 1
+        if self._added == len(self.lights):
+            seconds += run("share_lattice", {})
+        return seconds
+
+    def _over_records(self, kernel: Kernel, arguments: dict[str, Any]) -> float:
+        """Run a kernel over all records, in launches of `LOOK_UPS`; returns device seconds."""
+        launcher, bricks = self.launcher, self.media.bricks
+        assert bricks is not None  # noqa: S101 - there are grids
+        voxels = (BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[launcher.lanes]) ** 3
+        chunks = -(-voxels // launcher.lanes)
+        most = max(1, LOOK_UPS // (chunks * launcher.lanes))
+        arguments = {**arguments, "blocks": bricks.blocks, "lattice": self._numbers}
+        seconds = 0.0
+        for first in range(1, bricks.records, most):
+            end = min(first + most, bricks.records)
+            seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"records": (first, end)})
+        return seconds
+
+    def see(self, crop: Rectangle, steps: int, frame: FrameBuffers, done: Callable[[float], None]) -> float:
+        """Store what lies along the camera rays, and what the lights scatter there; returns device seconds.
+
+        Parameters
+        ----------
+        steps
+            Samples along a camera ray.
+        """
+        launcher, media = self.launcher, self.media
+        defines = media.defines | media.channels(textured=False) | self._defines
+        kernel = launcher.kernels.kernel(
+            "lattice_pass", "lattice_pass.cl", media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1}
+        )
+        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
+        strongest = colours[colours.max(axis=1).argmax()]
+        of_all = strongest / max(float(strongest.max()), 1e-30) if self._colours == 1 else np.ones(3)
+        return launcher.run_windows(
+            kernel,
+            crop,
+            steps,
+            media.arguments
+            | frame.arguments("albedo", "transmittance", "radiance", "light_seen", "samples")
+            | {
+                "view": self.view,
+                "lattice": self._numbers,
+                "colour": (*of_all.tolist(), 0.0),
+                "lights": len(self.lights),
+            },
+            done,
+        )
