@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tfm_cl.device.cache import Cache
 from tfm_cl.reference.fitting import fitted
 from tfm_cl.reference.geometry import Floats, Rays, corners
-from tfm_cl.render.visibility import Visibility, clip_of
+from tfm_cl.render.visibility import Visibility
 
 if TYPE_CHECKING:
     from tfm_cl.render.tracing.tracer import Tracer
@@ -26,14 +26,15 @@ Shadows = Literal["exact", "map"]
 
 def solid_distances(scene: Scene, light: Light) -> NDArray[np.float32]:
     """Map of distances ``[y, x]`` from a light to the first solid, infinite without: ``shadow.res`` wide."""
-    distances = Visibility(Cache()).distances(scene, fitted(scene, light))
     res = scene.shadow.res
-    return np.full((res, res), np.inf, np.float32) if distances is None else distances
+    maps = Visibility(Cache()).shadow_maps(scene, [fitted(scene, light)], [res])
+    return maps[0] if maps else np.full((res, res), np.inf, np.float32)
 
 
 def clip(scene: Scene, light: Light, res: int) -> Floats:
     """Distances ``[res²]`` beyond which solids leave nothing lit near the texels' rays."""
-    return clip_of(solid_distances(scene, light), res).astype(np.float64).ravel()
+    distances = Visibility(Cache()).clip(scene, fitted(scene, light), res)
+    return np.full(res**2, np.inf) if distances is None else distances.astype(np.float64).ravel()
 
 
 def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadows = "exact") -> Floats:

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.maps import MapBuilder
     from tfm_cl.render.result import RenderStats
-    from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
 
 STEEPEST_DEPTH = 20.0
