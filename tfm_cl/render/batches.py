@@ -20,7 +20,6 @@ from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
 from tfm_cl.render.regions import LitRegions
-from tfm_cl.scene.lights.charts import COARSEST
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
 if TYPE_CHECKING:
@@ -167,10 +166,11 @@ class Batches:
             fine = np.maximum(2 ** np.ceil(np.log2(wanted)).astype(np.int64), SMALLEST_SHADOW)
             sizes = np.minimum(fine, sizes)
         self._sizes = sizes
-        self._regions = LitRegions.of(scene.lights)
+        self._regions: LitRegions | None = None
         self._is_shadowed = np.zeros(len(touched), dtype=bool)
         if (tracer := visibility.tracer(scene)) is not None:
-            looked_up = self._regions.widened(_texel_angles(structs["chart"], sizes))
+            self._regions = LitRegions.of(scene.lights)
+            looked_up = self._regions.with_texels(structs["chart"], sizes)
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
         blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
         self._costs = structs.itemsize + 16 * np.maximum(blocks, 0)
@@ -321,7 +321,7 @@ class Batches:
         return np.concatenate(parts)
 
     def _shadows(self, batch: list[int]) -> NDArray[np.float32]:
-        """Trace the shadow maps of a batch, one after the other; nothing without solids."""
+        """Put the shadow maps of a batch one after the other, and before them that of all other lights."""
         self._structs["shadow_res"][batch] = 1
         cast = [index for index in batch if self._is_shadowed[index]]
         sizes = self._sizes[cast]
@@ -335,6 +335,8 @@ class Batches:
 
     def _lit(self, batch: list[int]) -> NDArray[np.uint8]:
         """Find which pixels show a solid that the batch's lights see; nothing without solids."""
+        if self._regions is None:
+            return np.zeros(1, np.uint8)
         corner = np.tile(self._crop[:2], 2)
         found = self._visibility.lit_pixels(
             self._scene, self._crop, self._gbuffer, self._regions[batch], self._touched[batch] - corner
@@ -344,19 +346,3 @@ class Batches:
         self._structs["lit_pixels"][batch] = found.rectangles + corner
         self._structs["first_lit"][batch] = found.first
         return found.lit
-
-
-def _texel_angles(charts: NDArray[np.float32], sizes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Angles, at most, between a ray and the texels of a shadow map around it, radians; 0 without a chart.
-
-    Parameters
-    ----------
-    charts
-        [lights, 4], `tfm_cl.scene.lights.charts.Chart.window`.
-    sizes
-        [lights], texels along a side.
-    """
-    texels = charts[:, :2].min(axis=1).astype(np.float64) * sizes
-    angles: NDArray[np.float64] = np.zeros(len(charts))
-    np.divide(COARSEST * np.sqrt(2), texels, out=angles, where=texels > 0)
-    return angles

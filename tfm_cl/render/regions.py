@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.scene.lights.charts import Perspective
+from tfm_cl.scene.lights.charts import COARSEST, Perspective
+from tfm_cl.scene.transform import turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,16 +70,31 @@ class LitRegions:
         if light.headers[0] != Perspective.HEADER:
             return region.widened(np.full(1, np.pi))
         _, corners = light.rays(CORNERS)
-        angles = np.arccos(np.clip(corners @ region.axis[0], -1, 1))
+        angles = np.arccos(np.clip(_along(corners, region.axis[0]), -1, 1))
         return region.widened(np.maximum(angles.max() - region.angle, 0))
 
-    def __getitem__(self, rows: NDArray[np.generic] | Sequence[int] | tuple[slice, None]) -> Self:
+    def __getitem__(self, rows: NDArray[np.integer] | Sequence[int]) -> Self:
         return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def widened(self, angle: Floats) -> Self:
         """Return them with half angles that are larger by ``angle`` [n], radians."""
         wider = np.minimum(self.angle + angle, np.pi)
         return type(self)(self.apex, self.axis, wider, self.reach, self.parallel)
+
+    def with_texels(self, charts: NDArray[np.floating], sizes: NDArray[np.int64]) -> Self:
+        """Return them with the texels around them, which filters of shadow maps look up too.
+
+        Parameters
+        ----------
+        charts
+            [n, 4], `tfm_cl.scene.lights.charts.Chart.window`.
+        sizes
+            [n], texels along a side of the lights' shadow maps.
+        """
+        texels = charts[:, :2].min(axis=1).astype(np.float64) * sizes
+        angles = np.zeros(len(texels))  # of light from infinity, which has no chart
+        np.divide(COARSEST * np.sqrt(2), texels, out=angles, where=texels > 0)
+        return self.widened(angles)
 
     @property
     def key(self) -> tuple[bytes, ...]:
@@ -87,13 +103,12 @@ class LitRegions:
 
     def extent(self, direction: Floats) -> Floats:
         """Largest coordinate [n] along a unit direction [3], world: the support function of the regions."""
-        away = np.arccos(np.clip(self.axis @ direction, -1, 1)) - self.angle
+        away = np.arccos(np.clip(_along(self.axis, direction), -1, 1)) - self.angle
         along = np.cos(np.clip(away, 0, np.pi / 2))
         along[away >= np.pi / 2] = 0  # the apex is the farthest
         with np.errstate(invalid="ignore"):
             end = np.where(along > 0, self.reach * along, 0)
-        result: Floats = self.apex @ direction + end
-        return result
+        return _along(self.apex, direction) + end
 
     def touch_plane(self, point: Floats, normal: Floats) -> NDArray[np.bool_]:
         """Tell which reach from one side of a plane (point and unit normal [3], world) to the other, [n]."""
@@ -102,7 +117,7 @@ class LitRegions:
 
     def sides(self, point: Floats, normal: Floats) -> Floats:
         """Return the sign of the lights' heights above a plane, [n]; 0 for those in it."""
-        heights = np.where(self.parallel, -self.axis @ normal, self.apex @ normal - float(point @ normal))
+        heights = _along(np.where(self.parallel[:, None], -self.axis, self.apex - point), normal)
         return np.sign(heights)
 
     @property
@@ -127,3 +142,8 @@ class LitRegions:
         within = ~outside | (np.arccos(np.clip(cosine, -1, 1)) <= widest)
         touching: NDArray[np.bool_] = overlap & (nearest < self.reach) & within
         return touching
+
+
+def _along(vectors: Floats, direction: Floats) -> Floats:
+    """Coordinates [n] of vectors [n, 3] along a direction [3]."""
+    return turned(vectors, direction[:, None])[:, 0]

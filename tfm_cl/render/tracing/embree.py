@@ -25,7 +25,7 @@ BEYOND = 16.0
 about 3."""
 
 MARGIN = 1 + 2.0**-20
-"""Relative margin of the sphere around the meshes: triangles rounded to float32 stay inside."""
+"""Relative margin of the sphere and the boxes around the meshes: triangles rounded to float32 stay inside."""
 
 HALVINGS = 6
 """How often the triangles are halved into those that lie together, each with a box of its own."""
@@ -72,7 +72,8 @@ class Meshes:
         self._zero = self._centre if origin is None else origin
         self.size = self._radius + float(np.linalg.norm(self._centre - self._zero))
         """Largest distance of a vertex from Embree's origin, world units."""
-        self.boxes = _boxes(self._vertices[self._faces])
+        slack = (MARGIN - 1) * self.size
+        self.boxes = np.add(_boxes(self._vertices[self._faces]), [[[-slack], [slack]]])
         """Low and high corners of boxes around all triangles, [up to 2^`HALVINGS`, 2, 3], world."""
         # A power of two, so that scaling is exact.
         self._scale = 2.0 ** -np.ceil(np.log2(self.size))
@@ -150,7 +151,7 @@ class Meshes:
 
 
 def _boxes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Boxes [n, 2, 3] around groups of triangles [m, 3, 3], halved along the longer side of each."""
+    """Boxes [n, 2, 3] around groups of triangles [m, 3, 3], each group halved along its longest side."""
     groups = [corners]
     for _ in range(HALVINGS):
         groups = [half for group in groups for half in _halves(group)]

@@ -90,7 +90,7 @@ class Tracer:
         """
         met = np.zeros(len(regions.apex), dtype=bool)
         for point, normal in self._planes:
-            height = 0.0 if eye is None else float(eye @ normal) - float(point @ normal)
+            height = 0.0 if eye is None else float((eye - point) @ normal)
             met |= regions.touch_plane(point, normal) & (regions.sides(point, normal) * height <= 0)
         for boxes in self._boxes:
             whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
