@@ -70,7 +70,8 @@ def fitted_view(origin: Floats, bounds: Floats, cone: Cone | None, reach: float)
         `whole_view` if the light does not reach the box, or the box is infinite.
     """
     of_cone = None if cone is None else (cone.axes.tobytes(), cone.slope)
-    return _fitted_view(origin.tobytes(), np.asarray(bounds, np.float64).tobytes(), of_cone, reach)
+    of_origin, of_bounds = (np.asarray(array, np.float64).tobytes() for array in (origin, bounds))
+    return _fitted_view(of_origin, of_bounds, of_cone, reach)
 
 
 @lru_cache(maxsize=1 << 14)
