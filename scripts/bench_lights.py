@@ -4,7 +4,8 @@
   constant density: seconds of the view pass and of tracing, beside the time for the same number of plain
   trilinear samples.
 - TFM Fig. 5: ten samples in projective space and ten in the world, SSIM compared with 1000 samples.
-- Many small spots in fog: seconds and memory against their number, and against one frame per light.
+- Many small spots in fog: seconds and memory against their number, and against one frame per light; the same
+  with two solids among them.
 
 Medians of interleaved rounds; the figures are written to ``lights.json`` and to stdout.
 """
@@ -40,6 +41,10 @@ SHADOW_RES = 1024
 FIG5_SAMPLES, FIG5_TRUTH = 10, 1000
 COUNTS = (1, 10, 100, 1000, 3000)
 LAMPS_FRAME, LAMPS_STEPS = (960, 540), 50
+SINGLES = 50
+"""Number of lights that are also rendered alone."""
+KNOT = 10_000
+"""Triangles of the knot among the lamps."""
 AREA = 30.0
 """Edge of the square in which the lamps stand, world units."""
 
@@ -146,11 +151,32 @@ def many_lights(renderer: tfm.Renderer, rounds: int) -> Figures:
             "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
     most = lamps(COUNTS[-1])
-    singles = [most.replace(lights=[light]) for light in most.lights[:: COUNTS[-1] // 50]]
-    whole = statistics.median(renderer.render(one).stats.seconds["total"] for one in singles)
-    figures["part_of_single_frames"] = figures[str(COUNTS[-1])]["seconds"] / (whole * COUNTS[-1])
-    figures["single_frame_seconds"] = whole
-    return figures
+    figures |= against_singles(renderer, most, figures[str(COUNTS[-1])]["seconds"])
+    return figures | {"with_solids": lights_among_solids(renderer, most, rounds)}
+
+
+def against_singles(renderer: tfm.Renderer, scene: tfm.Scene, seconds: float) -> Figures:
+    """Compare the seconds of a frame with one frame for each of its lights, some of which are rendered."""
+    lights = scene.lights[:: len(scene.lights) // SINGLES]
+    single = statistics.median(seconds_of(renderer, scene.replace(lights=[one]), "total") for one in lights)
+    return {"single_frame_seconds": single, "part_of_single_frames": seconds / (single * len(scene.lights))}
+
+
+def lights_among_solids(renderer: tfm.Renderer, scene: tfm.Scene, rounds: int) -> Figures:
+    """Measure many lights that reach a floor and a knot: the first frame, and when all has been traced."""
+    floor = tfm.PlaneSolid(point=(0, 0.3, 0))
+    scene = scene.replace(solids=[floor, knot_of(KNOT)])
+    renderer.render(scene.replace(lights=scene.lights[:1]))  # which compiles
+    first = renderer.render(scene).stats
+    whole = median_of(partial(seconds_of, renderer, scene, "total"), rounds)
+    return {
+        "first_frame_seconds": first.seconds["total"],
+        "first_frame_trace_seconds": first.seconds["trace"],
+        "shadow_maps": first.made.get("shadow map", 0),
+        "view_pass_seconds": median_of(partial(seconds_of, renderer, scene, "view_pass"), rounds),
+        "trace_seconds": seconds_of(renderer, scene, "trace"),
+        "seconds": whole,
+    } | against_singles(renderer, scene, whole)
 
 
 def main() -> None:

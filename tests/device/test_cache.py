@@ -59,3 +59,35 @@ def test_nothing_is_left_when_it_is_cleared():
     cache.clear()
     assert cache.nbytes == 0
     assert made(cache, "a") is not before
+
+
+def made_together(cache, keys, size=1):
+    """Ask for many values; returns them and the keys that were made."""
+    asked = []
+
+    def make(places):
+        asked.extend(keys[place] for place in places)
+        return [object() for _ in places]
+
+    return cache.get_many("map", keys, make, lambda _: size), asked
+
+
+def test_of_many_only_those_that_are_missing_are_made():
+    cache = Cache(10)
+    kept = made(cache, "b")
+    values, asked = made_together(cache, ["a", "b", "c", "a"])
+    assert asked == ["a", "c"]
+    assert values[1] is kept
+    assert values[0] is values[3] is not values[2]
+    assert made_together(cache, ["c", "a"]) == ([values[2], values[0]], [])
+    assert cache.nbytes == cache.made["map"] == 3
+
+
+def test_many_values_may_push_each_other_out():
+    cache = Cache(2)
+    first, second = made(cache, "first"), made(cache, "second")
+    values, asked = made_together(cache, ["new", "first", "newer", "second"])
+    assert asked == ["new", "newer"]
+    assert values[1] is first
+    assert values[3] is second
+    assert cache.nbytes == 2

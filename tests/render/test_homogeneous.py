@@ -11,6 +11,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image
 from tfm_cl.render import batches as module
+from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
 from tfm_cl.scene.solids import PlaneSolid, SphereSolid
 
@@ -277,7 +278,6 @@ def test_batches_do_not_show(renderer, rng, monkeypatch):
     batches = []
     monkeypatch.setattr(module, "BATCH_BYTES", 1 << 18)
     monkeypatch.setattr(launch, "MOST_SAMPLES", 4 * 1024 * 10)
-    monkeypatch.setattr(module, "RAYS", 1)
 
     cut = renderer.render(scene, progress=lambda stage, _: batches.append(stage))
 
@@ -345,17 +345,16 @@ def test_solids_outside_the_medium(renderer):
 
 def test_small_lights_have_small_shadow_maps(renderer, monkeypatch):
     sizes = []
-    shadows = module.Batches._shadows
+    shadow_maps = Visibility.shadow_maps
 
-    def watched(self, batch):
-        maps = shadows(self, batch)
-        sizes.extend(self._structs["shadow_res"][batch].tolist())
-        return maps
+    def watched(self, scene, lights, wanted):
+        sizes.extend(wanted)
+        return shadow_maps(self, scene, lights, wanted)
 
-    monkeypatch.setattr(module.Batches, "_shadows", watched)
+    monkeypatch.setattr(Visibility, "shadow_maps", watched)
     camera = CAMERA.replace(res=(320, 240))
-    tiny = SpotLight(from_=(0, 0.3, 0), to=(0, 0, 0), cone=20, reach=0.15)
-    small = tiny.replace(reach=0.6)
+    tiny = SpotLight(from_=(0.3, 0.3, 0.2), to=(0.3, 0, 0.2), cone=20, reach=0.2)  # above a ball
+    small = tiny.replace(reach=0.8)
     scene = scene_of(VOLUMES["box"], [tiny, small, tiny.replace(reach=None, cone=80)], camera, solids=SOLIDS)
 
     renderer.render(scene.replace(march=tfm.MarchSettings(steps=4)))

@@ -56,12 +56,12 @@ CHANGES = {
     "a solid's place": (
         BESIDE_BALL,
         BESIDE_BALL.replace(solids=[BALL.replace(radius=0.4)]),
-        {"G-buffer": 1, "shadow map": 2, "clip": 4, "probe": 2, "map": 2},
+        {"G-buffer": 1, "shadow map": 2, "lit pixels": 2, "clip": 4, "probe": 2, "map": 2},
     ),
     "camera before a solid": (
         BESIDE_BALL,
         BESIDE_BALL.replace(camera=SCENE.camera.replace(fov=30.0)),
-        {"G-buffer": 1},
+        {"G-buffer": 1, "lit pixels": 2},
     ),
     "place of one of two grids": (
         TWO,

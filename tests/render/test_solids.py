@@ -140,7 +140,7 @@ def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_o
 
 @pytest.mark.quick("sphere inside-pcf")
 @pytest.mark.parametrize("filtering", ["pcf", "nearest"])
-@pytest.mark.parametrize("solids", ["sphere inside", "box inside", "plane through"])
+@pytest.mark.parametrize("solids", ["sphere inside", "box inside", "several"])
 def test_shadow_maps_tend_to_exact_visibility(renderer, solids, filtering):
     # Only what the medium scatters: solids are shaded exactly.
     scene = solid_scene(solids, "spot", ambient=None)
@@ -155,6 +155,19 @@ def test_shadow_maps_tend_to_exact_visibility(renderer, solids, filtering):
 
     assert errors[0] > SHADOW_EDGES * errors[1] > SHADOW_EDGES**2 * errors[2]
     assert errors[2] < 2e-3
+
+
+@pytest.mark.parametrize("light", ["spot", "sun", "point"])
+def test_a_plane_that_camera_and_light_are_above_needs_no_shadow_map(renderer, light):
+    scene = solid_scene("plane through", light, ambient=None, shadow=ShadowSettings(res=4))
+    exact = reference.render(scene, "dual", shadows="exact")
+    assert np.abs(renderer.render(scene, method="dual").image - exact).max() < 4 * PASS * exact.max()
+
+    # From below nothing is seen that the light reaches.
+    below = scene.camera.replace(from_=(0.5, -3, 2), to=(0, -0.4, 0))
+    dark = renderer.render(scene.replace(camera=below, shadow=ShadowSettings(res=512)), method="dual").image
+    assert dark[..., 3].max() > 0.5
+    assert dark[..., :3].max() < 1e-2 * exact.max()
 
 
 # --- surfaces in clear air -------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -47,17 +47,48 @@ class Cache:
             Size of a value.
         """
         place = kind, key
-        if place in self._kept:
+        kept = self._kept.get(place)
+        if kept is not None:
             self._kept.move_to_end(place)
-        else:
-            value = make()
-            size = nbytes(value)
-            self.made[kind] += 1
-            self._kept[place] = value, size
-            self._nbytes += size
-            self._shrink()
-        found: T = self._kept[place][0]
-        return found
+            found: T = kept[0]
+            return found
+        return self._put(kind, key, make(), nbytes)
+
+    def get_many(
+        self,
+        kind: str,
+        keys: Sequence[Hashable],
+        make: Callable[[list[int]], Sequence[T]],
+        nbytes: Callable[[T], int],
+    ) -> list[T]:
+        """Return the values of many keys, in their order; those that are not kept are made together.
+
+        Parameters
+        ----------
+        make
+            Given places in ``keys``, makes their values.
+        """
+        first: dict[Hashable, int] = {}
+        for place, key in enumerate(keys):
+            first.setdefault(key, place)
+        found: dict[Hashable, T] = {}
+        for key in first:
+            if (kept := self._kept.get((kind, key))) is not None:
+                self._kept.move_to_end((kind, key))
+                found[key] = kept[0]
+        missing = [key for key in first if key not in found]
+        # What is made may push out what was found.
+        for key, value in zip(missing, make([first[key] for key in missing]) if missing else (), strict=True):
+            found[key] = self._put(kind, key, value, nbytes)
+        return [found[key] for key in keys]
+
+    def _put(self, kind: str, key: Hashable, value: T, nbytes: Callable[[T], int]) -> T:
+        size = nbytes(value)
+        self.made[kind] += 1
+        self._kept[kind, key] = value, size
+        self._nbytes += size
+        self._shrink()
+        return value
 
     def _shrink(self) -> None:
         while len(self._kept) > 1 and self._nbytes > self.budget:

@@ -67,10 +67,11 @@ def left_out(scene: Scene) -> str:
     others = len(scene.lights) - len(smooth_lights(scene))
     if not others:
         return ""
-    why = (
-        why_not(scene) or f"{others} of {len(scene.lights)} lights have an edge in the grids or are near them"
+    edges = f"{others} of {len(scene.lights)} lights have an edge in the grids or are near them"
+    why = why_not(scene) or edges
+    return (
+        f'map.lookup = "lattice" does not hold all light, which is looked up at every sample instead: {why}'
     )
-    return f'map.lookup = "lattice" does not hold all light of this scene, as {why}: the rest is looked up at every sample'
 
 
 def choice(scene: Scene) -> Choice:

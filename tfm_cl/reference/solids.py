@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from tfm_cl.device.cache import Cache
 from tfm_cl.reference.fitting import fitted
 from tfm_cl.reference.geometry import Floats, Rays, corners
-from tfm_cl.render.visibility import Visibility, clip_of
+from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.visibility import Visibility
 
 if TYPE_CHECKING:
     from tfm_cl.render.tracing.tracer import Tracer
@@ -21,19 +22,21 @@ if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
 Shadows = Literal["exact", "map"]
-"""Of solids in the medium: traced to every sample, or looked up in the scene's ``[shadow]`` map."""
+"""Of solids in the medium: traced to every sample, or looked up in the scene's ``[shadow]`` map, where one is
+needed."""
 
 
 def solid_distances(scene: Scene, light: Light) -> NDArray[np.float32]:
     """Map of distances ``[y, x]`` from a light to the first solid, infinite without: ``shadow.res`` wide."""
-    distances = Visibility(Cache()).distances(scene, fitted(scene, light))
     res = scene.shadow.res
-    return np.full((res, res), np.inf, np.float32) if distances is None else distances
+    maps = Visibility(Cache()).shadow_maps(scene, [fitted(scene, light)], [res])
+    return maps[0] if maps else np.full((res, res), np.inf, np.float32)
 
 
 def clip(scene: Scene, light: Light, res: int) -> Floats:
     """Distances ``[res²]`` beyond which solids leave nothing lit near the texels' rays."""
-    return clip_of(solid_distances(scene, light), res).astype(np.float64).ravel()
+    distances = Visibility(Cache()).clip(scene, fitted(scene, light), res)
+    return np.full(res**2, np.inf) if distances is None else distances.astype(np.float64).ravel()
 
 
 def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadows = "exact") -> Floats:
@@ -78,7 +81,7 @@ class Obstacles:
         if self._tracer is None:
             return np.ones(len(points))
         arrival = light.arrival(points)
-        if self._shadows == "exact":
+        if self._shadows == "exact" or not self._has_map(light):
             lengths = light.source_distance(points)
             return (~self._tracer.occluded(points, -arrival.direction, lengths)).astype(np.float64)
         key = light.map_key()
@@ -95,6 +98,13 @@ class Obstacles:
         for x, y, weight in corners(res, arrival.position):
             visible += weight[:, 0] * (distances[y, x] >= arrival.distance)
         return visible
+
+    def _has_map(self, light: Light) -> bool:
+        """Whether there may be shadows of the light in what the camera sees of the medium."""
+        charts, sizes = np.array([light.frame().chart]), np.array([self._scene.shadow.res])
+        region = LitRegions.of([light]).with_texels(charts, sizes)
+        eye = np.asarray(self._scene.camera.from_)
+        return self._tracer is not None and bool(self._tracer.may_shade(region, eye).any())
 
     def lights(self, light: Light, points: Floats, surfaces: Surfaces) -> Floats:
         """Cosine at which the light meets surfaces at ``points``; 0 where they do not see it."""

@@ -6,7 +6,7 @@ Each block of pixels has a list of the lights that touch it (`tfm_cl.render.cull
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
-from tfm_cl.scene.lights.base import texel_positions
+from tfm_cl.render.regions import LitRegions
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.culling import Rectangle
-    from tfm_cl.render.tracing.tracer import Tracer
-    from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
@@ -43,8 +43,9 @@ SMALLEST_SHADOW = 32
 """Texels along a side of a shadow map, unless the scene wants less."""
 TEXELS_PER_PIXEL = 2
 """Of a shadow map along the larger side of the pixels that its light touches, where no map needs it finer."""
-RAYS = 1 << 18
-"""Traced at a time: fewer calls for many small lights, and bounded memory."""
+UNSHADOWED = np.full(1, np.inf, np.float32)
+"""The shadow map, of one texel, of lights that no solid keeps from what is seen. It has no neighbours; what
+follows is read and weighs nothing."""
 SINGLE_NUMBER = {
     "target": "optical-depth",
     "fit": "l2",
@@ -156,8 +157,6 @@ class Batches:
         self._launcher, self._scene, self._media = launcher, scene, media
         self._visibility, self._gbuffer, self._structs, self._crop = visibility, gbuffer, structs, crop
         self._settings, self._is_dual, self._touched = settings, is_dual, touched
-        structs["lit_pixels"] = touched
-        self._tracer: Tracer | None = None if gbuffer is None else visibility.tracer(scene)
         x0, y0, x1, y1 = touched.T
         width, height = x1 - x0, y1 - y0
         self._areas = np.maximum(width, 0) * np.maximum(height, 0)
@@ -167,12 +166,18 @@ class Batches:
             fine = np.maximum(2 ** np.ceil(np.log2(wanted)).astype(np.int64), SMALLEST_SHADOW)
             sizes = np.minimum(fine, sizes)
         self._sizes = sizes
+        self._regions: LitRegions | None = None
+        self._is_shadowed = np.zeros(len(touched), dtype=bool)
+        if (tracer := visibility.tracer(scene)) is not None:
+            self._regions = LitRegions.of(scene.lights)
+            looked_up = self._regions.with_texels(structs["chart"], sizes)
+            self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
         blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
         self._costs = structs.itemsize + 16 * np.maximum(blocks, 0)
         if settings is not None:
             self._costs = self._costs + media.fields.count * map_bytes(settings)
         if gbuffer is not None:
-            self._costs = self._costs + 4 * sizes**2 + self._areas
+            self._costs = self._costs + np.where(self._is_shadowed, 4 * sizes**2, 0) + self._areas
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
@@ -320,80 +325,28 @@ class Batches:
         return np.concatenate(parts)
 
     def _shadows(self, batch: list[int]) -> NDArray[np.float32]:
-        """Trace the shadow maps of a batch, one after the other; nothing without solids."""
-        tracer = self._tracer
-        if tracer is None:
-            return np.zeros(1, np.float32)
-        sizes = self._sizes[batch]
+        """Put the shadow maps of a batch one after the other, and before them that of all other lights."""
+        self._structs["shadow_res"][batch] = 1
+        cast = [index for index in batch if self._is_shadowed[index]]
+        sizes = self._sizes[cast]
         ends = (sizes**2).cumsum()
-        self._structs["shadow_res"][batch] = sizes
-        self._structs["first_shadow"][batch] = ends - sizes**2
-        # A map of one texel has no neighbours; what follows it is read and weighs nothing.
-        maps = np.zeros(int(ends[-1]) + 1, np.float32)
-
-        def trace(places: NDArray[np.intp], rays: list[NDArray[np.float64]]) -> None:
-            maps[places] = tracer.distances(*rays)
-
-        waiting = _Waiting(trace)
-        for index, size, end in zip(batch, sizes.tolist(), ends.tolist(), strict=True):
-            light = self._scene.lights[index]
-            place = np.arange(end - size**2, end)
-            positions = texel_positions(size)
-            far = np.isinf(light.source_distance(light.rays(positions[:1])[0])).any()
-            if far or size == self._scene.shadow.res:
-                distances = self._visibility.distances(self._scene, light, size)  # which it may know already
-                if distances is not None:
-                    maps[place] = distances.ravel()
-            else:
-                with self._visibility.timed():
-                    waiting.add(place, *light.rays(positions))
-        with self._visibility.timed():
-            waiting.trace()
-        return maps
+        self._structs["shadow_res"][cast] = sizes
+        self._structs["first_shadow"][cast] = 1 + ends - sizes**2
+        maps = self._visibility.shadow_maps(
+            self._scene, [self._scene.lights[index] for index in cast], sizes.tolist()
+        )
+        return np.concatenate([UNSHADOWED, *(distances.ravel() for distances in maps), UNSHADOWED])
 
     def _lit(self, batch: list[int]) -> NDArray[np.uint8]:
-        """Trace which pixels of a batch's rectangles show a solid that the light sees."""
-        tracer, gbuffer = self._tracer, self._gbuffer
-        if tracer is None or gbuffer is None:
+        """Find which pixels show a solid that the batch's lights see; nothing without solids."""
+        if self._regions is None:
             return np.zeros(1, np.uint8)
-        areas = self._areas[batch]
-        ends = areas.cumsum()
-        self._structs["first_lit"][batch] = ends - areas
-        lit = np.zeros(int(ends[-1]), np.uint8)
-
-        def trace(places: NDArray[np.intp], rays: list[NDArray[np.float64]]) -> None:
-            lit[places] = ~tracer.occluded(*rays)
-
-        waiting = _Waiting(trace)
-        corner = np.array(self._crop[:2])
-        with self._visibility.timed():
-            for index, begin in zip(batch, (ends - areas).tolist(), strict=True):
-                rectangle = self._touched[index].reshape(2, 2) - corner
-                pixels, rays = gbuffer.shadow_rays(tracer, self._scene.lights[index], rectangle)
-                if len(pixels):
-                    waiting.add(begin + pixels, *rays)
-            waiting.trace()
-        return lit
-
-
-class _Waiting:
-    """Collects rays of many lights and traces them together."""
-
-    def __init__(self, trace: Callable[[NDArray[np.intp], list[NDArray[np.float64]]], None]) -> None:
-        self._trace = trace
-        self._parts: list[tuple[NDArray[Any], ...]] = []
-        self._count = 0
-
-    def add(self, places: NDArray[np.intp], *rays: NDArray[np.float64]) -> None:
-        """Take rays whose results go to ``places``."""
-        self._parts.append((places, *rays))
-        self._count += len(places)
-        if self._count >= RAYS:
-            self.trace()
-
-    def trace(self) -> None:
-        """Trace what was collected."""
-        if self._parts:
-            places, *rays = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-            self._parts, self._count = [], 0
-            self._trace(places, rays)
+        corner = np.tile(self._crop[:2], 2)
+        found = self._visibility.lit_pixels(
+            self._scene, self._crop, self._gbuffer, self._regions[batch], self._touched[batch] - corner
+        )
+        if found is None:
+            return np.zeros(1, np.uint8)
+        self._structs["lit_pixels"][batch] = found.rectangles + corner
+        self._structs["first_lit"][batch] = found.first
+        return found.lit

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
     from tfm_cl.device.launch import Launcher, Output
-    from tfm_cl.render.visibility import GBuffer
+    from tfm_cl.render.gbuffer import GBuffer
 
 SUMS: dict[str, tuple[type[np.generic], int]] = {
     "radiance": (np.float32, 4),

@@ -23,8 +23,9 @@ from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import Light, texel_positions
 
 if TYPE_CHECKING:
+    from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.result import RenderResult
-    from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene

@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.maps import MapBuilder, Sources
     from tfm_cl.render.result import RenderStats
-    from tfm_cl.render.visibility import GBuffer, Visibility
+    from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
 
 STEEPEST_DEPTH = 20.0
@@ -201,8 +202,8 @@ class Frame:
         if lattice.fits:
             return lattice
         message = (
-            f"the lattice of light needs {lattice.nbytes / 2**20:,.0f} MiB in one buffer, more than the device "
-            "allows: light is looked up at every sample"
+            f"the lattice of light needs {lattice.nbytes / 2**20:,.0f} MiB in one buffer, which the device has not: "
+            "light is looked up at every sample"
         )
         work.warnings[message] = None
         return None

@@ -317,15 +317,12 @@ def _single_lights(scene: Scene) -> Scene:
     lights = list(chain.from_iterable(light.parts() for light in scene.lights))
     # Maps show where grids have density; what shadows solids cast is asked for in all media. Bodies of
     # constant density need neither, and may have thousands of lights.
-    bounds = scene.occupied_bounds
+    bounds = occupied = scene.occupied_bounds
     if scene.grids and not scene.solids:
         bounds = around([grid.occupied_bounds for grid in scene.grids])
     fits = bool(scene.solids or scene.grids)
     return scene.replace(
-        lights=[
-            light.fitted(bounds, scene.occupied_bounds) if fits or light.needs_fitting else light
-            for light in lights
-        ]
+        lights=[light.fitted(bounds, occupied) if fits or light.needs_fitting else light for light in lights]
     )
 
 

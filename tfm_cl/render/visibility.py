@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.render.gbuffer import trace_gbuffer
+from tfm_cl.render.lit_pixels import lit_pixels
+from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.lights.base import texel_positions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Iterator, Sequence
+
     from tfm_cl.device.cache import Cache
+    from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.lit_pixels import LitPixels
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
@@ -31,63 +36,14 @@ class Sized(Protocol):
 
 T = TypeVar("T", bound=Sized)
 
-
-@dataclass(frozen=True)
-class GBuffer:
-    """The solids that the pixels of a crop show, [height, width, …] (deferred shading)."""
-
-    solid: NDArray[np.float32]
-    """[h, w, 4]: unit normal (world, towards the camera) and distance, world units; infinite without."""
-    albedo: NDArray[np.float32]
-    """[h, w, 4]: RGB and 0."""
-    points: NDArray[np.float64]
-    """[hits, 3] where camera rays meet solids, world, row by row."""
-    shown: NDArray[np.bool_]
-    """[h, w]: which pixels these are."""
-
-    @cached_property
-    def _numbers(self) -> NDArray[np.int64]:
-        """Number of each pixel's point, where it has one."""
-        numbers: NDArray[np.int64] = self.shown.cumsum().reshape(self.shown.shape) - 1
-        return numbers
-
-    @cached_property
-    def _surfaces(self) -> NDArray[np.float64]:
-        """Normals and distances of all points."""
-        return self.solid[self.shown].astype(np.float64)
-
-    def shadow_rays(
-        self, tracer: Tracer, light: Light, rectangle: NDArray[np.int64]
-    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.float64], ...]]:
-        """Rays towards a light from what the pixels of a rectangle show, and which pixels of it these are.
-
-        Parameters
-        ----------
-        rectangle
-            Low and high corner, [2, 2], pixels of the crop.
-        """
-        (x0, y0), (x1, y1) = rectangle
-        shown = self.shown[y0:y1, x0:x1]
-        pixels = np.flatnonzero(shown)
-        number = self._numbers[y0:y1, x0:x1][shown]
-        points, surfaces = self.points[number], self._surfaces[number]
-        directions = light.arrival(points).direction
-        facing = light.reaches(points) & ((directions * surfaces[:, :3]).sum(axis=1) < 0)
-        if not facing.any():
-            return pixels[:0], ()
-        at = tracer.lifted(points[facing], surfaces[facing, :3], surfaces[facing, 3])
-        return pixels[facing], (at, -directions[facing], light.source_distance(at))
-
-    @property
-    def nbytes(self) -> int:
-        """Size."""
-        return self.solid.nbytes + self.albedo.nbytes + self.points.nbytes + self.shown.nbytes
+LIGHTS = 8
+"""Number of lights whose shadow maps a thread traces at a time; a large map is traced by all cores anyway."""
 
 
 class Visibility:
     """Traces the solids of scenes, and keeps what the next frame may ask for again.
 
-    Kept are the tracer of the last solids, and G-buffers and shadow maps in the session's cache.
+    Kept are the tracer of the last solids, and G-buffers, shadow maps and lit pixels in the session's cache.
 
     Parameters
     ----------
@@ -130,24 +86,49 @@ class Visibility:
         if tracer is None:
             return None
         key = scene.solids, scene.camera, crop
-        return self._keep("G-buffer", key, lambda: _gbuffer(tracer, scene, crop))
+        return self._keep("G-buffer", key, lambda: trace_gbuffer(tracer, scene, crop))
 
-    def distances(self, scene: Scene, light: Light, res: int | None = None) -> NDArray[np.float32] | None:
-        """Trace a light's rays: distances to the nearest solid, [res, res], infinite without one.
+    def shadow_maps(
+        self, scene: Scene, lights: Sequence[Light], sizes: Sequence[int]
+    ) -> list[NDArray[np.float32]]:
+        """Trace lights' rays: distances to the nearest solid, [size, size] each, infinite without one.
 
-        Row by row of v, through the texels' centres. None without solids.
-
-        Parameters
-        ----------
-        res
-            By default the scene's ``shadow.res``.
+        Row by row of v, through the texels' centres. Maps that no earlier frame left are traced together;
+        an empty list without solids.
         """
         tracer = self.tracer(scene)
         if tracer is None:
+            return []
+
+        def trace(places: list[int]) -> list[NDArray[np.float32]]:
+            with self.timed():
+                return _shadow_maps(tracer, [lights[i] for i in places], [sizes[i] for i in places])
+
+        keys = [(scene.solids, light.map_key(), size) for light, size in zip(lights, sizes, strict=True)]
+        return self._cache.get_many("shadow map", keys, trace, lambda distances: distances.nbytes)
+
+    def lit_pixels(
+        self,
+        scene: Scene,
+        crop: tuple[int, int, int, int],
+        gbuffer: GBuffer | None,
+        regions: LitRegions,
+        touched: NDArray[np.int64],
+    ) -> LitPixels | None:
+        """Trace what lights see of the solids that the pixels of a crop show; None without solids.
+
+        Parameters
+        ----------
+        gbuffer
+            Of the scene and the crop.
+        regions, touched
+            As of `tfm_cl.render.lit_pixels.lit_pixels`.
+        """
+        tracer = self.tracer(scene)
+        if tracer is None or gbuffer is None:
             return None
-        res = res or scene.shadow.res
-        key = scene.solids, light.map_key(), res
-        return self._keep("shadow map", key, lambda: _distances(tracer, light, res))
+        key = scene.solids, scene.camera, crop, regions.key, touched.tobytes()
+        return self._keep("lit pixels", key, lambda: lit_pixels(tracer, gbuffer, regions, touched))
 
     @contextmanager
     def timed(self) -> Iterator[None]:
@@ -161,11 +142,20 @@ class Visibility:
 
         None without solids.
         """
-        distances = self.distances(scene, light)
-        if distances is None:
+        tracer = self.tracer(scene)
+        if tracer is None:
             return None
+
+        def make() -> NDArray[np.float32]:
+            region = LitRegions.of_map(light)
+            if not tracer.may_shade(region).any():
+                return np.full((size, size), region.reach[0], np.float32)
+            distances = self.shadow_maps(scene, [light], [scene.shadow.res])[0]
+            with self.timed():
+                return clip_of(distances, size)
+
         key = scene.solids, light.map_key(), scene.shadow.res, size
-        return self._keep("clip", key, lambda: clip_of(distances, size))
+        return self._cache.get("clip", key, make, lambda clip: clip.nbytes)
 
     def _keep(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
         def timed() -> T:
@@ -190,17 +180,6 @@ def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     return np.ascontiguousarray(widest[np.ix_(centres, centres)])
 
 
-def _gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer:
-    shape = (crop[3] - crop[1], crop[2] - crop[0])
-    origins, directions = scene.camera.rays(crop)
-    hits = tracer.nearest(origins, directions)
-    solid = np.concatenate([hits.normal, hits.distance[:, None]], axis=1).reshape(*shape, 4)
-    albedo = np.concatenate([hits.albedo, np.zeros_like(hits.distance)[:, None]], axis=1).reshape(*shape, 4)
-    met = np.isfinite(hits.distance)
-    points = origins[met] + hits.distance[met, None] * directions[met]
-    return GBuffer(solid, albedo, points, met.reshape(shape))
-
-
 def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]) -> NDArray[np.float32]:
     """Trace a light's rays through map positions u, v [N, 2]: distances to the nearest solid, [N].
 
@@ -208,11 +187,18 @@ def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]
     """
     origins, directions = light.rays(positions)
     distances = tracer.distances(origins, directions)
-    upstream = light.source_distance(origins)
-    if np.isinf(upstream).any():
-        distances[tracer.occluded(origins, -directions, upstream)] = 0
+    if np.isinf(light.source_distance(origins[:1])).all():
+        distances[tracer.occluded(origins, -directions, np.inf)] = 0
     return distances
 
 
-def _distances(tracer: Tracer, light: Light, res: int) -> NDArray[np.float32]:
-    return solid_distances(tracer, light, texel_positions(res)).reshape(res, res)
+def _shadow_maps(tracer: Tracer, lights: list[Light], sizes: list[int]) -> list[NDArray[np.float32]]:
+    positions = {size: texel_positions(size) for size in set(sizes)}
+    maps = [np.empty((size, size), np.float32) for size in sizes]
+
+    def trace(part: slice) -> None:
+        for light, size, distances in zip(lights[part], sizes[part], maps[part], strict=True):
+            distances.ravel()[:] = solid_distances(tracer, light, positions[size])
+
+    in_chunks(len(lights), trace, LIGHTS)
+    return maps

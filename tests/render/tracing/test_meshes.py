@@ -9,7 +9,7 @@ import trimesh
 from tolerances import FLOAT32
 
 from tfm_cl.errors import SceneError
-from tfm_cl.render.tracing import tracer as tracers
+from tfm_cl.render.tracing import threads
 from tfm_cl.render.tracing.tracer import LIFT, Tracer
 from tfm_cl.scene.solids import MeshSolid, PlaneSolid, SphereSolid
 
@@ -200,8 +200,8 @@ def test_chunks_make_no_difference(rng, monkeypatch):
     directions = unit(-origins + rng.normal(size=(1000, 3)))
     whole = tracer.nearest(origins, directions), tracer.distances(origins, directions)
     blocked = tracer.occluded(origins, directions, 4.0)
-    monkeypatch.setattr(tracers, "CHUNK", 37)
-    monkeypatch.setattr(tracers, "_cores", lambda: 3)
+    monkeypatch.setattr(threads, "CHUNK", 37)
+    monkeypatch.setattr(threads, "_cores", lambda: 3)
     parts = tracer.nearest(origins, directions), tracer.distances(origins, directions)
     for name in ("distance", "normal", "albedo"):
         np.testing.assert_array_equal(getattr(parts[0], name), getattr(whole[0], name))
@@ -220,10 +220,10 @@ def test_an_interrupt_leaves_no_threads(monkeypatch):
         if len(done) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(tracers, "_cores", lambda: 2)
-    monkeypatch.setattr(tracers, "CHUNK", 100)
+    monkeypatch.setattr(threads, "_cores", lambda: 2)
+    monkeypatch.setattr(threads, "CHUNK", 100)
     with pytest.raises(KeyboardInterrupt):
-        tracers._in_chunks(100_000, trace)
+        threads.in_chunks(100_000, trace)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("tfm-solids")]
 
 

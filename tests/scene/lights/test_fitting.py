@@ -110,3 +110,14 @@ def test_a_map_does_not_turn_about_for_nothing():
     spot = tfm.SpotLight(from_=(0, 0, 8), to=(0.1, 0.1, -0.75), cone=20.0)
     axes = fitted_view(np.array(spot.from_), BOUNDS, spot.cone_of_light(), np.inf).axes
     np.testing.assert_array_equal(axes, spot.cone_of_light().axes)
+
+
+@pytest.mark.parametrize(
+    "light", [tfm.PointLight(from_=(3, 2, 1)), tfm.SpotLight(from_=(3, 2, 1), to=(0, 0, 0))]
+)
+def test_the_next_frame_finds_the_view_fitted(light):
+    again = light.replace(intensity=2)
+    assert again.fitted(BOUNDS.copy()).view is light.fitted(BOUNDS).view
+    for other in (light.replace(reach=2), light.replace(from_=(3, 2, 1.1))):
+        assert other.fitted(BOUNDS).view is not light.fitted(BOUNDS).view
+    assert light.fitted(BOUNDS + 0.1).view is not light.fitted(BOUNDS).view

@@ -25,7 +25,10 @@ BEYOND = 16.0
 about 3."""
 
 MARGIN = 1 + 2.0**-20
-"""Relative margin of the sphere around the meshes: triangles rounded to float32 stay inside."""
+"""Relative margin of the sphere and the boxes around the meshes: triangles rounded to float32 stay inside."""
+
+HALVINGS = 6
+"""How often the triangles are halved into those that lie together, each with a box of its own."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,9 @@ class Meshes:
         self._zero = self._centre if origin is None else origin
         self.size = self._radius + float(np.linalg.norm(self._centre - self._zero))
         """Largest distance of a vertex from Embree's origin, world units."""
+        slack = (MARGIN - 1) * self.size
+        self.boxes = np.add(_boxes(self._vertices[self._faces]), [[[-slack], [slack]]])
+        """Low and high corners of boxes around all triangles, [up to 2^`HALVINGS`, 2, 3], world."""
         # A power of two, so that scaling is exact.
         self._scale = 2.0 ** -np.ceil(np.log2(self.size))
         local = ((self._vertices - self._zero) * self._scale).astype(np.float32)
@@ -142,3 +148,21 @@ class Meshes:
         entry = origins[rays] - self._zero + starts[:, None] * directions[rays]
         local = (entry * self._scale).astype(np.float32)
         return rays, starts, local, directions[rays].astype(np.float32)
+
+
+def _boxes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Boxes [n, 2, 3] around groups of triangles [m, 3, 3], each group halved along its longest side."""
+    groups = [corners]
+    for _ in range(HALVINGS):
+        groups = [half for group in groups for half in _halves(group)]
+    return np.stack([[group.min(axis=(0, 1)), group.max(axis=(0, 1))] for group in groups])
+
+
+def _halves(group: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    if len(group) == 1:
+        return [group]
+    middles = group.mean(axis=1)
+    along = middles[:, np.ptp(middles, axis=0).argmax()]
+    half = len(group) // 2
+    order = np.argpartition(along, half)
+    return [group[order[:half]], group[order[half:]]]

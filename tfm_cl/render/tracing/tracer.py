@@ -1,22 +1,22 @@
 """Visibility among solids: nearest surfaces, distances and shadows of many rays."""
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.mesh import MeshSolid
+from tfm_cl.scene.solids.plane import PlaneSolid
 
 if TYPE_CHECKING:
+    from tfm_cl.render.regions import LitRegions
     from tfm_cl.render.tracing.embree import Meshes
-
-CHUNK = 1 << 17
-"""Number of rays that a thread traces at a time: some 50 MB."""
 
 LIFT = 2.0**-20
 """Height above the surface at which shadow rays start, as a fraction of the meshes' size or the ray's length.
@@ -74,6 +74,31 @@ class Tracer:
         if boxes:
             corners = np.stack(boxes)
             self.bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+        self._planes = [solid.world_plane() for solid in solids if isinstance(solid, PlaneSolid)]
+        self._boxes = [box[None] for box in (shape.bounds() for shape in self._shapes) if box is not None]
+        if self._meshes is not None:
+            self._boxes.append(self._meshes.boxes)
+
+    def may_shade(self, regions: LitRegions, eye: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
+        """Tell in which lights' regions [n] there may be shadows; the others need no rays.
+
+        Parameters
+        ----------
+        eye
+            [3]: only shadows that are seen from there count. A plane hides what it shades where the eye and
+            the light are on the same side of it.
+        """
+        met = np.zeros(len(regions.apex), dtype=bool)
+        for point, normal in self._planes:
+            height = 0.0 if eye is None else float((eye - point) @ normal)
+            met |= regions.touch_plane(point, normal) & (regions.sides(point, normal) * height <= 0)
+        for boxes in self._boxes:
+            whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+            left = np.flatnonzero(~met)
+            left = left[regions[left].touch_boxes(np.broadcast_to(whole, (len(left), 2, 3)))]
+            for box in boxes:
+                met[left] |= regions[left].touch_boxes(np.broadcast_to(box, (len(left), 2, 3)))
+        return met
 
     def nearest(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
         """Find the first surface along rays; distances are computed in float64, then rounded."""
@@ -88,7 +113,7 @@ class Tracer:
             distance, hits.normal[part], hits.albedo[part] = self._nearest(*rays[part])
             hits.distance[part] = distance
 
-        _in_chunks(rays.count, trace)
+        in_chunks(rays.count, trace)
         return hits
 
     def distances(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.float32]:
@@ -110,7 +135,7 @@ class Tracer:
                 np.minimum(nearest, shape.distances(*shape.object_rays(start, towards)), out=nearest)
             result[part] = nearest
 
-        _in_chunks(rays.count, trace)
+        in_chunks(rays.count, trace)
         return result
 
     def occluded(self, origins: ArrayLike, directions: ArrayLike, distances: ArrayLike) -> NDArray[np.bool_]:
@@ -142,7 +167,7 @@ class Tracer:
                 blocked[left] = self._meshes.occluded(start[left], towards[left], ends)
             result[part] = blocked
 
-        _in_chunks(rays.count, trace)
+        in_chunks(rays.count, trace)
         return result
 
     def lifted(self, points: ArrayLike, normals: ArrayLike, distances: ArrayLike) -> NDArray[np.float64]:
@@ -191,7 +216,7 @@ class Tracer:
         return nearest, normals, albedo
 
 
-def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> "Meshes":
+def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> Meshes:
     from tfm_cl.render.tracing.embree import Meshes  # noqa: PLC0415 - Embree is slow to import
 
     return Meshes(meshes, None if origin is None else np.asarray(origin, dtype=np.float64))
@@ -208,23 +233,3 @@ class _Rays:
 
     def __getitem__(self, part: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._origins[part], self._directions[part]
-
-
-def _in_chunks(count: int, trace: Callable[[slice], None]) -> None:
-    """Call ``trace`` for all rays in chunks, in threads: Embree and NumPy release Python's lock."""
-    parts = [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
-    workers = min(len(parts), _cores())
-    if workers <= 1:
-        for part in parts:
-            trace(part)
-        return
-    pool = ThreadPoolExecutor(workers, thread_name_prefix="tfm-solids")
-    try:
-        for future in [pool.submit(trace, part) for part in parts]:
-            future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)  # after Ctrl-C, only running chunks are completed
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

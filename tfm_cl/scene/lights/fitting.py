@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +69,18 @@ def fitted_view(origin: Floats, bounds: Floats, cone: Cone | None, reach: float)
     View
         `whole_view` if the light does not reach the box, or the box is infinite.
     """
+    of_cone = None if cone is None else (cone.axes.tobytes(), cone.slope)
+    of_origin, of_bounds = (np.asarray(array, np.float64).tobytes() for array in (origin, bounds))
+    return _fitted_view(of_origin, of_bounds, of_cone, reach)
+
+
+@lru_cache(maxsize=1 << 14)
+def _fitted_view(
+    of_origin: bytes, of_bounds: bytes, of_cone: tuple[bytes, float] | None, reach: float
+) -> View:
+    """`fitted_view`, cached, since it is called in each frame and for many lights."""
+    origin, bounds = np.frombuffer(of_origin), np.frombuffer(of_bounds).reshape(2, 3)
+    cone = None if of_cone is None else Cone(np.frombuffer(of_cone[0]).reshape(3, 3), of_cone[1])
     low, high = np.maximum(bounds[0] - origin, -reach), np.minimum(bounds[1] - origin, reach)
     if not np.isfinite([low, high]).all() or (low >= high).any():
         return whole_view(cone)

@@ -40,3 +40,8 @@ class PlaneSolid(AnalyticSolid):
     def bounds(self) -> None:
         """Return None: a plane is infinite."""
         return
+
+    def world_plane(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return a point on the plane and its unit normal, both [3], world."""
+        matrix = self.world_from_object
+        return matrix[:3, :3] @ self.point + matrix[:3, 3], self.world_normals(np.array([self.normal]))[0]

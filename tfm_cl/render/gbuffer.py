@@ -1,0 +1,80 @@
+"""What pixels show of solids, traced once for all lights (deferred shading)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """The solids that the pixels of a crop show, [height, width, …]."""
+
+    solid: NDArray[np.float32]
+    """[h, w, 4]: unit normal (world, towards the camera) and distance, world units; infinite without."""
+    albedo: NDArray[np.float32]
+    """[h, w, 4]: RGB and 0."""
+    points: NDArray[np.float64]
+    """[hits, 3] where camera rays meet solids, world, row by row."""
+    shown: NDArray[np.bool_]
+    """[h, w]: which pixels these are."""
+
+    EDGE: ClassVar[int] = 16
+    """Pixels along a side of a block, within which points lie close together."""
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int32]:
+        """[h·w], number of each pixel's point, where it has one."""
+        return self.shown.ravel().cumsum(dtype=np.int32) - np.int32(1)
+
+    @cached_property
+    def pixels(self) -> NDArray[np.int32]:
+        """[blocks, `EDGE`²], numbers in the crop of each block's pixels, row by row; -1: shows nothing."""
+        height, width = self.shown.shape
+        rows, columns = -(-height // self.EDGE), -(-width // self.EDGE)
+        padded = np.full((rows * self.EDGE, columns * self.EDGE), -1, np.int32)
+        number = np.arange(height * width, dtype=np.int32).reshape(height, width)
+        padded[:height, :width] = np.where(self.shown, number, -1)
+        blocks = padded.reshape(rows, self.EDGE, columns, self.EDGE).swapaxes(1, 2)
+        return blocks.reshape(rows * columns, self.EDGE**2)
+
+    @cached_property
+    def occupied(self) -> NDArray[np.bool_]:
+        """[blocks], which show a solid at all."""
+        return np.asarray((self.pixels >= 0).any(axis=1))
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """[blocks, 2, 3], low and high corner around each block's points, world; 0 where there are none."""
+        boxes = np.zeros((len(self.pixels), 2, 3))
+        shown = self.pixels[self.occupied]
+        points, empty = self.points[self.numbers[shown]], (shown < 0)[..., None]
+        boxes[self.occupied, 0] = np.where(empty, np.inf, points).min(axis=1)
+        boxes[self.occupied, 1] = np.where(empty, -np.inf, points).max(axis=1)
+        return boxes
+
+    @property
+    def nbytes(self) -> int:
+        """Size, with `numbers` and `pixels`."""
+        of_pixels = 2 * np.dtype(np.int32).itemsize * self.shown.size
+        return self.solid.nbytes + self.albedo.nbytes + self.points.nbytes + self.shown.nbytes + of_pixels
+
+
+def trace_gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer:
+    """Trace the camera's rays through the pixels x0, y0, x1, y1."""
+    shape = (crop[3] - crop[1], crop[2] - crop[0])
+    origins, directions = scene.camera.rays(crop)
+    hits = tracer.nearest(origins, directions)
+    solid = np.concatenate([hits.normal, hits.distance[:, None]], axis=1).reshape(*shape, 4)
+    albedo = np.concatenate([hits.albedo, np.zeros_like(hits.distance)[:, None]], axis=1).reshape(*shape, 4)
+    met = np.isfinite(hits.distance)
+    points = origins[met] + hits.distance[met, None] * directions[met]
+    return GBuffer(solid, albedo, points, met.reshape(shape))

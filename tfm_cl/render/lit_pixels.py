@@ -1,0 +1,110 @@
+"""Which pixels show a solid that a light sees: shadow rays from those that it could light, no others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.render.culling import block_lists
+from tfm_cl.render.tracing.threads import CHUNK, in_chunks
+
+if TYPE_CHECKING:
+    from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.regions import LitRegions
+    from tfm_cl.render.tracing.tracer import Tracer
+
+ON_EDGE = 1e-9
+"""Cosine by which a point may lie outside a cone: kernels, in float32, have the last word on its edge."""
+
+
+@dataclass(frozen=True)
+class LitPixels:
+    """Of each of some lights a rectangle of pixels, outside of which it lights no solid."""
+
+    rectangles: NDArray[np.int64]
+    """[lights, 4], x0, y0, x1, y1 in pixels of the crop; empty for a light without."""
+    first: NDArray[np.int64]
+    """[lights], where each begins in ``lit``."""
+    lit: NDArray[np.uint8]
+    """1 where no other solid stops the light, row by row."""
+
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        return self.rectangles.nbytes + self.first.nbytes + self.lit.nbytes
+
+
+def lit_pixels(
+    tracer: Tracer, gbuffer: GBuffer, regions: LitRegions, touched: NDArray[np.int64]
+) -> LitPixels:
+    """Trace what lights see of the solids that pixels show.
+
+    Parameters
+    ----------
+    regions
+        Of the lights.
+    touched
+        [lights, 4], the pixels x0, y0, x1, y1 of the crop that each may change.
+    """
+    height, width = gbuffer.shown.shape
+    edge = gbuffer.EDGE
+    lists = block_lists(touched, (0, 0, width, height), edge)
+    block = np.repeat(np.arange(len(lists.starts) - 1), np.diff(lists.starts))
+    near = np.flatnonzero(gbuffer.occupied[block])
+    near = near[regions[lists.lights[near]].touch_boxes(gbuffer.boxes[block[near]])]
+    block, light = block[near], lists.lights[near]
+    row, column = np.divmod(block, lists.columns)
+    corners = np.stack([column, row], axis=1) * edge
+    low = np.full((len(touched), 2), max(width, height))
+    high = np.zeros((len(touched), 2), np.int64)
+    np.minimum.at(low, light, corners)
+    np.maximum.at(high, light, np.minimum(corners + edge, (width, height)))
+    low = np.minimum(low, high)
+    sizes = high - low
+    areas = sizes.prod(axis=1)
+    first = areas.cumsum() - areas
+    lit = np.zeros(int(areas.sum()) + 1, np.uint8)
+
+    def trace(part: slice) -> None:
+        pair, within = np.nonzero(gbuffer.pixels[block[part]] >= 0)
+        of, pixel = light[part][pair], gbuffer.pixels[block[part][pair], within]
+        found, rays = _shadow_rays(tracer, gbuffer, regions, of, pixel)
+        if not len(found):
+            return
+        of, pixel = of[found], pixel[found]
+        y, x = np.divmod(pixel, width)
+        place = first[of] + (y - low[of, 1]) * sizes[of, 0] + x - low[of, 0]
+        lit[place] = ~tracer.occluded(*rays)
+
+    in_chunks(len(light), trace, CHUNK // edge**2)
+    return LitPixels(np.concatenate([low, high], axis=1), first, lit)
+
+
+def _shadow_rays(
+    tracer: Tracer,
+    gbuffer: GBuffer,
+    regions: LitRegions,
+    light: NDArray[np.int32],
+    pixel: NDArray[np.int32],
+) -> tuple[NDArray[np.intp], tuple[NDArray[np.float64], ...]]:
+    """Rays from pixels' points towards lights, both [n], and for which of them; a light may face away."""
+    points = gbuffer.points[gbuffer.numbers[pixel]]
+    apex, axis, parallel = regions.apex[light], regions.axis[light], regions.parallel[light]
+    offset = points - apex
+    distance = np.linalg.norm(offset, axis=1)
+    within = (offset * axis).sum(axis=1) >= (np.cos(regions.angle[light]) - ON_EDGE) * distance
+    reached = np.flatnonzero(parallel | (within & (distance < regions.reach[light]) & (distance > 0)))
+    surface = gbuffer.solid.reshape(-1, 4)[pixel[reached]].astype(np.float64)
+    direction = np.where(
+        parallel[reached, None],
+        axis[reached],
+        offset[reached] / np.where(parallel, 1, distance)[reached, None],
+    )
+    facing = (direction * surface[:, :3]).sum(axis=1) < 0
+    found = reached[facing]
+    at = tracer.lifted(points[found], surface[facing, :3], surface[facing, 3])
+    length = np.where(parallel[found], np.inf, np.linalg.norm(at - apex[found], axis=1))
+    return found, (at, -direction[facing], length)
