@@ -69,9 +69,7 @@ def left_out(scene: Scene) -> str:
         return ""
     edges = f"{others} of {len(scene.lights)} lights have an edge in the grids or are near them"
     why = why_not(scene) or edges
-    return (
-        f'map.lookup = "lattice" does not hold all light, which is looked up at every sample instead: {why}'
-    )
+    return f'map.lookup = "lattice" cannot hold all light; the rest is looked up at every sample: {why}'
 
 
 def choice(scene: Scene) -> Choice:

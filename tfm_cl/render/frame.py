@@ -201,9 +201,9 @@ class Frame:
         lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights)
         if lattice.fits:
             return lattice
+        needs = f"{lattice.nbytes / 2**20:,.0f} MiB in one buffer"
         message = (
-            f"the lattice of light needs {lattice.nbytes / 2**20:,.0f} MiB in one buffer, which the device has not: "
-            "light is looked up at every sample"
+            f"light is looked up at every sample: its lattice needs {needs}, more than the device allows"
         )
         work.warnings[message] = None
         return None
