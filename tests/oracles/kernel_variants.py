@@ -101,6 +101,7 @@ def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
     bricks = None
     if scene.grids:
         bricks = BrickGrid(
+            blocks=None,  # type: ignore[arg-type]
             table=None,  # type: ignore[arg-type]
             pools=(None,) * pools,  # type: ignore[arg-type]
             brick_counts=tuple(brick_count_of(grid.shape) for grid in scene.grids),

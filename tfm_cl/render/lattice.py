@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
 
 LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
+SAME_COLOUR = 1e-6
+"""Difference, in parts of the strongest component, of colours that count as one."""
+TINY = 1e-100
+"""Keeps lights without intensity from a division by 0."""
 
 
 @dataclass
@@ -76,13 +81,19 @@ class Lattice:
     def _channels(self) -> int:
         return self.media.channels(textured=False)["TFM_CHANNELS"]
 
+    @cached_property
+    def _colour(self) -> NDArray[np.float64] | None:
+        """The colour, at most 1, that those of all lights are multiples of; None where they differ."""
+        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
+        most = colours.max(axis=1)
+        strongest = colours[most.argmax()] / max(float(most.max()), TINY)
+        difference = np.abs(colours - np.outer(most, strongest)).max(axis=1)
+        return strongest if (difference <= SAME_COLOUR * most).all() else None
+
     @property
     def _colours(self) -> int:
-        """1 where the colours of all lights are multiples of one, else 3."""
-        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
-        strongest = colours[colours.max(axis=1).argmax()]
-        alike = np.allclose(np.outer(colours.max(axis=1), strongest), colours * strongest.max(), rtol=1e-6)
-        return 1 if alike and self._channels == 1 else 3
+        """Numbers that hold the radiance: 1 where all lights have one colour, else 3."""
+        return 3 if self._colour is None or self._channels == 3 else 1  # noqa: PLR2004 - red, green, blue
 
     @property
     def _defines(self) -> dict[str, int | str]:
@@ -135,9 +146,11 @@ class Lattice:
         kernel = launcher.kernels.kernel(
             "lattice_pass", "lattice_pass.cl", media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1}
         )
-        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
-        strongest = colours[colours.max(axis=1).argmax()]
-        of_all = strongest / max(float(strongest.max()), 1e-30) if self._colours == 1 else np.ones(3)
+        lights = np.array([self.scene.lights[i].intensity for i in self.lights])
+        # Of a colour that no light has, logarithms hold a little.
+        colour = np.where(lights.any(axis=0), 1.0, 0.0)
+        if self._colour is not None and self._colours == 1:
+            colour = self._colour
         return launcher.run_windows(
             kernel,
             crop,
@@ -147,7 +160,7 @@ class Lattice:
             | {
                 "view": self.view,
                 "lattice": self._numbers,
-                "colour": (*of_all.tolist(), 0.0),
+                "colour": (*colour.tolist(), 0.0),
                 "lights": len(self.lights),
             },
             done,
