@@ -38,13 +38,15 @@ if TYPE_CHECKING:
 FEWEST_LIGHTS = 3
 """From which on a lattice is worth its error: it costs a look-up a voxel and light, not one a sample."""
 ERROR_PER_DEPTH = 0.08
-"""Its error at several lights, at most, over the optical depth along the longest edge of a typical voxel."""
+"""Its error at several lights, at most, over the optical depth along the longest edge of a typical voxel; a
+cube, whose density ends within a voxel, has a fifth more."""
 TOLERATED = 0.02
 """Its error, at most, where nothing else is asked for."""
 OF_ASKED = 0.5
 """Its share, at most, of the error that ``map.max_error`` asks for: a quarter of the squared error."""
-MOST_TURNED = 0.05
-"""Largest error of the phase function between two voxels: both see it from directions of their own."""
+MOST_NEAR = 0.05
+"""Largest error, between two voxels, of a light's falloff and of the phase function, which each sees from
+directions of its own: both are known where light is looked up, and change fast near the light or camera."""
 DIRECTIONS = 361
 """From 0° to 180°, for which that error is looked at."""
 TURNS_PER_OCTAVE = 8
@@ -74,23 +76,23 @@ def why_not(scene: Scene) -> str:
 def smooth_lights(scene: Scene) -> list[int]:
     """Numbers of a scene's single lights that a lattice can hold.
 
-    They have no edge where there is density, and the phase function changes little from voxel to voxel.
+    They have no edge where there is density, and neither they nor the camera are too near to it.
     """
-    return [number for number, turned in _held(scene) if turned <= MOST_TURNED]
+    return [number for number, error in _without_edges(scene) if error <= MOST_NEAR]
 
 
 def left_out(scene: Scene) -> str:
     """Tell why lights of a scene are looked up at every sample instead; empty where a lattice holds all."""
     singles = _single_lights(scene)
-    held = _held(singles)
     smooth, lights = len(smooth_lights(singles)), len(singles.lights)
     if smooth == lights:
         return ""
     why = why_not(scene)
-    if not why and len(held) < lights:
-        why = f"{lights - len(held)} of {lights} lights have an edge in the grids or are near them"
+    edges = lights - len(_without_edges(singles))
+    if not why and edges:
+        why = f"{edges} of {lights} lights have an edge in the grids or are near them"
     if not why:
-        why = "the camera or lights are so near that the phase function changes within a voxel"
+        why = "the camera or lights are so near that what is scattered changes within a voxel"
     return f'map.lookup = "lattice" cannot hold all light; the rest is looked up at every sample: {why}'
 
 
@@ -105,10 +107,10 @@ def choice(scene: Scene) -> Choice:
     why = why_not(scene)
     if why:
         return Choice(is_lattice=False, why=why)
-    smooth = [turned for _, turned in _held(_single_lights(scene)) if turned <= MOST_TURNED]
+    smooth = [error for _, error in _without_edges(_single_lights(scene)) if error <= MOST_NEAR]
     if len(smooth) < FEWEST_LIGHTS:
         return Choice(is_lattice=False, why=f"only {len(smooth)} lights are smooth in the grids")
-    error = ERROR_PER_DEPTH * _depth(marched(scene)) + max(smooth)
+    error = ERROR_PER_DEPTH * depth_of_voxels(marched(scene)) + max(smooth)
     asked = scene.map.max_error
     tolerated = TOLERATED if asked is None else OF_ASKED * asked
     held = f"{len(smooth)} lights once a voxel; its error in the picture is about {error:.1g}"
@@ -126,21 +128,24 @@ def _single_lights(scene: Scene) -> Scene:
     return scene.replace(lights=[part for light in scene.lights for part in light.parts()])
 
 
-def _held(scene: Scene) -> list[tuple[int, float]]:
-    """Return the single lights without an edge, and for each the phase function's error between voxels."""
+def _without_edges(scene: Scene) -> list[tuple[int, float]]:
+    """Return the single lights without an edge, and the error due to their and the camera's nearness."""
     if why_not(scene):
         return []
     grids = marched(scene)
     bounds, edge = occupied_bounds(grids), _longest_edge(grids)
     phase = scene.medium_of(grids[0].grid).phase
     to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
-    held = []
+    found = []
     for number, light in enumerate(scene.lights):
         if light.is_smooth_in(bounds):
-            angle = edge / max(to_camera, edge) + edge / max(light.nearest(bounds), edge)
+            of_light = edge / max(light.nearest(bounds), edge)
+            angle = edge / max(to_camera, edge) + of_light
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)
-            held.append((number, _turned(phase, rounded)))
-    return held
+            # Of d⁻², whose logarithm is interpolated.
+            falloff = of_light**2 / 4 if light.falloff == "inverse-square" else 0.0
+            found.append((number, _turned(phase, rounded) + falloff))
+    return found
 
 
 @cache
@@ -160,6 +165,6 @@ def _longest_edge(grids: Sequence[Marched]) -> float:
     return max(float(grid.voxel_size.max()) for grid, _ in grids)
 
 
-def _depth(grids: Sequence[Marched]) -> float:
-    """Optical depth along such an edge of what is typically densest: grids may shade each other's voxels."""
+def depth_of_voxels(grids: Sequence[Marched]) -> float:
+    """Optical depth along the longest edge of what is densest: grids may shade each other's voxels."""
     return _longest_edge(grids) * max(sigma_t * grid.typical_density for grid, sigma_t in grids)
