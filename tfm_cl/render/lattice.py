@@ -38,6 +38,22 @@ TINY = 1e-100
 """Keeps lights without intensity from a division by 0."""
 
 
+Variant = tuple[tuple[str, ...], dict[str, int | str]]
+"""Headers and macros."""
+
+
+def voxels_variant(batch: Batch, media: MediaOnDevice, colours: int) -> Variant:
+    """Return those of the kernels that look lights up; ``colours``: numbers that hold the radiance."""
+    headers, defines = batch.variant(media)
+    return headers, defines | {"TFM_LATTICE_COLOURS": colours}
+
+
+def pass_variant(media: MediaOnDevice, colours: int) -> Variant:
+    """Return those of the camera's pass through the lattice."""
+    defines = media.defines | media.channels(textured=False)
+    return media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1, "TFM_LATTICE_COLOURS": colours}
+
+
 @dataclass
 class Lattice:
     """The lights of a frame at the voxels of its grids.
@@ -95,17 +111,13 @@ class Lattice:
         """Numbers that hold the radiance: 1 where all lights have one colour, else 3."""
         return 3 if self._colour is None or self._channels == 3 else 1  # noqa: PLR2004 - red, green, blue
 
-    @property
-    def _defines(self) -> dict[str, int | str]:
-        return {"TFM_LATTICE_COLOURS": self._colours}
-
     def add(self, batch: Batch) -> float:
         """Look some of the lights up; returns device seconds."""
         launcher, media = self.launcher, self.media
-        headers, defines = batch.variant(media)
+        headers, defines = voxels_variant(batch, media, self._colours)
 
         def run(name: str, arguments: dict[str, Any]) -> float:
-            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines | self._defines)
+            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
             return self._over_records(kernel, arguments)
 
         of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
@@ -142,10 +154,8 @@ class Lattice:
             Samples along a camera ray.
         """
         launcher, media = self.launcher, self.media
-        defines = media.defines | media.channels(textured=False) | self._defines
-        kernel = launcher.kernels.kernel(
-            "lattice_pass", "lattice_pass.cl", media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1}
-        )
+        headers, defines = pass_variant(media, self._colours)
+        kernel = launcher.kernels.kernel("lattice_pass", "lattice_pass.cl", headers, defines)
         lights = np.array([self.scene.lights[i].intensity for i in self.lights])
         # Of a colour that no light has, logarithms hold a little.
         colour = np.where(lights.any(axis=0), 1.0, 0.0)
