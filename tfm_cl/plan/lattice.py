@@ -144,12 +144,12 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)
             # Of d⁻², whose logarithm is interpolated.
             falloff = of_light**2 / 4 if light.falloff == "inverse-square" else 0.0
-            found.append((number, _turned(phase, rounded) + falloff))
+            found.append((number, turned_error(phase, rounded) + falloff))
     return found
 
 
 @cache
-def _turned(phase: Phase, angle: float) -> float:
+def turned_error(phase: Phase, angle: float) -> float:
     """Largest relative error of a phase function whose logarithm is interpolated over an angle."""
 
     def logarithm(angles: NDArray[np.float64]) -> NDArray[np.float64]:
