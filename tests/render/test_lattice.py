@@ -6,6 +6,8 @@ from scenes import blobs, turned
 from tolerances import LANES, LIGHTS, PASS
 
 import tfm_cl as tfm
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
 from tfm_cl.maps.bases import BASES
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.marched import marched
@@ -29,7 +31,7 @@ COLOURS = [
 CAMERA = tfm.Camera(from_=(0.6, 0.8, 5), to=(0, 0, 0), fov=32, res=(32, 28))
 TOWARDS_THE_SUN = CAMERA.replace(from_=(-2.2, -3.0, -1.2), up=(0, 0, 1), fov=40)
 INSIDE = CAMERA.replace(from_=(-0.3, -0.2, 0.1), to=LIGHT, up=(0, 0, 1), fov=70)
-RGB = tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=(0.1, 0.3, 0.2))
+RGB = tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=(0.1, 0.3, 0.2), phase=tfm.HenyeyGreenstein(0.4))
 GREY = tfm.Medium(sigma_s=0.8, sigma_a=0.2)
 HAZY = tfm.Medium(phase=tfm.HenyeyGreenstein(0.4))
 LASER = tfm.Medium(phase=tfm.HenyeyGreenstein(0.99))
@@ -146,16 +148,24 @@ def test_is_as_close_as_the_plan_says(renderer, case):
     assert np.abs(found.aovs[light] - truth.aovs[light])[seen].max() <= 0.01  # of 1
 
 
+OF_A_STEP = 1e-4
+"""Where one of several grids ends another's lattice begins: a sample on the border, which rounding puts in
+the one or the other, is 1 % off at an optical depth of less than 0.02 of 120 steps."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("lanes", [4, 16])
 @pytest.mark.parametrize("case", ["sun, spot, point", "coloured voxels", "overlapping grids"])
 def test_lanes_do_not_show(device_name, renderer, lanes, case):
+    if lanes not in Launcher(choose_device(device_name)).lanes_possible:
+        pytest.skip(f"the device has not {lanes} lanes")
     scene = on_lattice(scene_of(**CASES[case]))
     expected = renderer.render(scene).image
     with tfm.Renderer(device_name, lanes=lanes) as other:
         found = other.render(scene).image
 
-    assert np.abs(found - expected).max() <= 4 * LANES * expected.max()
+    tolerance = 4 * LANES + (OF_A_STEP if len(scene.grids) > 1 else 0)
+    assert np.abs(found - expected).max() <= tolerance * expected.max()
 
 
 def test_halving_the_voxels_quarters_the_error(renderer):
@@ -335,7 +345,7 @@ def test_the_dual_march_takes_no_lattice(renderer):
 @pytest.mark.lanes
 def test_a_lattice_too_large_for_the_device_is_told(device_name, renderer):
     scene = scene_of([SUN], settings=SETTLED.replace(res=32, coeffs=8))
-    with tfm.Renderer(device_name, lanes=renderer.lanes, largest_buffer=1 << 19) as small:
+    with tfm.Renderer(device_name, lanes=renderer.lanes, largest_buffer=1 << 18) as small:
         found, truth = both(small, scene)
 
     assert (found.image == truth.image).all()
