@@ -203,7 +203,7 @@ class Frame:
             return lattice
         needs = f"{lattice.nbytes / 2**20:,.0f} MiB in one buffer"
         message = (
-            f"light is looked up at every sample: its lattice needs {needs}, more than the device allows"
+            f"light is looked up at every sample: a lattice needs {needs}, more than the device allows"
         )
         work.warnings[message] = None
         return None
