@@ -19,6 +19,7 @@ from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
+from tfm_cl.render.shadow_pyramid import bounds_res, bounds_size, shadow_bounds
 from tfm_cl.scene.lights.base import texel_positions
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
@@ -172,7 +173,7 @@ class Batches:
         if settings is not None:
             self._costs = self._costs + media.fields.count * map_bytes(settings)
         if gbuffer is not None:
-            self._costs = self._costs + 4 * sizes**2 + self._areas
+            self._costs = self._costs + 4 * (sizes**2 + bounds_size(sizes)) + self._areas
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
@@ -324,27 +325,41 @@ class Batches:
         ends = (sizes**2).cumsum()
         self._structs["shadow_res"][batch] = sizes
         self._structs["first_shadow"][batch] = ends - sizes**2
+        counts = bounds_size(sizes)
         # A map of one texel has no neighbours; what follows it is read and weighs nothing.
-        maps = np.zeros(int(ends[-1]) + 1, np.float32)
+        firsts = int(ends[-1]) + 1 + counts.cumsum() - counts
+        self._structs["shadow_bounds_res"][batch] = bounds_res(sizes)
+        self._structs["first_shadow_bounds"][batch] = firsts
+        maps = np.zeros(int(firsts[-1] + counts[-1]), np.float32)
 
         def trace(places: NDArray[np.intp], rays: list[NDArray[np.float64]]) -> None:
             maps[places] = tracer.distances(*rays)
 
         waiting = _Waiting(trace)
-        for index, size, end in zip(batch, sizes.tolist(), ends.tolist(), strict=True):
+        unbounded: dict[int, list[tuple[int, int]]] = {}
+        for index, size, end, first in zip(
+            batch, sizes.tolist(), ends.tolist(), firsts.tolist(), strict=True
+        ):
             light = self._scene.lights[index]
             place = np.arange(end - size**2, end)
             positions = texel_positions(size)
             far = np.isinf(light.source_distance(light.rays(positions[:1])[0])).any()
             if far or size == self._scene.shadow.res:
                 distances = self._visibility.distances(self._scene, light, size)  # which it may know already
-                if distances is not None:
+                bounds = self._visibility.bounds(self._scene, light, size)
+                if distances is not None and bounds is not None:
                     maps[place] = distances.ravel()
+                    maps[first : first + len(bounds)] = bounds
             else:
+                unbounded.setdefault(size, []).append((int(place[0]), first))
                 with self._visibility.timed():
                     waiting.add(place, *light.rays(positions))
         with self._visibility.timed():
             waiting.trace()
+        for size, places in unbounded.items():
+            some = np.stack([maps[at : at + size**2] for at, _ in places]).reshape(-1, size, size)
+            for (_, first), bounds in zip(places, shadow_bounds(some), strict=True):
+                maps[first : first + len(bounds)] = bounds
         return maps
 
     def _lit(self, batch: list[int]) -> NDArray[np.uint8]:

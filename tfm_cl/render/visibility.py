@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.render.shadow_pyramid import shadow_bounds
 from tfm_cl.scene.lights.base import texel_positions
 
 if TYPE_CHECKING:
@@ -148,6 +149,14 @@ class Visibility:
         res = res or scene.shadow.res
         key = scene.solids, light.map_key(), res
         return self._keep("shadow map", key, lambda: _distances(tracer, light, res))
+
+    def bounds(self, scene: Scene, light: Light, res: int) -> NDArray[np.float32] | None:
+        """Bound a light's distances (`shadow_bounds`); None without solids."""
+        distances = self.distances(scene, light, res)
+        if distances is None:
+            return None
+        key = scene.solids, light.map_key(), res
+        return self._keep("bounds of a shadow map", key, lambda: shadow_bounds(distances[None]).ravel())
 
     @contextmanager
     def timed(self) -> Iterator[None]:
