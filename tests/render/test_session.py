@@ -56,7 +56,10 @@ CHANGES = {
     "a solid's place": (
         BESIDE_BALL,
         BESIDE_BALL.replace(solids=[BALL.replace(radius=0.4)]),
-        {"G-buffer": 1, "shadow map": 2, "lit pixels": 2, "clip": 4, "probe": 2, "map": 2},
+        {
+            **{"G-buffer": 1, "shadow map": 2, "bounds of a shadow map": 2, "lit pixels": 2},
+            **{"clip": 4, "probe": 2, "map": 2},
+        },
     ),
     "camera before a solid": (
         BESIDE_BALL,
