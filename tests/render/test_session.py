@@ -57,8 +57,13 @@ CHANGES = {
         BESIDE_BALL,
         BESIDE_BALL.replace(solids=[BALL.replace(radius=0.4)]),
         {
-            **{"G-buffer": 1, "shadow map": 2, "bounds of a shadow map": 2, "lit pixels": 2},
-            **{"clip": 4, "probe": 2, "map": 2},
+            "G-buffer": 1,
+            "shadow map": 2,
+            "bounds of a shadow map": 2,
+            "lit pixels": 2,
+            "clip": 4,
+            "probe": 2,
+            "map": 2,
         },
     ),
     "camera before a solid": (
