@@ -12,7 +12,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
-from tfm_cl.device.program import Kernel, KernelLibrary, build
+from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -60,10 +60,7 @@ def lanes_of(context: cl.Context) -> tuple[int, ...]:
     (device,) = context.devices
     if not device.type & cl.device_type.CPU:
         return (*sorted(TILE, reverse=True),)
-    program, kept = build(context, LANES_PROBE, ("-cl-std=CL1.2",))
-    (name,) = program.kernel_names.split(";")
-    if kept is not None:
-        kept.keep()
+    name = kernel_name(context, LANES_PROBE, ("-cl-std=CL1.2",))
     return tuple(lanes for lanes in TILE if lanes <= int(name.removeprefix("lanes_")))
 
 
