@@ -83,7 +83,7 @@ def check(renderer, scene, **options):
     return result
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     result = check(renderer, SCENES[name])

@@ -122,7 +122,7 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
-@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm", "all kinds-dual")
+@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm")
 @both_methods
 @every_mixture
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, mixture, method):
@@ -687,7 +687,7 @@ def recoloured(number, medium):
     return scene_of(*bodies)
 
 
-@pytest.mark.quick("another albedo")
+@pytest.mark.slow
 @pytest.mark.parametrize("change", SERVED)
 def test_maps_serve_while_the_fields_stay(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))

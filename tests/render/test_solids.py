@@ -573,7 +573,7 @@ def test_the_sky_does_not_shine_through_the_ground(renderer):
     assert image[..., :3].mean() == pytest.approx(exact[..., :3].mean(), rel=1e-3)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.quick("dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_large_ground_costs_no_digits(renderer, method):
     sun = SunLight(from_=(1, 1, 0.3), to=(0, 0, 0), **BRIGHT)
