@@ -86,6 +86,19 @@ def test_the_program_leaves_the_other_cores_to_the_device(given, used):
     assert out.splitlines()[-1] == f"{used} False"
 
 
+@pytest.mark.parametrize("called", ["program", "main"])
+def test_only_the_program_looks_for_garbage_less_often(called):
+    """The function may be called in a process that has other plans."""
+    code = (
+        "import gc, sys; from tfm_cl import cli; sys.argv = ['tfm', '--version']; before = gc.get_threshold()"
+    )
+    code += (
+        f"; cli.{called}(); print(before == gc.get_threshold(), cli.COLLECTED_AFTER == gc.get_threshold())"
+    )
+    found = subprocess.check_output([sys.executable, "-c", code], text=True).splitlines()[-1]
+    assert found == {"program": "False True", "main": "True False"}[called]
+
+
 @pytest.fixture
 def tiny_render(device_name):
     """Options that render in no time, on the tests' device."""
