@@ -46,7 +46,7 @@ def joined_scene(volumes, **changes):
     return make_scene(volume=list(volumes), **changes)
 
 
-@pytest.mark.quick("overlapping-tfm", "five-tfm")
+@pytest.mark.quick("overlapping-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volumes, method):
