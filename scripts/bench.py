@@ -1128,14 +1128,17 @@ def plots(report: dict[str, Any], out: Path) -> list[Path]:
 # The command line.
 
 
-def _resolution(text: str) -> tuple[int, int]:
+def resolution(text: str) -> tuple[int, int]:
+    """Parse WIDTHxHEIGHT, for argparse."""
     found = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
     if not found:
         raise argparse.ArgumentTypeError(f"'{text}' should be WIDTHxHEIGHT in pixels")
     return int(found[1]), int(found[2])
 
 
-def _positive(kind: Callable[[str], float]) -> Callable[[str], float]:
+def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
+    """Return a parser of numbers > 0, for argparse."""
+
     def parse(text: str) -> float:
         try:
             value = kind(text)
@@ -1155,11 +1158,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="the baseline of one volume only, 3 rounds")
     parser.add_argument("--volumes", nargs="+", type=Path, metavar="FILE", help="instead of the usual six")
-    parser.add_argument("--repeats", type=_positive(int), metavar="N", help="rounds (default 5, quick 3)")
-    parser.add_argument(
-        "--minutes", type=_positive(float), default=6.0, help="begin no round that ends later"
-    )
-    parser.add_argument("--res", type=_resolution, default=BASELINE_RES, help="the baseline's, WIDTHxHEIGHT")
+    parser.add_argument("--repeats", type=positive(int), metavar="N", help="rounds (default 5, quick 3)")
+    parser.add_argument("--minutes", type=positive(float), default=6.0, help="begin no round that ends later")
+    parser.add_argument("--res", type=resolution, default=BASELINE_RES, help="the baseline's, WIDTHxHEIGHT")
     parser.add_argument("--peers", action="store_true", help="other programs too, where installed")
     parser.add_argument("--device", metavar="NAME", help="part of the OpenCL device's name")
     parser.add_argument(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -109,31 +110,58 @@ class Planner:
             if settings.range != "box":
                 size = field_res(settings.res)
                 probe = probed(light, of_light, size, cut, probe_steps)  # noqa: PLW2901 - the coarse one has served
-            field, seconds = _field(settings, probe), probe.seconds
-            curves: Curves | None = None
-            if BASES[settings.basis].needs_curves:
-                ranges = None if settings.range == "box" else field
-                curves, took = self._cache.get(
-                    "curves",
+            fit = partial(self._fit, settings, light, of_light, medium, probe)
+            if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
+                fitted = self._cache.get(
+                    "functions",
                     (key, light.map_key(), shadow_res, settings, cut, extinction),
-                    partial(self._probe.curves, light, of_light, medium, probe, ranges, extinction),
-                    lambda found: found[0].optical_depth.nbytes,
+                    fit,
+                    lambda made: made.nbytes,
                 )
-                seconds += took
+            else:
+                fitted = fit()
             plans.append(
                 Planned(
                     settings=settings,
-                    field=field,
-                    functions=functions_of(settings, curves),
+                    field=fitted.field,
+                    functions=fitted.functions,
                     number_unit=unit,
                     density_weighting=alpha,
                     extinction=extinction,
                     clip=clip(light, settings.res),
                     deepest=deepest,
-                    seconds=seconds,
+                    seconds=fitted.seconds,
                 )
             )
         return plans
+
+    def _fit(
+        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
+    ) -> Fitted:
+        """Find the ranges of a map, and make the functions of its basis."""
+        field, curves, seconds = _field(settings, probe), None, probe.seconds
+        if BASES[settings.basis].needs_curves:
+            ranges = None if settings.range == "box" else field
+            curves, took = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+            seconds += took
+        return Fitted(field, functions_of(settings, curves), seconds)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What of a map's plan follows from the light's rays."""
+
+    field: np.ndarray
+    """Ranges of the rays, as in `Planned`."""
+    functions: Functions | None
+    """Of the basis."""
+    seconds: float
+    """Device time of the probes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        return self.field.nbytes + (0 if self.functions is None else self.functions.modes.nbytes)
 
 
 def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:
