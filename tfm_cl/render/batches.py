@@ -73,9 +73,8 @@ class LightVariant:
     @classmethod
     def of(cls, light: Light, scene: Scene) -> LightVariant:
         """Return the one of a light."""
-        is_textured = light.texture_image() is not None
         shares = light.is_unbounded and (light.has_even_depth or scene.march.sampling == "world")
-        return cls(light.headers, tuple(light_defines(light).items()), is_textured, shares)
+        return cls(light.headers, tuple(light_defines(light).items()), light.is_textured, shares)
 
 
 @dataclass(frozen=True)

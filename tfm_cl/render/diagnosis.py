@@ -474,9 +474,7 @@ class _Finder:
         )
 
     def _too_faint(self) -> str:
-        textured = [
-            number for number, light in enumerate(self._scene.lights, 1) if light.texture_image() is not None
-        ]
+        textured = [number for number, light in enumerate(self._scene.lights, 1) if light.is_textured]
         if textured:
             return f"the texture of light {textured[0]} is black where the camera sees it fall on the medium"
         return (

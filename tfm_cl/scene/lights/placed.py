@@ -77,7 +77,7 @@ class PlacedLight(Light):
         away = np.linalg.norm(position - np.clip(position, bounds[0], bounds[1]))
         if away < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
             return False
-        return self.reach is None and self.texture_image() is None
+        return self.reach is None and not self.is_textured
 
     def footprint(self, distance: float) -> float:
         """As `Light.footprint`."""
