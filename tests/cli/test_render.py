@@ -300,6 +300,22 @@ def test_verbose_prints_every_option(render, cloud):
     assert "\n# camera.from = " in done.err
 
 
+def test_a_lattice_that_was_chosen_is_told(render, cloud):
+    lights = "".join(f'[[light]]\ntype = "sun"\nfrom = [{x}, 3, 1]\nto = [0, 0, 0]\n' for x in (1, 2, 3))
+    scene = cloud.with_name("suns.toml")
+    scene.write_text(f'[volume]\nfile = "{cloud.name}"\ndensity_scale = 0.1\n{lights}')
+
+    done = render(scene, "-o", "a.npy", "-v", "--json", "-")
+
+    chosen = done.json["plan"]["map.lookup"]
+    assert chosen["value"] == done.json["options"]["map"]["lookup"] == "lattice"
+    assert chosen["why"].startswith("3 lights once a voxel")
+    assert f"\n# map.lookup = lattice: {chosen['why']}\n" in done.err
+    config = render(scene, "--print-config").out
+    assert tomllib.loads(config)["map"]["lookup"] == "lattice"
+    assert "warning" not in done.err
+
+
 def test_negative_coordinates_are_values(render, cloud):
     done = render(
         cloud,

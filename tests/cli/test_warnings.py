@@ -80,3 +80,15 @@ def test_the_exposure_proposed_shows_it(render, cloud, folder):
 
 def test_a_picture_that_shows_something_is_no_warning(render, cloud):
     assert "warning" not in render(cloud, "-o", "a.png").err
+
+
+def test_light_that_no_lattice_holds_is_told_where_it_was_asked_for(render, cloud):
+    said = render(cloud, "-o", "a.npy", "--lookup", "lattice", "--density-scale", "1").err
+    assert "warning" not in said  # the cone that is placed holds the grid
+    options = ("--light-from", "0,50,0", "--light-to", "0,0,0", "--cone", "1", "--density-scale", "1")
+    lines = render(cloud, "-o", "a.npy", "--lookup", "lattice", *options).err.splitlines()
+    why = "1 of 1 lights have an edge in the grids or are near them"
+    what = 'map.lookup = "lattice" cannot hold all light; the rest is looked up at every sample'
+    assert [line for line in lines if "lattice" in line] == [f"tfm: warning: {what}: {why}"]
+    for quiet in (("--lookup", "auto"), ("--lookup", "lattice", "--method", "dual")):
+        assert "lattice" not in render(cloud, "-o", "a.npy", *quiet, *options).err

@@ -108,6 +108,46 @@ def test_distances_stop_at_the_farthest(axis):
     assert table.min() == -module.FARTHEST
 
 
+@given(st.lists(st.tuples(all_flags, st.sampled_from([1, 3])), min_size=1, max_size=3))
+def test_every_record_knows_its_block_and_the_ones_after_it(grids):
+    blocks = [blocks_of(flags) for flags, _ in grids]
+    channels = [count for _, count in grids]
+    records = 1 + sum(count * int(of_grid.sum()) for of_grid, count in zip(blocks, channels, strict=True))
+
+    places = module._places(blocks, channels, records)
+
+    first, expected = 1, np.zeros((records, BLOCK_NUMBERS), np.int32)
+    expected[:, 3] = -1  # the zero record, and those of further channels
+    for grid, (has_density, step) in enumerate(zip(blocks, channels, strict=True)):
+        corners = [tuple(corner) for corner in np.argwhere(has_density).tolist()]
+        numbers = {corner: first + step * n for n, corner in enumerate(corners)}
+        for (z, y, x), number in numbers.items():
+            after = [numbers.get((z + k, y + j, x + i), 0) for k, j, i in itertools.product((0, 1), repeat=3)]
+            expected[number] = [x, y, z, grid, 0, *after[1:]]
+        first += step * len(corners)
+    assert places.dtype == np.int32
+    assert (places == expected).all()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_records_lie_where_the_table_says(launcher, channels):
+    shape = (20, 9, 33)
+    volumes = [a_rainbow(shape, 5, 0.1) if channels == 3 else a_volume(clumps(shape, 5, 0.1))] * 2
+    built = build_bricks(launcher, [volume.channel_leaves for volume in volumes], "the volumes", "f32")
+    places = launcher.download(built.blocks, (built.records, BLOCK_NUMBERS), np.int32)
+
+    start, seen = 0, set()
+    table = launcher.download(built.table, (int(built.table.size) // 4,), np.int32)
+    for grid, count in enumerate(built.brick_counts):
+        bricks = table[start : start + int(np.prod(count))].reshape(count[::-1])
+        start += int(np.prod(count))
+        for z, y, x in np.argwhere(bricks > 0):
+            record = bricks[z, y, x]
+            seen.add(int(record))
+            assert places[record, :4].tolist() == [*(n // module.BLOCK_BRICKS for n in (x, y, z)), grid]
+    assert seen == set(np.flatnonzero(places[:, 3] >= 0).tolist())
+
+
 # --------------------------------------------------------------------------------------- back to points
 
 
@@ -331,7 +371,8 @@ def test_records_take_the_bytes_of_their_voxels(launcher, voxels):
     edge = 9 if launcher.lanes == 1 else REACH
     least = 2 * edge**3 * {"f32": 4, "f16": 2, "u8": 1}[voxels]
     assert one.records == 2
-    assert least <= one.nbytes - 4 * 8 - 2 * 4 * BLOCK_NUMBERS <= 1.02 * least
+    # Beside them, the table of 8 bricks, and where each record's block is.
+    assert least <= one.nbytes - 4 * 8 - one.records * 4 * BLOCK_NUMBERS <= 1.02 * least
 
 
 def test_twice_the_density_takes_twice_the_records(launcher):

@@ -47,6 +47,7 @@ FUNCTIONS = (
     "sin_pi",
     "reciprocal_sqrt",
     "arctangent_of",
+    "exp2_of",
 )
 
 
@@ -119,6 +120,26 @@ def test_a_thicker_medium_is_not_clearer(call):
     assert (np.diff(opacity) >= -2 * FAST_MATH * opacity[1:]).all()
     assert 0 <= opacity.min() <= opacity.max() <= 1
     assert 0 <= transmittance.min() <= transmittance.max() <= 1
+
+
+def test_power_of_two(call):
+    powers = float32s(
+        np.arange(-252, 253) / 2, np.linspace(-126, 126, 60_000), [-0.0]
+    )  # where the scale changes
+    powers = powers[np.abs(powers) <= 126]
+
+    found = value_of(call, "exp2_of", powers)
+
+    expected = np.exp2(powers.astype(np.float64))
+    assert (np.abs(found - expected) <= FAST_MATH * expected).all()
+    whole = powers == np.rint(powers)
+    assert (found == expected)[whole].all()
+
+
+def test_powers_of_two_beyond_float32_stay_at_its_ends(call):
+    found = value_of(call, "exp2_of", np.array([-1e30, -127, 127, 1e30, -np.inf, np.inf]))
+
+    assert found.tolist() == [2.0**-126] * 2 + [2.0**126] * 2 + [2.0**-126, 2.0**126]
 
 
 def test_logarithm_of_every_power_and_near_1(call):

@@ -20,6 +20,7 @@ from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
+from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.phases import PHASES
@@ -101,6 +102,7 @@ def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
     bricks = None
     if scene.grids:
         bricks = BrickGrid(
+            blocks=None,  # type: ignore[arg-type]
             table=None,  # type: ignore[arg-type]
             pools=(None,) * pools,  # type: ignore[arg-type]
             brick_counts=tuple(brick_count_of(grid.shape) for grid in scene.grids),
@@ -170,6 +172,11 @@ def _of_camera(case: Case) -> Program:
 
 
 def _of_lights(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return of_lights.variant(media)
+
+
+def _batch(case: Case) -> tuple[Batch, MediaOnDevice]:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
     shows_residual, is_dual = case["basis"] == "residual", case["basis"] == "dual"
     settings = None
@@ -178,7 +185,7 @@ def _of_lights(case: Case) -> Program:
         if shows_residual:
             settings = settings.replace(**SINGLE_NUMBER)
     falloff = (("TFM_INVERSE_SQUARE", case["inverse_square"]),)
-    batch = Batch(
+    of_lights = Batch(
         of=LightVariant(light_headers(case), falloff, bool(case["texture"]), bool(case["shared"])),
         indices=[0],
         settings=settings,
@@ -191,7 +198,21 @@ def _of_lights(case: Case) -> Program:
         lit=None,  # type: ignore[arg-type]
         shows_residual=shows_residual and settings is not None,
     )
-    return batch.variant(media)
+    return of_lights, media
+
+
+def _of_lattice_voxels(case: Case) -> Program:
+    of_lights, media = _batch({**case, "shadow": 0, "texture": 0})
+    return voxels_variant(of_lights, media, _lattice_colours(case, media))
+
+
+def _of_lattice_pass(case: Case) -> Program:
+    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    return pass_variant(media, _lattice_colours(case, media))
+
+
+def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
+    return max(case["colours"], media.channels(textured=False)["TFM_CHANNELS"])
 
 
 LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
@@ -211,12 +232,20 @@ OTHERS_LIT: Choices = {
     "pools": (1,),
     **LIT,
 }
+LATTICE: Choices = {
+    "bodies": ("grid", "tinted grid", "3 grids", "coloured grid"),
+    **GRIDS,
+    "colours": (1, 3),
+}
+ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0, 1)}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
+    "lattice_pass.cl": (_of_lattice_pass, [LATTICE]),
+    "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "probe.cl": (_of_probe, [FIELD]),

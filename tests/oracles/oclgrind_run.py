@@ -114,6 +114,11 @@ def _other_lights(scene: tfm.Scene) -> tfm.Scene:
     return scene.replace(lights=(sun, point, sky))
 
 
+def _coloured_suns(scene: tfm.Scene) -> tfm.Scene:
+    sun = tfm.SunLight(from_=(1, 2, 0.5), to=(0, 0, 0), intensity=(1, 0.5, 0))
+    return scene.replace(lights=(sun, sun.replace(from_=(-1, 2, 3), intensity=(0, 0.3, 1))))
+
+
 def _several(scene: tfm.Scene) -> tfm.Scene:
     moved = np.eye(4)
     moved[:3, 3] = (3, -1, 0.5)
@@ -210,6 +215,10 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     ),
     "solids, learnt basis": lambda r: r.render(_with_solids(_map(basis="klt"))).image,
     "other lights": lambda r: r.render(_other_lights(_scene())).image,
+    "light on a lattice": lambda r: r.render(_other_lights(_map(lookup="lattice"))).image,
+    "coloured light on a lattice, several volumes": lambda r: (
+        r.render(_several(_coloured_suns(_map(lookup="lattice")))).image
+    ),
     "several volumes": lambda r: r.render(_several(_scene())).image,
     "fog in a box, solids": lambda r: r.render(_fog("box")).image,
     "fog in a sphere": lambda r: r.render(_fog("sphere")).image,

@@ -12,7 +12,8 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.metrics import compare
 from tfm_cl.plan import resolution
-from tfm_cl.plan.resolution import DEPTH_PER_STEP, STEPS, TEXEL_POWER, TEXELS, Marched, voxel_depth
+from tfm_cl.plan.marched import Marched, voxel_depth
+from tfm_cl.plan.resolution import DEPTH_PER_STEP, STEPS, TEXEL_POWER, TEXELS
 
 CAMERA = tfm.Camera(from_=(0, 0, 100), to=(0, 0, 0), fov=30, res=(16000, 8000))
 ADDED_ERROR = 0.012

@@ -106,7 +106,7 @@ class Chooser:
     render
         ``render(scene, method, crop)`` renders a scene without ``max_error``.
     scene
-        A scene with ``max_error``.
+        A scene with ``max_error``; whether its light is on a lattice is decided.
     method
         ``tfm`` or ``dual``.
     crop

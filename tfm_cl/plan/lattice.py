@@ -18,20 +18,39 @@ teapot cloud        0.06   0.3 %    0.2 %     0.24   1.6 %    0.9 %
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from tfm_cl.plan.resolution import marched, occupied_bounds, voxel_depth
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.plan.marched import distances, marched, occupied_bounds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfm_cl.plan.marched import Marched
+    from tfm_cl.scene.phases import Phase
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import MapSettings
 
 FEWEST_LIGHTS = 3
 """From which on a lattice is worth its error: it costs a look-up a voxel and light, not one a sample."""
 ERROR_PER_DEPTH = 0.08
-"""Its error at several lights, at most, over the optical depth of a typical voxel."""
+"""Its error at several lights, at most, over the optical depth along the longest edge of a typical voxel; a
+cube, whose density ends within a voxel, has a fifth more."""
 TOLERATED = 0.02
 """Its error, at most, where nothing else is asked for."""
+OF_ASKED = 0.5
+"""Its share, at most, of the error that ``map.max_error`` asks for: a quarter of the squared error."""
+MOST_NEAR = 0.05
+"""Largest error, between two voxels, of a light's falloff and of the phase function, which each sees from
+directions of its own: both are known where light is looked up, and change fast near the light or camera."""
+DIRECTIONS = 361
+"""From 0° to 180°, for which that error is looked at."""
+TURNS_PER_OCTAVE = 8
+"""Angles between voxels are rounded up to so many for each factor of two."""
 
 
 class Choice(NamedTuple):
@@ -55,21 +74,32 @@ def why_not(scene: Scene) -> str:
 
 
 def smooth_lights(scene: Scene) -> list[int]:
-    """Numbers of a scene's single lights that a lattice can hold: without an edge where there is density."""
-    if why_not(scene):
-        return []
-    bounds = occupied_bounds(marched(scene))
-    return [i for i, light in enumerate(scene.lights) if light.is_smooth_in(bounds)]
+    """Numbers of a scene's single lights that a lattice can hold.
+
+    They have no edge where there is density, and neither they nor the camera are too near to it.
+    """
+    return [number for number, error in _without_edges(scene) if error <= MOST_NEAR]
 
 
 def left_out(scene: Scene) -> str:
-    """Tell why a lattice leaves single lights of a scene to be looked up at every sample; empty: none."""
-    others = len(scene.lights) - len(smooth_lights(scene))
-    if not others:
+    """Tell why lights of a scene are looked up at every sample instead; empty where a lattice holds all."""
+    singles = _single_lights(scene)
+    smooth, lights = len(smooth_lights(singles)), len(singles.lights)
+    if smooth == lights:
         return ""
-    edges = f"{others} of {len(scene.lights)} lights have an edge in the grids or are near them"
-    why = why_not(scene) or edges
+    why = why_not(scene)
+    edges = lights - len(_without_edges(singles))
+    if not why and edges:
+        why = f"{edges} of {lights} lights have an edge in the grids or are near them"
+    if not why:
+        why = "the camera or lights are so near that what is scattered changes within a voxel"
     return f'map.lookup = "lattice" cannot hold all light; the rest is looked up at every sample: {why}'
+
+
+def is_taken(scene: Scene) -> bool:
+    """Whether there is a lattice, if any of the scene's lights is smooth."""
+    asked = scene.map.lookup
+    return asked == "lattice" or (asked == "auto" and choice(scene).is_lattice)
 
 
 def choice(scene: Scene) -> Choice:
@@ -77,13 +107,13 @@ def choice(scene: Scene) -> Choice:
     why = why_not(scene)
     if why:
         return Choice(is_lattice=False, why=why)
-    parts = scene.replace(lights=[part for light in scene.lights for part in light.parts()])
-    lights = len(smooth_lights(parts))
-    if lights < FEWEST_LIGHTS:
-        return Choice(is_lattice=False, why=f"only {lights} lights have no edge in the grids")
-    error = ERROR_PER_DEPTH * voxel_depth(marched(scene))
-    tolerated = TOLERATED if scene.map.max_error is None else scene.map.max_error
-    held = f"{lights} lights once a voxel; its error in the picture is about {error:.1g}"
+    smooth = [error for _, error in _without_edges(_single_lights(scene)) if error <= MOST_NEAR]
+    if len(smooth) < FEWEST_LIGHTS:
+        return Choice(is_lattice=False, why=f"only {len(smooth)} lights are smooth in the grids")
+    error = ERROR_PER_DEPTH * depth_of_voxels(marched(scene)) + max(smooth)
+    asked = scene.map.max_error
+    tolerated = TOLERATED if asked is None else OF_ASKED * asked
+    held = f"{len(smooth)} lights once a voxel; its error in the picture is about {error:.1g}"
     if error > tolerated:
         return Choice(is_lattice=False, why=f"a lattice of {held}, more than {tolerated:g}")
     return Choice(is_lattice=True, why=held)
@@ -92,3 +122,49 @@ def choice(scene: Scene) -> Choice:
 def as_of(maps: MapSettings) -> Choice:
     """Decide the same for maps that are there already, with such settings."""
     return Choice(is_lattice=maps.lookup == "lattice", why="that of the maps that are there")
+
+
+def _single_lights(scene: Scene) -> Scene:
+    return scene.replace(lights=[part for light in scene.lights for part in light.parts()])
+
+
+def _without_edges(scene: Scene) -> list[tuple[int, float]]:
+    """Return the single lights without an edge, and the error due to their and the camera's nearness."""
+    if why_not(scene):
+        return []
+    grids = marched(scene)
+    bounds, edge = occupied_bounds(grids), _longest_edge(grids)
+    phase = scene.medium_of(grids[0].grid).phase
+    to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
+    found = []
+    for number, light in enumerate(scene.lights):
+        if light.is_smooth_in(bounds):
+            of_light = edge / max(light.nearest(bounds), edge)
+            angle = edge / max(to_camera, edge) + of_light
+            rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)
+            # Of d⁻², whose logarithm is interpolated.
+            falloff = of_light**2 / 4 if light.falloff == "inverse-square" else 0.0
+            found.append((number, turned_error(phase, rounded) + falloff))
+    return found
+
+
+@cache
+def turned_error(phase: Phase, angle: float) -> float:
+    """Largest relative error of a phase function whose logarithm is interpolated over an angle."""
+
+    def logarithm(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.log(np.maximum(phase.evaluate(np.cos(angles)), np.finfo(np.float32).tiny))
+
+    middles = np.linspace(0, np.pi, DIRECTIONS)
+    between = (logarithm(middles - angle / 2) + logarithm(middles + angle / 2)) / 2
+    return float(np.expm1(np.abs(logarithm(middles) - between).max()))
+
+
+def _longest_edge(grids: Sequence[Marched]) -> float:
+    """Longest edge of any grid's voxels, world units."""
+    return max(float(grid.voxel_size.max()) for grid, _ in grids)
+
+
+def depth_of_voxels(grids: Sequence[Marched]) -> float:
+    """Optical depth along the longest edge of what is densest: grids may shade each other's voxels."""
+    return _longest_edge(grids) * max(sigma_t * grid.typical_density for grid, sigma_t in grids)

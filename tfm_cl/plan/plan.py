@@ -125,8 +125,11 @@ def plan(
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.grids and scene.lights)
     if scene.map.max_error is not None:
         if has_maps:
-            plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
+            chosen = with_lookup(scene)
+            plain = resolution.resolved(chosen.replace(map=chosen.map.replace(max_error=None)))
             decisions |= _of_map(scene.map, resolve(plain.map))
+            if scene.map.lookup == "auto" and chosen.map.lookup == "lattice":
+                decisions["map.lookup"] = Decision("lattice", lattice.choice(scene).why)
         return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
     if has_maps and scene.map.lookup == "auto":
         on_lattice = lattice.choice(scene) if maps is None else lattice.as_of(maps)
@@ -140,6 +143,15 @@ def plan(
         decisions |= _of_map(scene.map, resolved)
     decisions |= {key: Decision(number, why) for key, (number, _, why) in wanted.items()}
     return Plan(decided, resolved, decisions)
+
+
+def with_lookup(scene: Scene) -> Scene:
+    """Return the scene with what ``map.lookup = "auto"`` comes to, for the error that it asks for."""
+    if scene.map.lookup != "auto":
+        return scene
+    between_texels = resolve(scene.map, res=1, steps=1).lookup
+    lookup = "lattice" if lattice.choice(scene).is_lattice else between_texels
+    return scene.replace(map=scene.map.replace(lookup=lookup))
 
 
 def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:

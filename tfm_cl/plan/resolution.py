@@ -34,13 +34,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tfm_cl.model import decided
+from tfm_cl.plan import lattice
+from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds, voxel_depth
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
-    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.plan.marched import Marched
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.scene import Scene
@@ -73,13 +74,6 @@ STEPS = (16, 1024)
 """Smallest and largest number of steps."""
 
 
-class Marched(NamedTuple):
-    """A grid, and the extinction at density 1 of the colour that sees least far into its medium."""
-
-    grid: Volume
-    sigma_t: float
-
-
 class Wanted(NamedTuple):
     """What ``"auto"`` comes to."""
 
@@ -87,21 +81,6 @@ class Wanted(NamedTuple):
     asked: float
     """Before limits: it may be more than there can be, and infinite."""
     why: str
-
-
-def marched(scene: Scene) -> tuple[Marched, ...]:
-    """Return a scene's grids, each with the extinction of its own medium."""
-    return tuple(Marched(grid, float(scene.medium_of(grid).sigma_t.max())) for grid in scene.grids)
-
-
-def finest_voxel(grids: Sequence[Marched]) -> float:
-    """Return the smallest edge of any grid's voxels, world units."""
-    return min(float(grid.voxel_size.min()) for grid, _ in grids)
-
-
-def voxel_depth(grids: Sequence[Marched]) -> float:
-    """Optical depth along the smallest edge of a typical voxel of the grid where that is largest."""
-    return max(sigma_t * grid.typical_density * float(grid.voxel_size.min()) for grid, sigma_t in grids)
 
 
 def texels_for(grids: Sequence[Marched], light: Light, camera: Camera, voxels: float) -> float:
@@ -114,9 +93,9 @@ def texels_for(grids: Sequence[Marched], light: Light, camera: Camera, voxels: f
     depth would exceed `DEPTH_PER_TEXEL`, it is narrower by that ratio to the power of `TEXEL_POWER`.
     """
     bounds = occupied_bounds(grids)
-    near, far = _distances(bounds, light.frame().world_from_light[:3, 3])
+    near, far = distances(bounds, light.frame().world_from_light[:3, 3])
     width = light.footprint((near + far) / 2)
-    to_camera, _ = _distances(bounds, np.asarray(camera.from_))
+    to_camera, _ = distances(bounds, np.asarray(camera.from_))
     pixel = 2 * math.tan(math.radians(camera.fov) / 2) * to_camera / camera.res[1]
     texel = max(voxels * finest_voxel(grids), PIXELS_PER_TEXEL * pixel)
     depth = voxels * voxel_depth(grids)
@@ -134,11 +113,6 @@ def steps_for(grids: Sequence[Marched], power: float = 1.0) -> float:
     depth = VOXELS_PER_STEP * voxel_depth(grids)
     steps = _diagonal(grids) / (VOXELS_PER_STEP * finest_voxel(grids))
     return float(steps * max(1.0, depth / DEPTH_PER_STEP) ** power)
-
-
-def occupied_bounds(grids: Sequence[Marched]) -> NDArray[np.float64]:
-    """World box around what has density, [2, 3]."""
-    return around([grid.occupied_bounds for grid, _ in grids])
 
 
 def wanted(scene: Scene, maps: MapSettings | None = None) -> dict[str, Wanted]:
@@ -212,20 +186,25 @@ def limited(scene: Scene) -> tuple[str, ...]:
 
 def _wanted_res(scene: Scene, grids: Sequence[Marched]) -> Wanted:
     bounds = occupied_bounds(grids)
-    voxels = VOXELS_PER_TEXEL_OF_LATTICE if scene.map.lookup == "lattice" else VOXELS_PER_TEXEL
+    singles = [(number, part) for number, light in enumerate(scene.lights, 1) for part in light.parts()]
+    parts = [part for _, part in singles]
+    held = lattice.smooth_lights(scene.replace(lights=parts)) if lattice.is_taken(scene) else []
+    sizes = np.full(len(parts), VOXELS_PER_TEXEL)
+    sizes[held] = VOXELS_PER_TEXEL_OF_LATTICE
     asked = [
-        max(texels_for(grids, part.fitted(bounds), scene.camera, voxels) for part in light.parts())
-        for light in scene.lights
+        texels_for(grids, part.fitted(bounds), scene.camera, size)
+        for part, size in zip(parts, sizes.tolist(), strict=True)
     ]
     most = max(range(len(asked)), key=asked.__getitem__)
+    voxels = float(sizes[most])
     why = (
         f"texels of {voxels:g} voxels, {voxels * finest_voxel(grids):.3g}, or "
         f"{PIXELS_PER_TEXEL} pixels where those are wider, across the grids"
     )
     if voxels * voxel_depth(grids) > DEPTH_PER_TEXEL:
         why += f", narrower where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
-    if len(asked) > 1:
-        why += f"; light {most + 1} needs most"
+    if len(scene.lights) > 1:
+        why += f"; light {singles[most][0]} needs most"
     return Wanted(_whole(asked[most], TEXELS, TEXELS_MULTIPLE), asked[most], why)
 
 
@@ -239,14 +218,6 @@ def _diagonal(grids: Sequence[Marched]) -> float:
     edges = grid.world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
     ends = (edges @ np.array([1, *signs]) for signs in itertools.product((1, -1), repeat=2))
     return max(float(np.linalg.norm(end)) for end in ends)
-
-
-def _distances(bounds: NDArray[np.float64], point: NDArray[np.float64]) -> tuple[float, float]:
-    """Distances from a point to the nearest and the farthest point of a box."""
-    low, high = bounds
-    nearest = np.clip(point, low, high)
-    farthest = np.where(point - low > high - point, low, high)
-    return float(np.linalg.norm(nearest - point)), float(np.linalg.norm(farthest - point))
 
 
 def _whole(number: float, limits: tuple[int, int], multiple: int) -> int:

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
@@ -31,6 +32,26 @@ if TYPE_CHECKING:
 
 LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
+SAME_COLOUR = 1e-6
+"""Difference, in parts of the strongest component, of colours that count as one."""
+TINY = 1e-100
+"""Keeps lights without intensity from a division by 0."""
+
+
+Variant = tuple[tuple[str, ...], dict[str, int | str]]
+"""Headers and macros."""
+
+
+def voxels_variant(batch: Batch, media: MediaOnDevice, colours: int) -> Variant:
+    """Return those of the kernels that look lights up; ``colours``: numbers that hold the radiance."""
+    headers, defines = batch.variant(media)
+    return headers, defines | {"TFM_LATTICE_COLOURS": colours}
+
+
+def pass_variant(media: MediaOnDevice, colours: int) -> Variant:
+    """Return those of the camera's pass through the lattice."""
+    defines = media.defines | media.channels(textured=False)
+    return media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1, "TFM_LATTICE_COLOURS": colours}
 
 
 @dataclass
@@ -76,25 +97,27 @@ class Lattice:
     def _channels(self) -> int:
         return self.media.channels(textured=False)["TFM_CHANNELS"]
 
-    @property
-    def _colours(self) -> int:
-        """1 where the colours of all lights are multiples of one, else 3."""
+    @cached_property
+    def _colour(self) -> NDArray[np.float64] | None:
+        """The colour, at most 1, that those of all lights are multiples of; None where they differ."""
         colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
-        strongest = colours[colours.max(axis=1).argmax()]
-        alike = np.allclose(np.outer(colours.max(axis=1), strongest), colours * strongest.max(), rtol=1e-6)
-        return 1 if alike and self._channels == 1 else 3
+        most = colours.max(axis=1)
+        strongest = colours[most.argmax()] / max(float(most.max()), TINY)
+        difference = np.abs(colours - np.outer(most, strongest)).max(axis=1)
+        return strongest if (difference <= SAME_COLOUR * most).all() else None
 
     @property
-    def _defines(self) -> dict[str, int | str]:
-        return {"TFM_LATTICE_COLOURS": self._colours}
+    def _colours(self) -> int:
+        """Numbers that hold the radiance: 1 where all lights have one colour, else 3."""
+        return 3 if self._colour is None or self._channels == 3 else 1  # noqa: PLR2004 - red, green, blue
 
     def add(self, batch: Batch) -> float:
         """Look some of the lights up; returns device seconds."""
         launcher, media = self.launcher, self.media
-        headers, defines = batch.variant(media)
+        headers, defines = voxels_variant(batch, media, self._colours)
 
         def run(name: str, arguments: dict[str, Any]) -> float:
-            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines | self._defines)
+            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
             return self._over_records(kernel, arguments)
 
         of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
@@ -131,13 +154,13 @@ class Lattice:
             Samples along a camera ray.
         """
         launcher, media = self.launcher, self.media
-        defines = media.defines | media.channels(textured=False) | self._defines
-        kernel = launcher.kernels.kernel(
-            "lattice_pass", "lattice_pass.cl", media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1}
-        )
-        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
-        strongest = colours[colours.max(axis=1).argmax()]
-        of_all = strongest / max(float(strongest.max()), 1e-30) if self._colours == 1 else np.ones(3)
+        headers, defines = pass_variant(media, self._colours)
+        kernel = launcher.kernels.kernel("lattice_pass", "lattice_pass.cl", headers, defines)
+        lights = np.array([self.scene.lights[i].intensity for i in self.lights])
+        # Of a colour that no light has, logarithms hold a little.
+        colour = np.where(lights.any(axis=0), 1.0, 0.0)
+        if self._colour is not None and self._colours == 1:
+            colour = self._colour
         return launcher.run_windows(
             kernel,
             crop,
@@ -147,7 +170,7 @@ class Lattice:
             | {
                 "view": self.view,
                 "lattice": self._numbers,
-                "colour": (*of_all.tolist(), 0.0),
+                "colour": (*colour.tolist(), 0.0),
                 "lights": len(self.lights),
             },
             done,

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from tfm_cl.device.media import media_on_device
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
-from tfm_cl.plan.plan import plan
+from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
@@ -198,12 +198,14 @@ class Renderer:
         self._launcher.begin()
         scene.read_files()
         estimate, limited = None, resolution.limited(scene)
+        asks_for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
         if scene.map.max_error is not None:
             scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
             limited = ()
         result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
         result.stats.error_estimate = estimate
-        result = replace(result, warnings=(*limited, *result.warnings))
+        left_out = filter(None, [lattice.left_out(scene)] if asks_for_lattice else [])
+        result = replace(result, warnings=(*limited, *result.warnings, *left_out))
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)
             result = replace(result, warnings=(*result.warnings, why))
@@ -224,7 +226,9 @@ class Renderer:
         method, crop = _checked_method(method, scene), _checked_crop(crop, scene.camera.res)
         if maps and method == "tfm":
             built = maps[0].requested
-            numbers = {"res": built.res, "steps": built.steps, "coeffs": built.coeffs}
+            numbers: dict[str, Any] = {"res": built.res, "steps": built.steps, "coeffs": built.coeffs}
+            if scene.map.lookup == "auto":
+                numbers["lookup"] = built.lookup
             scene = scene.replace(map=scene.map.replace(**numbers))
         key = (scene, method, crop)
         kept, choice = self._choice or (None, None)
@@ -234,7 +238,8 @@ class Renderer:
                 of_pilot = maps if method == "tfm" else None
                 return self._render(pilot, maps=of_pilot, method=method, crop=crop, aovs=(), progress=None)
 
-            choice = Chooser(render, scene, method, crop, progress).choice()
+            asked = with_lookup(scene) if method == "tfm" else scene
+            choice = Chooser(render, asked, method, crop, progress).choice()
             self._choice = key, choice
         return choice.scene, choice.estimate
 
@@ -253,7 +258,6 @@ class Renderer:
         method = _checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
-        wants_lattice = method == "tfm" and scene.map.lookup == "lattice"
         scene = plan(scene, method=method, maps=maps[0].requested if maps else None).scene
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
@@ -286,8 +290,6 @@ class Renderer:
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
-        if wants_lattice and (left_out := lattice.left_out(points)):
-            warnings += (left_out,)
         lit = any(row[:, 3].any() for row in sums.light_seen)
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
         return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)

@@ -155,6 +155,11 @@ class Light(Model):
         cone = self.lit_cone()
         return cone is None or (np.isinf(cone.slope) and np.isinf(cone.reach))
 
+    def nearest(self, bounds: Floats) -> float:
+        """Distance from the light to the nearest point of a box, [2, 3]; infinite for parallel light."""
+        del bounds
+        return np.inf
+
     def is_smooth_in(self, bounds: Floats) -> bool:
         """Whether there is no edge, source or texture of the light in a box, [2, 3], or near it."""
         del bounds

@@ -71,11 +71,14 @@ class PlacedLight(Light):
             np.eye(3) if cone is None else cone.axes.T @ axes,
         )
 
+    def nearest(self, bounds: Floats) -> float:
+        """As `Light.nearest`."""
+        position = np.asarray(self.from_)
+        return float(np.linalg.norm(position - np.clip(position, bounds[0], bounds[1])))
+
     def is_smooth_in(self, bounds: Floats) -> bool:
         """As `Light.is_smooth_in`."""
-        position = np.asarray(self.from_)
-        away = np.linalg.norm(position - np.clip(position, bounds[0], bounds[1]))
-        if away < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
+        if self.nearest(bounds) < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
             return False
         return self.reach is None and not self.is_textured
 
