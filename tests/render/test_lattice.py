@@ -335,7 +335,7 @@ def test_the_dual_march_takes_no_lattice(renderer):
 @pytest.mark.lanes
 def test_a_lattice_too_large_for_the_device_is_told(device_name, renderer):
     scene = scene_of([SUN], settings=SETTLED.replace(res=32, coeffs=8))
-    with tfm.Renderer(device_name, lanes=renderer.lanes, largest_buffer=1 << 19) as small:
+    with tfm.Renderer(device_name, lanes=renderer.lanes, largest_buffer=1 << 18) as small:
         found, truth = both(small, scene)
 
     assert (found.image == truth.image).all()
