@@ -94,22 +94,24 @@ class Planner:
                 lambda probe: probe.nbytes,
             )
 
-        coarse = [
-            probed(light, of_light, PROBE_RES, float("inf"), settings.steps) for light, of_light in lights
-        ]
-        deepest = max((float(probe.optical_depth.max()) for probe in coarse), default=0.0)
+        has_ranges = settings.range != "box"
+        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        fine = field_res(settings.res), cut, max(settings.steps, RANGE_STEPS)
+        # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
+        first = (
+            fine if has_ranges and settings.target != "transmittance" else (PROBE_RES, np.inf, settings.steps)
+        )
+        probes = [probed(light, of_light, *first) for light, of_light in lights]
+        deepest = max((float(probe.optical_depth.max()) for probe in probes), default=0.0)
         alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
         settings = settings.replace(density_weighting=alpha)
-        probe_steps = max(settings.steps, RANGE_STEPS)
-        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        if has_ranges and first != fine:
+            probes = [probed(light, of_light, *fine) for light, of_light in lights]
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
         plans = []
-        for (light, of_light), probe in zip(lights, coarse, strict=True):
-            if settings.range != "box":
-                size = field_res(settings.res)
-                probe = probed(light, of_light, size, cut, probe_steps)  # noqa: PLW2901 - the coarse one has served
+        for (light, of_light), probe in zip(lights, probes, strict=True):
             fit = partial(self._fit, settings, light, of_light, medium, probe)
             if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
                 fitted = self._cache.get(
