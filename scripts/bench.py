@@ -49,7 +49,7 @@ from tfm_cl.errors import InputError
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.model import decided
-from tfm_cl.plan.resolution import resolved
+from tfm_cl.plan.plan import plan
 from tfm_cl.render import buffers
 from tfm_cl.scene.placement import density_scale_for
 
@@ -71,6 +71,8 @@ GRID_EDGE = 129
 ROOFLINE_RAYS, ROOFLINE_STEPS = 640, 110
 FORMS = {"gather": "trilinear_gather", "pairs": "trilinear_pairs"}
 
+SUNS = 32
+"""Directions of the light from all around."""
 DUAL_EVERY, PEER_EVERY, START_UP_EVERY = 2, 3, 4
 """Number of rounds per slow measurement: the dual march, other programs, starting up."""
 
@@ -325,7 +327,7 @@ def with_lights(scene: tfm.Scene, count: int) -> tfm.Scene:
 def with_auto(scene: tfm.Scene) -> tfm.Scene | None:
     """Return the scene with automatic resolution and steps; None where the settings refuse that."""
     try:
-        return resolved(with_march(with_map(scene, res="auto", steps="auto"), steps="auto"))
+        return plan(with_march(with_map(scene, res="auto", steps="auto"), steps="auto")).scene
     except tfm.TfmError:
         return None
 
@@ -399,6 +401,20 @@ def variations(scene: tfm.Scene, lanes: int, possible: Iterable[int]) -> Iterato
         yield Variation("cutoff", cutoff, with_march(scene, cutoff=cutoff))
     for count in (2, 4, 8):
         yield Variation("lights", count, with_lights(scene, count))
+
+
+def many_lights(scene: tfm.Scene) -> Iterator[tuple[str, tfm.Scene]]:
+    """Yield scenes of more and more lights, all else automatic, and their names."""
+    spot, *_ = spot_of(scene)
+    lit = {
+        "1 sun": scene.replace(lights=[tfm.SunLight(from_=spot.from_, to=spot.to)]),
+        **{f"{count} spots": with_lights(scene, count) for count in (2, 4, 8, 64)},
+        f"sky of {SUNS} suns": scene.replace(lights=[tfm.EnvironmentLight(samples=SUNS)]),
+    }
+    for name, scene_of_lights in lit.items():
+        auto = with_auto(scene_of_lights)
+        if auto is not None:
+            yield name, auto
 
 
 # The work of the host.
@@ -480,6 +496,7 @@ def errors(renderer: tfm.Renderer, scene: tfm.Scene) -> Figures:
     small = with_res(scene, TRUTH_RES)
     found = {
         "tfm": error_of(renderer.render(small).image, truth),
+        "lattice": error_of(renderer.render(with_map(small, lookup="lattice")).image, truth),
         "dual": error_of(renderer.render(small, method="dual").image, truth),
     }
     auto = with_auto(scene)  # the values chosen for the baseline's resolution
@@ -908,6 +925,9 @@ class Bench:
         scene, renderer = self._scenes[path], self._renderer(self.lanes)
         frame = Frame(renderer, scene, self._shares, with_dual=True)
         self._add(path.stem, path, self.lanes, frame, None, None)
+        lattice = with_map(scene, lookup="lattice")
+        on_lattice = Frame(renderer, lattice, self._shares)
+        self._add(f"{path.stem} lattice", path, self.lanes, on_lattice, "lattice", "lattice")
         auto = with_auto(scene)
         if auto is not None:
             values = {"map_res": auto.map.res, "light_steps": auto.map.steps, "view_steps": auto.march.steps}
@@ -922,6 +942,10 @@ class Bench:
 
     def _add_variations(self) -> None:
         path = self._varied
+        many = [found for found in self._paths if found.stem.startswith("wdas")] or [path]
+        for name, scene in many_lights(self._scenes[many[0]]):
+            frame = Frame(self._renderer(self.lanes), scene, self._shares)
+            self._add(f"{many[0].stem} auto, {name}", many[0], self.lanes, frame, "auto lights", name)
         for variation in variations(self._scenes[path], self.lanes, self.lanes_possible):
             lanes = variation.lanes or self.lanes
             if lanes not in self.rooflines:
@@ -1104,14 +1128,17 @@ def plots(report: dict[str, Any], out: Path) -> list[Path]:
 # The command line.
 
 
-def _resolution(text: str) -> tuple[int, int]:
+def resolution(text: str) -> tuple[int, int]:
+    """Parse WIDTHxHEIGHT, for argparse."""
     found = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
     if not found:
         raise argparse.ArgumentTypeError(f"'{text}' should be WIDTHxHEIGHT in pixels")
     return int(found[1]), int(found[2])
 
 
-def _positive(kind: Callable[[str], float]) -> Callable[[str], float]:
+def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
+    """Return a parser of numbers > 0, for argparse."""
+
     def parse(text: str) -> float:
         try:
             value = kind(text)
@@ -1131,11 +1158,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="the baseline of one volume only, 3 rounds")
     parser.add_argument("--volumes", nargs="+", type=Path, metavar="FILE", help="instead of the usual six")
-    parser.add_argument("--repeats", type=_positive(int), metavar="N", help="rounds (default 5, quick 3)")
-    parser.add_argument(
-        "--minutes", type=_positive(float), default=6.0, help="begin no round that ends later"
-    )
-    parser.add_argument("--res", type=_resolution, default=BASELINE_RES, help="the baseline's, WIDTHxHEIGHT")
+    parser.add_argument("--repeats", type=positive(int), metavar="N", help="rounds (default 5, quick 3)")
+    parser.add_argument("--minutes", type=positive(float), default=6.0, help="begin no round that ends later")
+    parser.add_argument("--res", type=resolution, default=BASELINE_RES, help="the baseline's, WIDTHxHEIGHT")
     parser.add_argument("--peers", action="store_true", help="other programs too, where installed")
     parser.add_argument("--device", metavar="NAME", help="part of the OpenCL device's name")
     parser.add_argument(

@@ -70,6 +70,35 @@ def test_rendering_a_png_imports_no_other_library_than_its_writer(imports, tiny_
     assert found & LIBRARIES == {"PIL"}
 
 
+def test_rendering_an_exr_imports_no_other_library_than_its_writer(imports, tiny_render):
+    found = imports(command_line("render", "cloud.npy", "-o", "a.exr", "-q", *tiny_render))
+    assert found & LIBRARIES == {"OpenEXR"}
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
+def test_the_program_leaves_the_other_cores_to_the_device(given, used):
+    """OpenBLAS reads its number of threads when NumPy is first imported."""
+    code = "import os, sys; from tfm_cl.cli import program; sys.argv = ['tfm', '--version']; program(); "
+    code += "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
+    environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    environment |= {} if given is None else {"OPENBLAS_NUM_THREADS": given}
+    out = subprocess.check_output([sys.executable, "-c", code], env=environment, text=True)
+    assert out.splitlines()[-1] == f"{used} False"
+
+
+@pytest.mark.parametrize("called", ["program", "main"])
+def test_only_the_program_looks_for_garbage_less_often(called):
+    """The function may be called in a process that has other plans."""
+    code = (
+        "import gc, sys; from tfm_cl import cli; sys.argv = ['tfm', '--version']; before = gc.get_threshold()"
+    )
+    code += (
+        f"; cli.{called}(); print(before == gc.get_threshold(), cli.COLLECTED_AFTER == gc.get_threshold())"
+    )
+    found = subprocess.check_output([sys.executable, "-c", code], text=True).splitlines()[-1]
+    assert found == {"program": "False True", "main": "True False"}[called]
+
+
 @pytest.fixture
 def tiny_render(device_name):
     """Options that render in no time, on the tests' device."""
@@ -116,6 +145,15 @@ def test_the_text_that_drivers_know_a_program_by_tells_of_every_edit(launcher, k
         (kernels / "answer.h").write_text(f"#define ANSWER {number}\n", encoding="utf-8")
         answer(launcher, KernelLibrary(launcher.context))
     assert texts[0] == texts[2] != texts[1]
+
+
+def test_one_library_reads_the_sources_once(launcher, kernels, monkeypatch):
+    read = []
+    monkeypatch.setattr(program, "fingerprint", lambda folder: read.append(folder) or "digest")
+    library = KernelLibrary(launcher.context)
+    for number in (1, 2):
+        library.kernel("answer", "answer.cl", defines={"TFM_NUMBER": number})
+    assert read == [kernels]
 
 
 def test_every_source_counts_in_the_fingerprint(kernels):

@@ -41,3 +41,6 @@ ROUNDED = 1e-12
 FIT = 2e-5
 """T of a weighted fit in float32: normal equations of a few functions magnify what rounds some ten times
 more than sums do; the ridge bounds it."""
+
+STRETCHES = 40 * FLOAT32
+"""Of the brightest: lit stretches summed from a few values, to rounding, against a sum over every step."""

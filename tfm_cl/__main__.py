@@ -2,7 +2,7 @@
 
 import sys
 
-from tfm_cl.cli import main
+from tfm_cl.cli import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program())

@@ -19,6 +19,8 @@ TABULATED_CELLS = 64
 """Cells of functions that are known by their values."""
 NUMBERS_UNIT = 16
 """Coefficients of a map begin at a multiple of it in their buffer: large buffers are beyond an int."""
+SHADOW_FIRST_LEVEL = 2
+"""Bounds of a shadow map begin at every 4 texels on their finest level, level 2."""
 TARGETS = {"transmittance": 0, "optical-depth": 1, "extinction": 2}
 """What a basis approximates -> its number in the kernels, ``TARGET_TRANSMITTANCE`` and so on."""
 STORAGE_BITS = {"f32": 32, "f16": 16, "u8": 8}
@@ -45,6 +47,7 @@ def c_definitions() -> str:
         "TABULATED_CELLS": TABULATED_CELLS,
         "NUMBERS_UNIT": NUMBERS_UNIT,
         "SUMS_BLOCK": SUMS_BLOCK,
+        "SHADOW_FIRST_LEVEL": SHADOW_FIRST_LEVEL,
         "TFM_RIDGE": f"{RIDGE}f",
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},

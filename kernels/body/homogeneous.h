@@ -1,6 +1,7 @@
 /* Bodies of constant density, in closed form (TFM eq. 5).
    Includes expected before: the headers of the kinds.
-   Requires: TFM_BODIES, their number, at least 1; TFM_BODY_CLIP(body, ray, interval); what amounts.h does. */
+   Requires: TFM_BODIES, their number, at least 1; TFM_BODY_CLIP(body, ray, interval), TFM_BODY_ENTRY(body, ray) and
+   TFM_BODY_IS_SMOOTH(body, first, last, ratio), of the body's kind; what amounts.h does. */
 #ifndef TFM_HOMOGENEOUS_H
 #define TFM_HOMOGENEOUS_H
 
@@ -48,14 +49,18 @@ TFM_INLINE float body_extinction(MEDIUM media, BODY bodies, int i, int colour)
   return extinction < TFM_MAX_OPTICAL_DEPTH ? extinction : TFM_MAX_OPTICAL_DEPTH;
 }
 
-/* How far light travels through each body on its way to a point. ray: to the point, at parameter 1. inside: bits of the
-   bodies that both ends lie in. */
-TFM_INLINE void ways_to_light(BODY bodies, Ray ray, Floats distance, int inside, Floats *ways)
+/* How far light travels through each body on its way to a point. ray: to the point, at parameter 1. from_inside,
+   to_inside: bits of the bodies that the light and the point are known to lie in. */
+TFM_INLINE void ways_to_light(BODY bodies, Ray ray, Floats distance, int from_inside, int to_inside, Floats *ways)
 {
   for (int i = 0; i < TFM_BODIES; ++i) {
     ways[i] = distance;
-    if (inside >> i & 1)
+    if (from_inside & to_inside & 1 << i)
       continue;
+    if (to_inside & 1 << i) {
+      ways[i] *= 1.0f - TFM_BODY_ENTRY(&bodies[i], ray);
+      continue;
+    }
     Interval within = {floats(0.0f), floats(1.0f)};
     const Ints meets = TFM_BODY_CLIP(&bodies[i], ray, &within);
     ways[i] *= meets ? within.end - within.begin : floats(0.0f);

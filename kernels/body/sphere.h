@@ -20,4 +20,20 @@ TFM_INLINE Ints sphere_body_clip(BODY body, Ray ray, Interval *interval)
   return interval->begin < interval->end;
 }
 
+TFM_INLINE Floats sphere_body_entry(BODY body, Ray ray)
+{
+  Interval within = {floats(0.0f), floats(1.0f)};
+  return sphere_body_clip(body, ray, &within) ? within.begin : floats(1.0f);
+}
+
+/* Not where light grazes it, and that is not told from elsewhere. */
+TFM_INLINE Ints sphere_body_is_smooth(BODY body, Ray first, Ray last, float ratio)
+{
+  (void)body;
+  (void)first;
+  (void)last;
+  (void)ratio;
+  return ints(0);
+}
+
 #endif

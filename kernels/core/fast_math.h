@@ -94,6 +94,11 @@ TFM_INLINE Floats arctangent_of(Floats x)
   return steep ? 1.57079633f - angle : angle;
 }
 
+TFM_INLINE Floats magnitude_of(Floats x)
+{
+  return AS_FLOATS(AS_INTS(x) & 0x7fffffff);
+}
+
 /* 1 / sqrt(x) for x > 0; a large finite number for x = 0. */
 TFM_INLINE Floats reciprocal_sqrt(Floats x)
 {

@@ -68,4 +68,18 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   return sample;
 }
 
+TFM_INLINE Floats light_square(Vec3 p)
+{
+  return dot3(p, p);
+}
+
+TFM_INLINE LightSpan light_span(LIGHT light, Ray ray, Interval part, Vec3 first, Vec3 last, float rounding, float texel)
+{
+  const float moves = rounding * chart_slope(light) / texel;
+  LightSpan span;
+  span.nearest = span.clear = nearest_to_origin(ray, part);
+  span.is_straight = chart_is_straight(first, last, rounding) & (span.nearest >= moves * moves);
+  return span;
+}
+
 #endif

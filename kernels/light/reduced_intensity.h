@@ -55,7 +55,7 @@ typedef struct {
 #endif
 } LightPath;
 
-/* inside: bits of the bodies that light and point lie in. is_far: the maps are hardly in the cache, and not read at
+/* inside: bits of the bodies that the point is known to lie in. is_far: the maps are hardly in the cache, and not read at
    once. */
 TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuffers *buffers, Vec3 point,
                                 LightSample sample, int inside, int is_far)
@@ -75,7 +75,8 @@ TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuff
   path.distance = sample.distance;
 #endif
 #if TFM_BODIES
-  ways_to_light(scene->bodies, light_ray_to(light, point), sample.distance, inside & light->inside_bodies, path.ways);
+  ways_to_light(scene->bodies, light_ray_to(light, point), sample.distance, light->inside_bodies, inside,
+                path.ways);
 #else
   (void)scene;
   (void)inside;

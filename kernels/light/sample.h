@@ -25,12 +25,34 @@ typedef struct {
   Floats texture_u, texture_v; /* position in the light's texture (TFM_TEXTURE) */
 } LightSample;
 
+/* What is known of a stretch of a ray from its ends. */
+typedef struct {
+  Floats nearest;   /* the least distance that light travels to it, squared */
+  Floats clear;     /* how light arrives is analytic, with no singularity nearer than that, squared; 0: it may have one */
+  Ints is_straight; /* mask: u and v move along a segment, and by less than a texel for what coordinates are rounded by */
+} LightSpan;
+
+/* Both numbers are on the same side of 0, further than they are rounded by. */
+TFM_INLINE Ints same_side(Floats a, Floats b, float rounding)
+{
+  return ((a > rounding) & (b > rounding)) | ((a < -rounding) & (b < -rounding));
+}
+
+/* The least distance of a ray's interval from the origin, squared. The direction is a unit vector. */
+TFM_INLINE Floats nearest_to_origin(Ray ray, Interval part)
+{
+  const Vec3 p = ray_at(ray, least(greatest(-dot3(ray.origin, ray.direction), part.begin), part.end));
+  return dot3(p, p);
+}
+
 /* The value of u for points outside the map. */
 #define CHART_OUTSIDE -1.0f
+/* How far positions in the plane of a chart move per unit of length at distance 1, at most, where it is straight. */
+#define CHART_SLOPE 16.0f
 
-TFM_INLINE Floats magnitude_of(Floats x)
+TFM_INLINE float chart_slope(LIGHT light)
 {
-  return AS_FLOATS(AS_INTS(x) & 0x7fffffff);
+  return CHART_SLOPE * (light->chart[0] > light->chart[1] ? light->chart[0] : light->chart[1]);
 }
 
 TFM_INLINE Floats light_falloff(LIGHT light, Floats inverse_distance)

@@ -128,4 +128,29 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   return sample;
 }
 
+/* Whether a point lies where the cone's edge does not dim the light: a convex region. */
+TFM_INLINE Ints is_inside_edge(LIGHT light, Vec3 p)
+{
+  const Vec3 q = in_cone(light, p);
+  const Floats away = 1.0f / q.z, off = (q.x * q.x + q.y * q.y) * away * away;
+  const Floats edge = spot_edge(light, off * reciprocal_sqrt(off));
+  return (q.z > 0.0f) & (edge >= 1.0f);
+}
+
+TFM_INLINE Floats light_square(Vec3 p)
+{
+  return dot3(p, p);
+}
+
+TFM_INLINE LightSpan light_span(LIGHT light, Ray ray, Interval part, Vec3 first, Vec3 last, float rounding, float texel)
+{
+  const float moves = rounding * chart_slope(light) / texel;
+  LightSpan span;
+  span.nearest = span.clear = nearest_to_origin(ray, part);
+  if (light->shape[2] > 0.0f)
+    span.clear = is_inside_edge(light, first) & is_inside_edge(light, last) ? span.nearest : floats(0.0f);
+  span.is_straight = chart_is_straight(first, last, rounding) & (span.nearest >= moves * moves);
+  return span;
+}
+
 #endif

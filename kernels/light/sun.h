@@ -66,4 +66,21 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   return sample;
 }
 
+TFM_INLINE Floats light_square(Vec3 p)
+{
+  return p.z * p.z;
+}
+
+TFM_INLINE LightSpan light_span(LIGHT light, Ray ray, Interval part, Vec3 first, Vec3 last, float rounding, float texel)
+{
+  const float narrow = light->shape[0] < light->shape[1] ? light->shape[0] : light->shape[1];
+  (void)ray;
+  (void)part;
+  LightSpan span;
+  span.nearest = least(light_square(first), light_square(last));
+  span.clear = floats(INFINITY);
+  span.is_straight = floats(0.5f * rounding) <= floats(texel * narrow);
+  return span;
+}
+
 #endif

@@ -7,7 +7,9 @@
 #define TFM_SCATTER_H
 
 #include "core/sampling.h"
+#include "core/quadrature.h"
 #include "light/batch.h"
+#include "light/stretch.h"
 #include "view/camera_sums.h"
 
 /* What is summed over the lights. */
@@ -45,8 +47,9 @@ typedef struct {
   LightPath path;
 } LightArrival;
 
+/* inside: bits of the bodies that the sample is known to lie in. is_lit: no solid is in the way. */
 TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, LIGHT light, Ray ray, Ray light_space_ray,
-                                      Floats t, int inside)
+                                      Floats t, int inside, int is_lit)
 {
   const LightBuffers *buffers = lights->buffers;
   const LightSample sample = light_at(light, ray_at(light_space_ray, t));
@@ -58,7 +61,7 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   arrival.mu = mu;
   arrival.strength = sample.strength;
 #endif
-  arrival.visible = light_visibility(light, buffers->shadow, sample);
+  arrival.visible = is_lit ? floats(1.0f) : light_visibility(light, buffers->shadow, sample);
 #if TFM_TEXTURE
   light_tint(light, buffers, sample, arrival.tint);
 #endif
@@ -188,7 +191,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       LightArrival arrival[MOST_STEPS];
       Floats arrives[MOST_STEPS][TFM_CHANNELS];
       for (int k = 0; k < count; ++k)
-        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0);
+        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0, 0);
       for (int k = 0; k < count; ++k) {
         if (any_lane(arrival[k].visible > 0.0f))
           light_optical_depths(scene, light, lights->buffers, &arrival[k].path, any_amount(&step[k]), &sums->samples,
@@ -233,7 +236,16 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #endif
 
 #if TFM_BODIES
-#if TFM_CHANNELS == 1
+/* The only body there is: a sample is in it. */
+#define ALONE (TFM_GRIDS == 0 && TFM_BODIES == 1)
+/* Where light may arrive smoothly. */
+#define SUMS_FEW (ALONE && !TFM_TEXTURE)
+/* Values that are worked out side by side, so that none waits for another. */
+#if TFM_LANES == 1
+#define MOST_VALUES 1
+#else
+#define MOST_VALUES 8
+#endif
 /* Optical depth of a step up to which twice_sinh serves. */
 #define THIN_STEP 1.0f
 
@@ -243,143 +255,243 @@ TFM_INLINE Floats twice_sinh(Floats x)
   const Floats x2 = x * x;
   return 2.0f * x * (1.0f + x2 * (1.0f / 6 + x2 * (1.0f / 120 + x2 * (1.0f / 5040))));
 }
+
+/* A stretch of the rays of a tile without grids, in steps. */
+typedef struct {
+  Floats begin, length;
+  Ints steps, active;
+  int most; /* steps of any ray */
+  int thin; /* mask: every step is thin */
+  float densest; /* largest extinction of any colour, per world unit */
+  Warp warp;
+} BodySteps;
+
+/* Step n; without grids all rays have as many, and n need not be whole. */
+TFM_INLINE WarpedStep step_in_bodies(const BodySteps *steps, float n)
+{
+#if TFM_GRIDS == 0
+  return warped_step(steps->warp, n, (float)steps->most);
+#else
+  return warped_step_of_lanes(steps->warp, (int)n, TO_FLOATS(steps->steps > 0 ? steps->steps : ints(1)));
+#endif
+}
+
+/* Where step n begins, and the one before it ends. */
+TFM_INLINE Floats end_of_steps(const BodySteps *steps, int n)
+{
+#if TFM_GRIDS == 0
+  return warp_cut(steps->warp, floats((float)n), floats((float)(steps->most - n)));
+#else
+  const Ints all = steps->steps > 0 ? steps->steps : ints(1), before = n < all ? ints(n) : all;
+  return warp_cut(steps->warp, TO_FLOATS(before), TO_FLOATS(all - before));
+#endif
+}
+
+/* What the bodies hold between two places, as parts of the stretch. */
+TFM_INLINE Amounts amounts_in_bodies(const Scene *scene, const MediaOnRay *on_ray, const BodySteps *steps, Floats begin,
+                                     Floats length)
+{
+  Amounts amounts = no_amounts();
+#if ALONE
+  (void)on_ray;
+  (void)begin;
+  for (int c = 0; c < TFM_AMOUNTS; ++c)
+    amounts.of[0][c] = least(scene->bodies->density * (steps->length * length), floats(TFM_MAX_OPTICAL_DEPTH));
+#else
+  const Floats first = steps->begin + steps->length * begin;
+  add_bodies(scene->bodies, &on_ray->bodies, first, first + steps->length * length, &amounts);
+#endif
+  return amounts;
+}
+
+#if SUMS_FEW
+/* Whether what a light adds in some steps from n on is smooth: the sum of a few values.
+   begin, end: where on the rays; clearance: what the rule for them needs. */
+TFM_INLINE int is_smooth_in_bodies(const Scene *scene, LIGHT light, Ray ray, const BodySteps *steps, int n, int count,
+                                   Floats begin, Floats end, LightSpan span, float clearance)
+{
+  const float first = (float)n, last = (float)(n + count), all = (float)steps->most, ratio = clear_ratio(clearance);
+  const Floats at_first = first * steps->warp.begin + (all - first) * steps->warp.end;
+  const Floats at_last = last * steps->warp.begin + (all - last) * steps->warp.end;
+  const Floats length = end - begin;
+  const Floats apart = 0.5f * clearance * length;
+  Ints smooth = (span.clear >= apart * apart) & (steps->densest * length <= 1.0f) &
+                (at_first <= ratio * at_last) & (at_last <= ratio * at_first);
+  if (!(light->inside_bodies & 1))
+    smooth &= TFM_BODY_IS_SMOOTH(scene->bodies, light_ray_to(light, ray_at(ray, begin)),
+                                 light_ray_to(light, ray_at(ray, end)), ratio);
+  return !any_lane(steps->active & !smooth);
+}
 #endif
 
-/* The only body there is: a sample is in it. */
-#define ALONE (TFM_GRIDS == 0 && TFM_BODIES == 1)
+/* What a light adds to the rays of a tile in a step. */
+typedef struct {
+  Floats before[TFM_CHANNELS];  /* optical depth up to where the step counts from */
+  Floats opacity[TFM_CHANNELS]; /* of the step, as if nothing were before it */
+  Floats way[TFM_CHANNELS];     /* optical depth of the light's way */
+  Floats source[TFM_CHANNELS];
+  Floats visible;
+} StepLight;
+
+/* counts: how often the step does. is_lit: no solid is in the way. */
+TFM_INLINE StepLight light_of_step(const Scene *scene, const Lights *lights, LIGHT light, Ray ray, Ray light_space_ray,
+                                   const MediaOnRay *on_ray, const BodySteps *steps, const Floats *depth, int n,
+                                   WarpedStep placed, float counts, int is_lit, Ints *samples)
+{
+  MEDIUM media = scene->media;
+#if TFM_GRIDS == 0
+  (void)n;
+  const Ints here = steps->active; /* all have as many, and the others no length */
+  const Floats length = placed.length;
+#else
+  const Ints here = n < steps->steps;
+  const Floats length = here ? placed.length : floats(0.0f);
+#endif
+  const Amounts step = amounts_in_bodies(scene, on_ray, steps, placed.begin, length);
+  const Amounts until = amounts_in_bodies(scene, on_ray, steps, floats(0.0f), placed.begin);
+  const LightArrival arrival = light_arrival(scene, lights, light, ray, light_space_ray,
+                                             steps->begin + steps->length * placed.middle, ALONE ? ~0 : 0, is_lit);
+  StepLight found;
+  light_optical_depths(scene, light, lights->buffers, &arrival.path, here, samples, found.way);
+  found.visible = arrival.visible;
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    /* A thin step, seen from its middle, is e^(-x) 2 sinh(depth / 2); any other, from its begin, 1 - e^(-depth). */
+    const Floats taken = least(extinguished(media, &step, c), floats(TFM_MAX_OPTICAL_DEPTH));
+    found.before[c] = least(depth[c] + extinguished(media, &until, c), floats(TFM_MAX_OPTICAL_DEPTH)) +
+                      (steps->thin ? 0.5f * taken : floats(0.0f));
+    found.opacity[c] = counts * (steps->thin ? twice_sinh(0.5f * taken) : opacity_of(taken));
+    found.source[c] = source_of(media, &step, &arrival, c);
+#if TFM_TEXTURE
+    found.source[c] *= arrival.tint[c];
+#endif
+  }
+  return found;
+}
+
+TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *sum)
+{
+#if TFM_CHANNELS == 1
+#if TFM_SHOW_RESIDUAL
+  const Floats left = transmittance_of(step->before[0]) * step->way[0];
+#else
+  const Floats left = transmittance_of(step->before[0] + step->way[0]); /* one exponential for the way there and back */
+#endif
+  const Floats arrives = step->opacity[0] * left * step->visible;
+  sum[0] += arrives * step->source[0];
+  sums->seen[0] += arrives;
+#else
+  Floats opacity[TFM_CHANNELS], weight = floats(0.0f);
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    opacity[c] = transmittance_of(step->before[c]) * step->opacity[c];
+    weight += opacity[c] * (1.0f / TFM_CHANNELS);
+  }
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    const Floats left = reduced(step->way[c]) * step->visible;
+    sum[c] += opacity[c] * left * step->source[c];
+    sums->seen[c] += weight * left;
+  }
+#endif
+}
+
+/* One light along a stretch without grids; its sum lacks its colour. Steps are taken together as long as they are all
+   lit or all dark. */
+TFM_INLINE void scatter_light_in_bodies(const Scene *scene, const Lights *lights, LIGHT light, Ray ray,
+                                        const MediaOnRay *on_ray, const BodySteps *steps, const Floats *depth,
+                                        LightSums *sums, Floats *sum)
+{
+  const Ray light_space_ray = ray_in_light(light, ray);
+  const Vec3 from = light_space_ray.origin;
+  const float reach = greatest_float(steps->active ? magnitude_of(from.x) + magnitude_of(from.y) + magnitude_of(from.z) +
+                                                         steps->begin + steps->length
+                                                   : floats(0.0f));
+  int apart = 0; /* the step up to which only few are taken together */
+  StretchEnd first = stretch_end(light, light_space_ray, steps->begin);
+  for (int n = 0; n < steps->most;) {
+    const int is_long = n >= apart && n + LONG_POINTS <= steps->most;
+    const int most = is_long ? LONG_POINTS : SHORT_POINTS, left = steps->most - n, count = left < most ? left : most;
+    const StretchEnd last =
+        stretch_end(light, light_space_ray, steps->begin + steps->length * end_of_steps(steps, n + count));
+    const LitStretch stretch =
+        lit_stretch(light, lights->buffers->shadow, light_space_ray, &first, &last, steps->active, reach);
+    if (is_long && !stretch.lit && !stretch.dark) {
+      apart = n + LONG_POINTS;
+      continue;
+    }
+    int values = stretch.dark ? 0 : count;
+    int rule = -1; /* where the rule that serves begins */
+#if SUMS_FEW
+    if (stretch.lit && count == most &&
+        is_smooth_in_bodies(scene, light, ray, steps, n, count, first.t, last.t, stretch.span,
+                            is_long ? LONG_CLEARANCE : SHORT_CLEARANCE)) {
+      rule = is_long ? 0 : LONG_NODES;
+      values = is_long ? LONG_NODES : SHORT_NODES;
+    }
+#endif
+    for (int begin = 0; begin < values; begin += MOST_VALUES) {
+      const int some = values - begin < MOST_VALUES ? values - begin : MOST_VALUES;
+      WarpedStep placed[MOST_VALUES];
+      StepLight step[MOST_VALUES];
+      for (int k = 0; k < some; ++k)
+        placed[k] = step_in_bodies(steps, (float)n + (rule < 0 ? (float)(begin + k) : gauss_nodes[rule + begin + k]));
+      for (int k = 0; k < some; ++k)
+        step[k] = light_of_step(scene, lights, light, ray, light_space_ray, on_ray, steps, depth, n + begin + k,
+                                placed[k], rule < 0 ? 1.0f : gauss_weights[rule + begin + k], stretch.lit,
+                                &sums->samples);
+      for (int k = 0; k < some; ++k)
+        add_step_light(&step[k], sums, sum);
+    }
+    n += count;
+    first = last;
+  }
+}
 
 /* A stretch of a ray without grids: the media are known in closed form. What a step of a camera ray is worth is the
    difference of the transmittance at its ends. */
 TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval part,
-                                  Ints steps, Ints active, CameraRay *state, Floats *depth, LightSums *sums)
+                                  Ints number, Ints active, CameraRay *state, Floats *depth, LightSums *sums)
 {
   if (!any_lane(active))
     return;
-  VIEW view = scene->view;
   MEDIUM media = scene->media;
-  const Floats begin = active ? part.begin : floats(0.0f);
-  const Floats length = active ? part.end - part.begin : floats(0.0f);
-  steps = active ? steps : ints(0);
-  const int most = -least_int(-steps);
-#if !TFM_SHARED
-  LIGHT light = lights->of + lights->numbers[0];
-  const Ray light_space_ray = ray_in_light(light, ray);
-  const Warp warp = warp_of(view, light, ray, begin, length);
+  BodySteps steps;
+  steps.begin = active ? part.begin : floats(0.0f);
+  steps.length = active ? part.end - part.begin : floats(0.0f);
+  steps.steps = active ? number : ints(0);
+  steps.active = active;
+  steps.most = -least_int(-steps.steps);
+#if TFM_SHARED
+  steps.warp = no_warp();
 #else
-  (void)view;
-  const Warp warp = no_warp();
+  steps.warp = warp_of(scene->view, lights->of + lights->numbers[0], ray, steps.begin, steps.length);
 #endif
-#if TFM_CHANNELS == 1
   /* A step is at most so many mean ones long. */
-  const Floats stretch = greatest(warp.begin / warp.end, warp.end / warp.begin);
-  float densest = 0.0f;
-  for (int i = 0; i < TFM_BODIES; ++i)
-    densest += body_extinction(media, scene->bodies, i, 0);
-  const int thin =
-      greatest_float(active ? stretch * length * densest - THIN_STEP * TO_FLOATS(steps) : floats(-1.0f)) <= 0.0f;
-#endif
-  Floats step_begin = begin, before[TFM_CHANNELS];
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    before[c] = depth[c];
-#if !TFM_SHARED
-  Floats sum[TFM_CHANNELS];
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    sum[c] = floats(0.0f);
-#endif
-  for (int n = 0; n < most; ++n) {
-#if TFM_GRIDS == 0
-    const Ints here = active; /* all have as many, and the others no length */
-    const WarpedStep placed = warped_step(warp, n, most);
-    const Floats step_length = length * placed.length;
-#else
-    const Ints here = n < steps;
-    const WarpedStep placed = warped_step_of_lanes(warp, n, TO_FLOATS(steps > 0 ? steps : ints(1)));
-    const Floats step_length = here ? length * placed.length : floats(0.0f);
-#endif
-    const Floats t = begin + length * placed.middle;
-    Amounts step = no_amounts();
-#if ALONE
-    const Floats amount = least(scene->bodies->density * step_length, floats(TFM_MAX_OPTICAL_DEPTH));
-    for (int c = 0; c < TFM_AMOUNTS; ++c)
-      step.of[0][c] = amount;
-#else
-    add_bodies(scene->bodies, &on_ray->bodies, step_begin, step_begin + step_length, &step);
-    step_begin += step_length;
-#endif
-    Floats taken[TFM_CHANNELS], opacity[TFM_CHANNELS];
-    for (int c = 0; c < TFM_CHANNELS; ++c)
-#if ALONE
-      taken[c] = least(body_extinction(media, scene->bodies, 0, c) * step_length, floats(TFM_MAX_OPTICAL_DEPTH));
-#else
-      taken[c] = least(extinguished(media, &step, c), floats(TFM_MAX_OPTICAL_DEPTH));
-#endif
-#if TFM_CHANNELS == 1
-    opacity[0] = floats(0.0f);
-    if (!thin)
-      camera_ray_step(media, state, &step, opacity);
-    /* One exponential for the way there and back: e^(-x) 2 sinh(depth / 2) with x at the step's middle. */
-    const Floats middle = depth[0] + 0.5f * taken[0], thin_opacity = twice_sinh(0.5f * taken[0]);
-#else
-    const Floats weight = camera_ray_step(media, state, &step, opacity);
-#endif
-    for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
-#if TFM_SHARED
-      LIGHT light = lights->of + lights->numbers[i];
-      const Ray light_space_ray = ray_in_light(light, ray);
-#endif
-      const LightArrival arrival = light_arrival(scene, lights, light, ray, light_space_ray, t, ALONE ? ~0 : 0);
-      Floats way[TFM_CHANNELS];
-#if TFM_SHARED
-      Floats sum[TFM_CHANNELS];
-      for (int c = 0; c < TFM_CHANNELS; ++c)
-        sum[c] = floats(0.0f);
-#endif
-      light_optical_depths(scene, light, lights->buffers, &arrival.path, here, &sums->samples, way);
-      for (int c = 0; c < TFM_CHANNELS; ++c) {
-        Floats source = source_of(media, &step, &arrival, c);
-#if TFM_TEXTURE
-        source *= arrival.tint[c];
-#endif
-#if TFM_CHANNELS == 1
-#if TFM_SHOW_RESIDUAL
-        const Floats seen = thin ? transmittance_of(middle) * thin_opacity : opacity[c];
-        const Floats arrives = arrival.visible * seen * way[c];
-#else
-        const Floats arrives = arrival.visible * (thin ? transmittance_of(middle + way[c]) * thin_opacity
-                                                       : transmittance_of(way[c]) * opacity[c]);
-#endif
-        sum[c] += arrives * source;
-        sums->seen[c] += arrives;
-#else
-        const Floats left = reduced(way[c]) * arrival.visible;
-        sum[c] += opacity[c] * left * source;
-        sums->seen[c] += weight * left;
-#endif
-      }
-#if TFM_SHARED
-      add_light(media, light, sum, sums);
-#endif
-    }
-    for (int c = 0; c < TFM_CHANNELS; ++c)
-      depth[c] = least(depth[c] + taken[c], floats(TFM_MAX_OPTICAL_DEPTH));
-  }
-  sums->samples += steps * LIGHTS_OF_MARCH(lights);
-#if !TFM_SHARED
-  add_light(media, light, sum, sums);
-#endif
+  const Floats stretch = greatest(steps.warp.begin / steps.warp.end, steps.warp.end / steps.warp.begin);
+  steps.densest = 0.0f;
   for (int c = 0; c < TFM_CHANNELS; ++c) {
-    const Floats met = depth[c] - before[c];
-    sums->seen_opacity += ((float)lights->count / TFM_CHANNELS) *
-                          (active ? transmittance_of(before[c]) * opacity_of(met) : floats(0.0f));
-#if TFM_CHANNELS == 1
-    if (thin)
-      state->through[c] *= transmittance_of(met);
-#endif
+    float all = 0.0f;
+    for (int i = 0; i < TFM_BODIES; ++i)
+      all += body_extinction(media, scene->bodies, i, c);
+    steps.densest = all > steps.densest ? all : steps.densest;
   }
-#if ALONE
-  (void)on_ray;
-  (void)step_begin;
-#endif
+  steps.thin = greatest_float(active ? stretch * steps.length * steps.densest - THIN_STEP * TO_FLOATS(steps.steps)
+                                     : floats(-1.0f)) <= 0.0f;
+  for (int i = 0; i < lights->count; ++i) {
+    LIGHT light = lights->of + lights->numbers[i];
+    Floats sum[TFM_CHANNELS];
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      sum[c] = floats(0.0f);
+    scatter_light_in_bodies(scene, lights, light, ray, on_ray, &steps, depth, sums, sum);
+    add_light(media, light, sum, sums);
+  }
+  sums->samples += steps.steps * lights->count;
+  const Amounts all = amounts_in_bodies(scene, on_ray, &steps, floats(0.0f), floats(1.0f));
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    const Floats met = extinguished(media, &all, c);
+    sums->seen_opacity += ((float)lights->count / TFM_CHANNELS) *
+                          (active ? transmittance_of(depth[c]) * opacity_of(met) : floats(0.0f));
+    depth[c] = least(depth[c] + met, floats(TFM_MAX_OPTICAL_DEPTH));
+    state->through[c] *= transmittance_of(met);
+  }
 }
 #endif
 

@@ -16,8 +16,9 @@ from tfm_cl.files.volume_io import open_grids
 
 DATA = Path(__file__).resolve().parents[1] / "files" / "volume_io" / "data"
 
-DEVICE_BYTES = 11 * 4 * 1332 + 4 * (6 * 4 * 4)
-"""Of `blobs`: ten of 3 × 2 × 2 blocks and the empty record, each of 11³ + 1 voxels, and 6 × 4 × 4 bricks."""
+DEVICE_BYTES = 11 * (4 * 1332 + 48) + 4 * (6 * 4 * 4)
+"""Of `blobs`: ten of 3 × 2 × 2 blocks and the empty record, each of 11³ + 1 voxels and 12 numbers of
+its place, and 6 × 4 × 4 bricks."""
 
 KEYS = [
     *("name", "class", "values", "dims", "voxel_size", "bounds", "min", "max", "mean"),

@@ -241,7 +241,7 @@ def test_exposure_is_stops_and_png_only(render, cloud):
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_json_report(render, cloud, folder, method, device_name):
-    done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method, "--coeffs", "6")
+    done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method)
     assert done.out == ""
     report = json.loads((folder / "report.json").read_text())
     assert set(report) == {"options", "plan", "device", "seconds", "samples", "map_bytes", "error_estimate"}
@@ -260,7 +260,7 @@ def test_json_report(render, cloud, folder, method, device_name):
     assert all(set(decision) == {"value", "why"} for decision in report["plan"].values())
     assert all(decision["why"] and decision["value"] is not None for decision in report["plan"].values())
     assert report["plan"].get("map.basis", {}).get("value") == (None if dual else "klt")
-    assert report["map_bytes"] == (0 if dual else 16 * 16 * 6 * 4)
+    assert report["map_bytes"] == (0 if dual else 16 * 16 * 8 * 4)
     assert (report["seconds"]["light_pass"] == 0) is dual
     assert (report["samples"]["light_pass"] == 0) is dual
     assert report["samples"]["light_pass"] <= 16 * 16 * 8

@@ -18,6 +18,7 @@ from tfm_cl.device import device as devices
 from tfm_cl.device import kernel_cache, program, scratch
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.kernel_cache import KEPT_DAYS, MOST_BYTES, KernelCache, Store, store_folder
+from tfm_cl.device.launch import lanes_of
 from tfm_cl.device.scratch import Scratch, make_scratch
 from tfm_cl.errors import DeviceError, KernelBuildError
 
@@ -408,6 +409,20 @@ def test_only_the_newest_of_a_program_is_kept(tmp_path, store, cache):
     (path,) = (tmp_path / "store").iterdir()
     (kept,) = zipfile.ZipFile(io.BytesIO(path.read_bytes()[32:])).namelist()
     assert kept == "CD/other/program.bc"
+
+
+def test_the_lanes_are_asked_of_the_compiler_once(launcher, cache, store, tmp_path, monkeypatch):
+    if "Portable Computing" not in launcher.device.platform.name:
+        pytest.skip("the driver has a cache of its own")
+    built, build = [], program.build
+    monkeypatch.setattr(program, "build", lambda *given: built.append(given) or build(*given))
+    monkeypatch.setattr(program, "kernel_cache", lambda: cache)
+    assert lanes_of(launcher.context) == launcher.lanes_possible
+    (tmp_path / "next").mkdir()
+    following = KernelCache(Scratch(tmp_path / "next"), store)
+    monkeypatch.setattr(program, "kernel_cache", lambda: following)
+    assert lanes_of(launcher.context) == launcher.lanes_possible
+    assert len(built) == 1
 
 
 def test_a_program_that_fails_to_build_is_not_kept(tmp_path, cache):

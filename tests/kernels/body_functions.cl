@@ -33,14 +33,24 @@ __kernel void call_add_bodies(BODY bodies, __global const float *given, __global
 }
 
 /* [count, 7]: ray to a point at parameter 1, and its length, to [count, TFM_BODIES]. */
-__kernel void call_ways_to_light(BODY bodies, __global const float *given, __global float *found, int inside,
-                                 int count)
+__kernel void call_ways_to_light(BODY bodies, __global const float *given, __global float *found, int from_inside,
+                                 int to_inside, int count)
 {
   GUARD;
   Floats ways[TFM_BODIES];
-  ways_to_light(bodies, load_ray(given, 7, count), load(given, 7, 6, count), inside, ways);
+  ways_to_light(bodies, load_ray(given, 7, count), load(given, 7, 6, count), from_inside, to_inside, ways);
   for (int i = 0; i < TFM_BODIES; ++i)
     store(found, TFM_BODIES, i, count, ways[i]);
+}
+
+/* [count, 12]: rays of light to two points, to [count]. */
+__kernel void call_is_smooth(BODY bodies, __global const float *given, __global float *found, float ratio, int count)
+{
+  GUARD;
+  const Ray first = {load3(given, 12, 0, count), load3(given, 12, 3, count)};
+  const Ray last = {load3(given, 12, 6, count), load3(given, 12, 9, count)};
+  const Ints smooth = TFM_BODY_IS_SMOOTH(bodies, first, last, ratio);
+  store(found, 1, 0, count, smooth ? floats(1.0f) : floats(0.0f));
 }
 
 /* [count, 2]: optical depth and length, to [count]. */

@@ -1,4 +1,5 @@
-/* Test-only kernels around fast_math.h and sampling.h. */
+/* Test-only kernels around fast_math.h, sampling.h and quadrature.h. */
+#include "core/quadrature.h"
 #include "core/sampling.h"
 #include "items.h"
 
@@ -51,4 +52,18 @@ __kernel void call_warped_step_of_lanes(__global const float *given, __global fl
     store(found, 2 * most, 2 * n, count, step.middle);
     store(found, 2 * most, 2 * n + 1, count, step.length);
   }
+}
+
+/* [count] numbers of nodes to [count, 2]: places and weights of both rules. */
+__kernel void call_gauss_rules(__global const float *given, __global float *found, int count)
+{
+  GUARD;
+  FloatArray places, weights;
+  const IntArray numbers = {TO_INTS(load(given, 1, 0, count))};
+  for (int lane = 0; lane < TFM_LANES; ++lane) {
+    places.lane[lane] = gauss_nodes[numbers.lane[lane]];
+    weights.lane[lane] = gauss_weights[numbers.lane[lane]];
+  }
+  store(found, 2, 0, count, places.lanes);
+  store(found, 2, 1, count, weights.lanes);
 }

@@ -140,7 +140,11 @@ def test_how_far_light_travels_through_bodies(launcher, rng, bodies, inside):
     distance = np.linalg.norm(directions, axis=1).astype(np.float32)
 
     found = calls(
-        "call_ways_to_light", given(calls, origins, directions, distance), len(bodies), inside=inside
+        "call_ways_to_light",
+        given(calls, origins, directions, distance),
+        len(bodies),
+        from_inside=inside,
+        to_inside=inside,
     )
 
     largest = 0.0
@@ -152,6 +156,62 @@ def test_how_far_light_travels_through_bodies(launcher, rng, bodies, inside):
         assert error.max() < GRAZING * max(expected.max(), 1)
         largest = max(largest, expected.max())
     assert largest > 1
+
+
+@pytest.mark.parametrize("body", [BOX, BALL, FOG], ids=["box", "sphere", "everywhere"])
+def test_how_far_light_travels_to_a_point_that_is_known_to_be_inside(launcher, rng, body):
+    calls = Bodies(launcher, [body])
+    origins, directions = rays(rng, calls.centre)
+    chosen = body.contains(origins + directions)
+    origins, directions = origins[chosen], directions[chosen]
+    distance = np.linalg.norm(directions, axis=1).astype(np.float32)
+
+    found = calls(
+        "call_ways_to_light",
+        given(calls, origins, directions, distance),
+        1,
+        from_inside=0,
+        to_inside=1,
+    )[:, 0]
+
+    low, _, _ = intervals(body, origins, directions, 0, 1)
+    assert chosen.sum() > 100
+    error = np.abs(found - distance * (1 - np.clip(low, 0, 1)))
+    assert np.quantile(error, 0.99) < 30 * PLACE
+    assert error.max() < GRAZING
+
+
+@pytest.mark.parametrize("ratio", [1.2, 1.7])
+def test_light_enters_a_box_smoothly_by_one_face(launcher, rng, ratio):
+    calls = Bodies(launcher, [BOX])
+    low, high = BOX.bounds
+    origins = rng.normal(size=(COUNT, 3)) * 2
+    ends = rng.uniform(low, high, (2, COUNT, 3))
+    ends[1] = ends[0] + 0.3 * (ends[1] - ends[0])
+    first, last = (ends - origins).astype(np.float32).astype(np.float64)
+    origins = origins.astype(np.float32).astype(np.float64)
+
+    found = calls(
+        "call_is_smooth",
+        np.column_stack([origins - calls.centre, first, origins - calls.centre, last]),
+        1,
+        ratio=ratio,
+    )[:, 0]
+
+    # Where rays to points in between cross the planes of the faces that the light is before.
+    along = np.linspace(0, 1, 33)[:, None, None]
+    ways = np.abs(first + along * (last - first))
+    faces = (np.abs(origins - (low + high) / 2) - (high - low) / 2) / ways
+    outside = faces.max(axis=2) > 0
+    enters = np.where(outside, faces.argmax(axis=2), -1)
+    smooth = found != 0
+    assert smooth.mean() > 0.3
+    assert (~smooth).mean() > 0.05
+    assert (enters == enters[:1])[:, smooth].all()
+    by = np.take_along_axis(ways, np.maximum(enters, 0)[..., None], axis=2)[..., 0]
+    changes = by.max(axis=0) / by.min(axis=0)
+    assert (changes[smooth & outside.all(axis=0)] < ratio * (1 + 10 * PLACE)).all()
+    assert smooth[~outside.any(axis=0)].all()
 
 
 def test_mean_distance_of_the_opacity(launcher):

@@ -313,3 +313,18 @@ def test_no_step_is_longer_than_max_stretch_mean_steps(call, max_stretch, depths
     assert t[-1] == 1
     assert steps.min() >= 0
     assert steps.max() <= max_stretch * 1.001
+
+
+@pytest.mark.parametrize(("first", "nodes", "points", "clearance"), [(0, 6, 32, 4), (6, 4, 8, 8)])
+def test_few_values_sum_a_smooth_function_over_equal_steps(call, first, nodes, points, clearance):
+    places, weights = call("call_gauss_rules", np.arange(first, first + nodes), 2).T
+
+    x = (np.arange(points) - (points - 1) / 2) / (points / 2)
+    few = (places - (points - 1) / 2) / (points / 2)
+    for degree in range(2 * nodes):
+        assert abs((weights * few**degree).sum() - (x**degree).sum()) < 4 * FLOAT32 * points
+    # 1 / r^5 is what a narrow phase function and an inverse square make of the distance from a light.
+    for angle in np.linspace(0, np.pi, 50):
+        for power in (1, 2, 5):
+            far = [np.abs(at - clearance * np.exp(1j * angle)) ** -power for at in (few, x)]
+            assert abs((weights * far[0]).sum() / far[1].sum() - 1) < 6 * FLOAT32

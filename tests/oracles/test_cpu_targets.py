@@ -47,6 +47,7 @@ def complaints():
     return of
 
 
+@pytest.mark.quick("aarch64-scatter_pass.cl")
 @pytest.mark.parametrize("entry", PROGRAMS)
 @pytest.mark.parametrize("target", ["aarch64"])  # its lanes are those that the device at hand seldom has
 def test_each_choice_compiles_without_a_warning(target, entry, complaints):

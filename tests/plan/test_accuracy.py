@@ -83,7 +83,7 @@ def check(renderer, scene, **options):
     return result
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     result = check(renderer, SCENES[name])
@@ -92,6 +92,7 @@ def test_the_picture_keeps_it_and_says_what_it_errs_by(renderer, name):
     assert all(type(n) is int for n in (numbers.res, numbers.steps, numbers.coeffs, result.scene.march.steps))
 
 
+@pytest.mark.slow
 def test_it_takes_what_it_needs(renderer):
     chosen = [renderer.render(scene_of(error=error)).scene for error in (0.2, 0.02, 0.005)]
     effort = [scene.map.res**2 * scene.map.coeffs for scene in chosen]

@@ -122,7 +122,7 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
-@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm", "all kinds-dual")
+@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm")
 @both_methods
 @every_mixture
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, mixture, method):
@@ -206,7 +206,7 @@ SOLIDS = (
 )
 
 
-@pytest.mark.quick("all kinds-tfm")
+@pytest.mark.quick("two boxes-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["a grid in fog", "white beside brown", "two boxes", "all kinds"])
 def test_among_solids(renderer, save_on_failure, mixture, method):
@@ -307,7 +307,7 @@ HOMOGENEOUS = {
 }
 
 
-@pytest.mark.quick("spot-two boxes", "point inside-in fog")
+@pytest.mark.quick("spot-two boxes")
 @pytest.mark.parametrize("bodies", HOMOGENEOUS)
 @pytest.mark.parametrize("light", ["spot", "point inside"])
 def test_homogeneous_bodies_against_midpoints(renderer, bodies, light):
@@ -372,7 +372,7 @@ def test_ambient_light_in_two_media_at_once(renderer):
     assert np.abs(result.image[..., :3] - limit).max() < 2 * CHORD
 
 
-@pytest.mark.quick("grid-tfm")
+@pytest.mark.quick("box-tfm")
 @both_methods
 @pytest.mark.parametrize("body", [BOX, CLOUD, COLOURED], ids=["box", "grid", "coloured grid"])
 def test_phase_functions_of_bodies_in_one_place_add_up(renderer, body, method):
@@ -642,7 +642,7 @@ FIELDS = {
 }
 
 
-@pytest.mark.quick("white beside brown")
+@pytest.mark.slow
 @pytest.mark.parametrize("mixture", FIELDS)
 def test_maps_come_light_by_light_field_by_field(renderer, mixture):
     lights = [LIGHT, PointLight(from_=(-1.5, 1.0, 1.5))]
@@ -687,7 +687,7 @@ def recoloured(number, medium):
     return scene_of(*bodies)
 
 
-@pytest.mark.quick("another albedo")
+@pytest.mark.slow
 @pytest.mark.parametrize("change", SERVED)
 def test_maps_serve_while_the_fields_stay(renderer, change):
     maps = renderer.build_maps(scene_of(*OF_MAPS))

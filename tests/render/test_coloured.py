@@ -180,6 +180,7 @@ def test_a_channel_without_extinction_is_black_and_clear(renderer):
     assert result.image[..., 0].max() > 0.01
 
 
+@pytest.mark.slow
 def test_one_crop_of_all_channels_and_what_it_cost(renderer):
     scene = coloured_scene(rainbow())
     whole = renderer.render(scene, method="dual")
@@ -221,7 +222,7 @@ def test_maps_come_light_by_light_in_three_colours(renderer):
         assert np.abs(of_map - exact).max() < 0.1
 
 
-@pytest.mark.quick("dct")
+@pytest.mark.slow
 @pytest.mark.parametrize("basis", ["auto", "dct"])
 def test_maps_serve_other_colours_of_the_medium(renderer, basis):
     scene = coloured_scene(rainbow(), lights=area_lights())

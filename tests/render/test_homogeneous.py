@@ -258,7 +258,7 @@ SOLIDS = (
 )
 
 
-@pytest.mark.quick("box")
+@pytest.mark.slow
 @every_volume
 def test_many_lights_are_the_sum_of_each(renderer, rng, volume):
     lights = random_lights(rng, 12)

@@ -121,7 +121,7 @@ def test_only_what_has_moved_is_traced_again(session, rng, rays):
     rays.clear()
     moved = [lights[0].replace(from_=(0.35, 1.6, 0.2)), *lights[1:]]
     made = session.render(scene.replace(lights=moved)).stats.made
-    assert made == {"shadow map": 1, "lit pixels": 1}
+    assert made == {"shadow map": 1, "bounds of a shadow map": 1, "lit pixels": 1}
     assert rays["nearest"] == 0
     assert rays["distances"] <= batches.SMALLEST_SHADOW**2 * 16
 

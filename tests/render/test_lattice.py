@@ -350,7 +350,7 @@ def test_a_lattice_too_large_for_the_device_is_told(device_name, renderer):
 
     assert (found.image == truth.image).all()
     (line,) = found.warnings
-    assert line.startswith("light is looked up at every sample: its lattice needs ")
+    assert line.startswith("light is looked up at every sample: a lattice needs ")
     assert line.endswith(" MiB in one buffer, more than the device allows")
     assert renderer.render(on_lattice(scene)).warnings == ()
 

@@ -9,6 +9,7 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl.errors import CancelledError
+from tfm_cl.plan import maps
 
 SPOT = tfm.SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=24, intensity=3)
 POINT = tfm.PointLight(from_=(2, 2, 2))
@@ -56,7 +57,15 @@ CHANGES = {
     "a solid's place": (
         BESIDE_BALL,
         BESIDE_BALL.replace(solids=[BALL.replace(radius=0.4)]),
-        {"G-buffer": 1, "shadow map": 2, "lit pixels": 2, "clip": 4, "probe": 2, "map": 2},
+        {
+            "G-buffer": 1,
+            "shadow map": 2,
+            "bounds of a shadow map": 2,
+            "lit pixels": 2,
+            "clip": 4,
+            "probe": 2,
+            "map": 2,
+        },
     ),
     "camera before a solid": (
         BESIDE_BALL,
@@ -113,6 +122,18 @@ def test_a_picture_stays_what_it_was_while_the_next_are_rendered(session):
 
 def test_the_first_frame_makes_everything(session):
     assert session.render(SCENE).stats.made == {"bricks": 1, "probe": 2, "map": 2}
+
+
+def test_functions_that_a_basis_learns_are_learnt_once(session, monkeypatch):
+    learnt, functions_of = [], maps.functions_of
+    monkeypatch.setattr(maps, "functions_of", lambda *of: learnt.append(of) or functions_of(*of))
+    scene = SCENE.replace(map=SCENE.map.replace(basis="klt"), lights=[SPOT])
+    assert session.render(scene).stats.made == {"bricks": 1, "probe": 1, "functions": 1, "map": 1}
+    assert len(learnt) == 1
+    session.render(scene.replace(camera=SCENE.camera.replace(fov=30.0)))
+    assert len(learnt) == 1
+    again = session.render(scene.replace(lights=[SPOT.replace(cone=30)]))
+    assert again.stats.made == {"probe": 1, "functions": 1, "map": 1}
 
 
 @pytest.mark.slow

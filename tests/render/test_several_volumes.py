@@ -46,7 +46,7 @@ def joined_scene(volumes, **changes):
     return make_scene(volume=list(volumes), **changes)
 
 
-@pytest.mark.quick("overlapping-tfm", "five-tfm")
+@pytest.mark.quick("overlapping-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, volumes, method):
@@ -124,7 +124,7 @@ def test_smaller_voxels(renderer, count, voxels):
     assert 0 < np.abs(image - exact).max() < ROUNDED[voxels] * max(1.0, exact.max())
 
 
-@pytest.mark.quick("overlapping-tfm", "five-dual")
+@pytest.mark.quick("overlapping-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("volumes", SETS)
 def test_skipping_leaves_no_trace(renderer, volumes, method):
@@ -137,6 +137,7 @@ def test_skipping_leaves_no_trace(renderer, volumes, method):
     assert skipping.stats.samples["view_pass"] < everything.stats.samples["view_pass"]
 
 
+@pytest.mark.slow
 def test_far_ones_are_seen(renderer):
     alone = renderer.render(joined_scene([one(FIRST)])).image
     both = renderer.render(joined_scene(SETS["a gap between"], lights=[LIGHT.replace(cone=60)])).image

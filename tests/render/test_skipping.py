@@ -156,9 +156,7 @@ def test_skipping_does_not_show(renderer, gappy, sampling, method):
     assert skipped.stats.samples["view_pass"] < every.stats.samples["view_pass"]
 
 
-@pytest.mark.quick(
-    "7-camera inside-tfm", "300-light inside-dual", "300-three lights-tfm", "300-a wide lens close by-tfm"
-)
+@pytest.mark.quick("7-camera inside-tfm", "300-light inside-dual", "300-a wide lens close by-tfm")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("steps", [7, 300])

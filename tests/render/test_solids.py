@@ -94,7 +94,7 @@ def check_equal(renderer, save_on_failure, scene, method):
     assert difference.max(initial=0) < 10 * MAP_PASS
 
 
-@pytest.mark.quick("several-spot-tfm", "several-sun-dual", "mesh inside-point-tfm")
+@pytest.mark.quick("several-spot-tfm", "several-sun-dual", "mesh inside-spot-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(("solids", "light"), CASES)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solids, light, method):
@@ -586,7 +586,7 @@ def test_the_sky_does_not_shine_through_the_ground(renderer):
     assert image[..., :3].mean() == pytest.approx(exact[..., :3].mean(), rel=1e-3)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.quick("dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_large_ground_costs_no_digits(renderer, method):
     sun = SunLight(from_=(1, 1, 0.3), to=(0, 0, 0), **BRIGHT)

@@ -1,6 +1,9 @@
 """The command line ``tfm``: parse, call the library, print. One module a command."""
 
+import atexit
+import gc
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +16,9 @@ from tfm_cl.interrupts import interrupts_held
 
 COMMANDS = ("render", "info", "compare", "sweep", "devices")
 """Modules of this package, each with a click command called ``command``; imported when used."""
+
+COLLECTED_AFTER = 50_000, 10, 10
+"""`gc.set_threshold`: objects made before the youngest are looked at, and how often the older ones are."""
 
 EXIT_WRONG_USE = 2
 EXIT_RESOURCE = 3
@@ -69,6 +75,22 @@ def tfm() -> None:
     Exit codes: 0 good, 1 `compare --fail-under` missed, 2 wrong use or bad input, 3 device or resource
     failure, 130 interrupted.
     """
+
+
+def program() -> int:
+    """Be the program ``tfm``: `main`, in a process that is its own and may be set up for it.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    # Our matrices are small, and OpenBLAS's other threads wait for them on the cores that the device uses.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What libraries make while they are imported stays to the end: looking for garbage in it takes time.
+    gc.set_threshold(*COLLECTED_AFTER)
+    atexit.register(gc.freeze)
+    return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -405,7 +405,7 @@ def _fill(
     kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), bricks.defines | ANY_GRID)
     leaf_arguments = _leaf_arguments(launcher, slab)
     in_pools, within = np.divmod(numbers, bricks.pool_size)
-    for pool in np.unique(in_pools).tolist():
+    for pool in np.flatnonzero(np.bincount(in_pools)).tolist():
         here = in_pools == pool
         blocks = np.zeros((int(np.count_nonzero(here)), 4), np.int32)
         blocks[:, :3], blocks[:, 3] = places[here], within[here]

@@ -136,8 +136,17 @@ class KernelCache:
 
     def program(self, *key: str) -> "KeptProgram":
         """Return the program identified by these texts."""
-        name = hashlib.sha256("\0".join(key).encode()).hexdigest()
+        name = _name(key)
         return self._programs.setdefault(name, KeptProgram(self, name))
+
+    def answer(self, *key: str) -> str | None:
+        """Return the line that was kept under these texts, or None."""
+        kept = self._store.read(_name(key, "answer"))
+        return None if kept is None else kept.decode()
+
+    def keep_answer(self, line: str, *key: str) -> None:
+        """Keep what a program told, instead of the program."""
+        self._store.write(_name(key, "answer"), line.encode())
 
     def take_notes(self) -> tuple[str, ...]:
         """Return notes for the user, each once."""
@@ -229,6 +238,10 @@ class KeptProgram:
     def _compiled(folders: set[Path]) -> set[Path]:
         """Return folders: the program's, and one for each work-group size for which a kernel was compiled."""
         return folders | {path for folder in folders for path in folder.glob("*/*")}
+
+
+def _name(key: tuple[str, ...], kind: str = "program") -> str:
+    return hashlib.sha256("\0".join((kind, *key)).encode()).hexdigest()
 
 
 @functools.cache

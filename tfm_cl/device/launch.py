@@ -1,5 +1,6 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
-from tfm_cl.device.program import Kernel, KernelLibrary, build
+from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -37,6 +38,9 @@ TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
 """Lanes a work-item -> texels or pixels (x, y) of its tile, as in ``kernels/core/lanes.h``."""
 
 
+LEAST_BYTES = 16
+"""Of a device buffer, so that none is empty."""
+
 LANES_PROBE = """
 #if defined(__AVX512F__)
 __kernel void lanes_16(void) {}
@@ -60,10 +64,7 @@ def lanes_of(context: cl.Context) -> tuple[int, ...]:
     (device,) = context.devices
     if not device.type & cl.device_type.CPU:
         return (*sorted(TILE, reverse=True),)
-    program, kept = build(context, LANES_PROBE, ("-cl-std=CL1.2",))
-    (name,) = program.kernel_names.split(";")
-    if kept is not None:
-        kept.keep()
+    name = kernel_name(context, LANES_PROBE, ("-cl-std=CL1.2",))
     return tuple(lanes for lanes in TILE if lanes <= int(name.removeprefix("lanes_")))
 
 
@@ -232,6 +233,15 @@ class Launcher:
         DeviceMemoryError
             When it exceeds the device's largest allocation, or allocation fails: with both numbers.
         """
+        with self._allocating(what, nbytes):
+            if reuse:
+                pooled: cl.Buffer = self._pool.allocate(max(nbytes, LEAST_BYTES))  # type: ignore[assignment]
+                return pooled
+            return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, LEAST_BYTES))
+
+    @contextlib.contextmanager
+    def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
+        """Say what was allocated in here if the device refuses."""
         limit = self.largest_buffer
         if nbytes > limit:
             raise DeviceMemoryError(
@@ -239,10 +249,7 @@ class Launcher:
                 f"{self.device.name.strip()} allows {limit / 2**20:,.0f} MiB"
             )
         try:
-            if reuse:
-                pooled: cl.Buffer = self._pool.allocate(max(nbytes, 16))  # type: ignore[assignment]
-                return pooled
-            return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+            yield
         except cl.Error as error:
             raise DeviceMemoryError(
                 f"{what}: {self.device.name.strip()} could not allocate {nbytes / 2**20:,.0f} MiB "
@@ -262,7 +269,7 @@ class Launcher:
             return Output(self.empty(what, nbytes, reuse=True), shape, dtype, None)
         if nbytes > self.largest_buffer:
             self.empty(what, nbytes)  # says so
-        memory = self._host_memory.take(max(nbytes, 16))
+        memory = self._host_memory.take(max(nbytes, LEAST_BYTES))
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
 
@@ -278,7 +285,7 @@ class Launcher:
 
     def clear(self, buffer: cl.Buffer, nbytes: int) -> None:
         """Fill a buffer with zeros."""
-        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, 16))
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, LEAST_BYTES))
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""
@@ -290,9 +297,13 @@ class Launcher:
 
     def upload(self, what: str, array: NDArray[Any]) -> cl.Buffer:
         """Copy an array to the device."""
-        buffer = self.empty(what, array.nbytes)
-        self.write(buffer, array)
-        return buffer
+        content = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+        if content.size < LEAST_BYTES:
+            content = np.concatenate([content, np.zeros(LEAST_BYTES - content.size, np.uint8)])
+        # Filled as it is made: a command for it would have to wake the threads of a CPU's driver.
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+        with self._allocating(what, content.nbytes):
+            return cl.Buffer(self.context, flags, hostbuf=content)
 
     def write(self, buffer: cl.Buffer, array: NDArray[Any]) -> None:
         """Copy an array into a buffer of its size."""

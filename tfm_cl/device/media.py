@@ -25,6 +25,14 @@ if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
 
+BODY_FUNCTIONS = {
+    "clip": "(body, ray, interval)",
+    "entry": "(body, ray)",
+    "is_smooth": "(body, first, last, ratio)",
+}
+"""What the header of each kind of body of constant density has."""
+
+
 @dataclass(frozen=True)
 class MediaOnDevice:
     """All bodies of a scene, as camera rays meet them."""
@@ -96,13 +104,16 @@ def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) 
                 "(medium)->phase_kind",
                 ((numbers.index(phase), f"{PurePath(phase.HEADER).stem}(medium, mu)") for phase in phases),
             ),
-            "TFM_BODY_CLIP(body, ray, interval)": _choice(
-                "(body)->kind",
-                (
-                    (kind.KIND, f"{PurePath(kind.HEADER).stem}_body_clip(body, ray, interval)")
-                    for kind in kinds
-                ),
-            ),
+            **{
+                f"TFM_BODY_{function.upper()}{arguments}": _choice(
+                    "(body)->kind",
+                    (
+                        (kind.KIND, f"{PurePath(kind.HEADER).stem}_body_{function}{arguments}")
+                        for kind in kinds
+                    ),
+                )
+                for function, arguments in BODY_FUNCTIONS.items()
+            },
         },
         arguments={
             "media": launcher.upload("the media", medium_structs(media)),

@@ -6,6 +6,7 @@ processes. For drivers without a cache of their own pyopencl keeps binaries.
 """
 
 import contextlib
+import functools
 import hashlib
 import importlib.util
 import os
@@ -20,7 +21,7 @@ import numpy as np
 import pyopencl as cl
 from pyopencl import cltypes
 
-from tfm_cl.device.kernel_cache import POCL, KeptProgram, kernel_cache
+from tfm_cl.device.kernel_cache import POCL, KeptProgram, KernelCache, kernel_cache
 from tfm_cl.device.structs import c_text
 from tfm_cl.errors import KernelBuildError
 from tfm_cl.interrupts import interrupts_ours
@@ -56,14 +57,36 @@ def fingerprint(folder: Path) -> str:
     return digest.hexdigest()
 
 
+def kernel_name(context: cl.Context, text: str, options: tuple[str, ...]) -> str:
+    """Return the name of a program's only kernel: it is kept where programs are, and saves building that."""
+    (device,) = context.devices
+    cache, key = _cache_of(device), (text, *options, *_versions(device))
+    known = cache.answer(*key) if cache else None
+    if known is None:
+        program, _ = build(context, text, options)
+        known = program.kernel_names
+        if cache:
+            cache.keep_answer(known, *key)
+    return known
+
+
+def _cache_of(device: cl.Device) -> KernelCache | None:
+    """Return where its programs are kept, if the driver leaves that to us."""
+    return kernel_cache() if os.name == "posix" and POCL in device.platform.name else None
+
+
+def _versions(device: cl.Device) -> tuple[str, ...]:
+    """Return what a compiled program is good for; PoCL's version of a device names the processor."""
+    return device.name, device.version, device.driver_version, device.platform.version
+
+
 def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.Program, KeptProgram | None]:
     """Build a program; returns it, and what keeps it where the driver leaves that to us."""
     (device,) = context.devices
     kept = None
-    if os.name == "posix" and POCL in device.platform.name:
+    if cache := _cache_of(device):
         _check_linker(device.platform.version)
-        versions = device.name, device.driver_version, device.platform.version
-        kept = kernel_cache().program(text, *options, *versions)
+        kept = cache.program(text, *options, *_versions(device))
     keeping = kept.building() if kept else contextlib.nullcontext()
     with warnings.catch_warnings(), keeping, interrupts_ours():
         # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
@@ -198,6 +221,11 @@ class KernelLibrary:
         self._build_seconds = 0.0
         self._clock = _LaunchClock()
 
+    @functools.cached_property
+    def _fingerprint(self) -> str:
+        """Of the sources as this library first saw them."""
+        return fingerprint(kernels_dir())
+
     @property
     def seconds(self) -> float:
         """Time spent compiling so far: building programs, and what drivers put off until a launch."""
@@ -241,10 +269,9 @@ class KernelLibrary:
             kernel.keep()
 
     def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:
-        folder = kernels_dir()
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
-        text += f"/* kernels: {fingerprint(folder)} */\n"
+        text += f"/* kernels: {self._fingerprint} */\n"
         try:
-            return build(self._context, text, (*self._options, "-I", str(folder)))
+            return build(self._context, text, (*self._options, "-I", str(kernels_dir())))
         except cl.Error as error:
             raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error

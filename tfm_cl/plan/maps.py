@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -93,47 +94,76 @@ class Planner:
                 lambda probe: probe.nbytes,
             )
 
-        coarse = [
-            probed(light, of_light, PROBE_RES, float("inf"), settings.steps) for light, of_light in lights
-        ]
-        deepest = max((float(probe.optical_depth.max()) for probe in coarse), default=0.0)
+        has_ranges = settings.range != "box"
+        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        fine = field_res(settings.res), cut, max(settings.steps, RANGE_STEPS)
+        # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
+        first = (
+            fine if has_ranges and settings.target != "transmittance" else (PROBE_RES, np.inf, settings.steps)
+        )
+        probes = [probed(light, of_light, *first) for light, of_light in lights]
+        deepest = max((float(probe.optical_depth.max()) for probe in probes), default=0.0)
         alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
         settings = settings.replace(density_weighting=alpha)
-        probe_steps = max(settings.steps, RANGE_STEPS)
-        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
+        if has_ranges and first != fine:
+            probes = [probed(light, of_light, *fine) for light, of_light in lights]
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
         plans = []
-        for (light, of_light), probe in zip(lights, coarse, strict=True):
-            if settings.range != "box":
-                size = field_res(settings.res)
-                probe = probed(light, of_light, size, cut, probe_steps)  # noqa: PLW2901 - the coarse one has served
-            field, seconds = _field(settings, probe), probe.seconds
-            curves: Curves | None = None
-            if BASES[settings.basis].needs_curves:
-                ranges = None if settings.range == "box" else field
-                curves, took = self._cache.get(
-                    "curves",
+        for (light, of_light), probe in zip(lights, probes, strict=True):
+            fit = partial(self._fit, settings, light, of_light, medium, probe)
+            if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
+                fitted = self._cache.get(
+                    "functions",
                     (key, light.map_key(), shadow_res, settings, cut, extinction),
-                    partial(self._probe.curves, light, of_light, medium, probe, ranges, extinction),
-                    lambda found: found[0].optical_depth.nbytes,
+                    fit,
+                    lambda made: made.nbytes,
                 )
-                seconds += took
+            else:
+                fitted = fit()
             plans.append(
                 Planned(
                     settings=settings,
-                    field=field,
-                    functions=functions_of(settings, curves),
+                    field=fitted.field,
+                    functions=fitted.functions,
                     number_unit=unit,
                     density_weighting=alpha,
                     extinction=extinction,
                     clip=clip(light, settings.res),
                     deepest=deepest,
-                    seconds=seconds,
+                    seconds=fitted.seconds,
                 )
             )
         return plans
+
+    def _fit(
+        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
+    ) -> Fitted:
+        """Find the ranges of a map, and make the functions of its basis."""
+        field, curves, seconds = _field(settings, probe), None, probe.seconds
+        if BASES[settings.basis].needs_curves:
+            ranges = None if settings.range == "box" else field
+            curves, took = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+            seconds += took
+        return Fitted(field, functions_of(settings, curves), seconds)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What of a map's plan follows from the light's rays."""
+
+    field: np.ndarray
+    """Ranges of the rays, as in `Planned`."""
+    functions: Functions | None
+    """Of the basis."""
+    seconds: float
+    """Device time of the probes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        return self.field.nbytes + (0 if self.functions is None else self.functions.modes.nbytes)
 
 
 def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:

@@ -20,6 +20,7 @@ from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
 from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.shadow_pyramid import bounds_res, bounds_size, shadow_bounds
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ TEXELS_PER_PIXEL = 2
 UNSHADOWED = np.full(1, np.inf, np.float32)
 """The shadow map, of one texel, of lights that no solid keeps from what is seen. It has no neighbours; what
 follows is read and weighs nothing."""
+UNSHADOWED_BOUNDS = shadow_bounds(UNSHADOWED.reshape(1, 1, 1)).ravel()
 SINGLE_NUMBER = {
     "target": "optical-depth",
     "fit": "l2",
@@ -71,9 +73,8 @@ class LightVariant:
     @classmethod
     def of(cls, light: Light, scene: Scene) -> LightVariant:
         """Return the one of a light."""
-        is_textured = light.texture_image() is not None
         shares = light.is_unbounded and (light.has_even_depth or scene.march.sampling == "world")
-        return cls(light.headers, tuple(light_defines(light).items()), is_textured, shares)
+        return cls(light.headers, tuple(light_defines(light).items()), light.is_textured, shares)
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,8 @@ class Batches:
         if settings is not None:
             self._costs = self._costs + media.fields.count * map_bytes(settings)
         if gbuffer is not None:
-            self._costs = self._costs + np.where(self._is_shadowed, 4 * sizes**2, 0) + self._areas
+            of_shadows = 4 * (sizes**2 + bounds_size(sizes))
+            self._costs = self._costs + np.where(self._is_shadowed, of_shadows, 0) + self._areas
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
@@ -325,17 +327,28 @@ class Batches:
         return np.concatenate(parts)
 
     def _shadows(self, batch: list[int]) -> NDArray[np.float32]:
-        """Put the shadow maps of a batch one after the other, and before them that of all other lights."""
+        """Put the shadow maps of a batch one after the other, and then their bounds.
+
+        Before them come those of all other lights.
+        """
         self._structs["shadow_res"][batch] = 1
         cast = [index for index in batch if self._is_shadowed[index]]
         sizes = self._sizes[cast]
-        ends = (sizes**2).cumsum()
+        ends, bounds_ends = 1 + (sizes**2).cumsum(), bounds_size(sizes).cumsum()
+        first_bounds = 2 + int((sizes**2).sum())
         self._structs["shadow_res"][cast] = sizes
-        self._structs["first_shadow"][cast] = 1 + ends - sizes**2
-        maps = self._visibility.shadow_maps(
-            self._scene, [self._scene.lights[index] for index in cast], sizes.tolist()
+        self._structs["first_shadow"][cast] = ends - sizes**2
+        self._structs["shadow_bounds_res"][batch] = bounds_res(1)
+        self._structs["shadow_bounds_res"][cast] = bounds_res(sizes)
+        self._structs["first_shadow_bounds"][batch] = first_bounds
+        self._structs["first_shadow_bounds"][cast] = (
+            first_bounds + len(UNSHADOWED_BOUNDS) + bounds_ends - bounds_size(sizes)
         )
-        return np.concatenate([UNSHADOWED, *(distances.ravel() for distances in maps), UNSHADOWED])
+        lights = [self._scene.lights[index] for index in cast]
+        maps = self._visibility.shadow_maps(self._scene, lights, sizes.tolist())
+        bounds = self._visibility.shadow_bounds(self._scene, lights, maps)
+        distances = [UNSHADOWED, *(one.ravel() for one in maps), UNSHADOWED]
+        return np.concatenate([*distances, UNSHADOWED_BOUNDS, *bounds])
 
     def _lit(self, batch: list[int]) -> NDArray[np.uint8]:
         """Find which pixels show a solid that the batch's lights see; nothing without solids."""

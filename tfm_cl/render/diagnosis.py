@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.files.image_io.png import linear_from_srgb
+from tfm_cl.files.srgb import linear_from_srgb
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.render.culling import bounds_of_lights, box_on_screen
 from tfm_cl.scene.bodies.base import around
@@ -474,9 +474,7 @@ class _Finder:
         )
 
     def _too_faint(self) -> str:
-        textured = [
-            number for number, light in enumerate(self._scene.lights, 1) if light.texture_image() is not None
-        ]
+        textured = [number for number, light in enumerate(self._scene.lights, 1) if light.is_textured]
         if textured:
             return f"the texture of light {textured[0]} is black where the camera sees it fall on the medium"
         return (

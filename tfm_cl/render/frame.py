@@ -202,9 +202,7 @@ class Frame:
         if lattice.fits:
             return lattice
         needs = f"{lattice.nbytes / 2**20:,.0f} MiB in one buffer"
-        message = (
-            f"light is looked up at every sample: its lattice needs {needs}, more than the device allows"
-        )
+        message = f"light is looked up at every sample: a lattice needs {needs}, more than the device allows"
         work.warnings[message] = None
         return None
 

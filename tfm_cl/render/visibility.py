@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tfm_cl.render.gbuffer import trace_gbuffer
 from tfm_cl.render.lit_pixels import lit_pixels
 from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.shadow_pyramid import shadow_bounds
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.lights.base import texel_positions
 
@@ -129,6 +130,22 @@ class Visibility:
             return None
         key = scene.solids, scene.camera, crop, regions.key, touched.tobytes()
         return self._keep("lit pixels", key, lambda: lit_pixels(tracer, gbuffer, regions, touched))
+
+    def shadow_bounds(
+        self, scene: Scene, lights: Sequence[Light], maps: Sequence[NDArray[np.float32]]
+    ) -> list[NDArray[np.float32]]:
+        """Bound lights' shadow maps (`tfm_cl.render.shadow_pyramid`), [bounds_size] each."""
+
+        def make(places: list[int]) -> list[NDArray[np.float32]]:
+            found: dict[int, NDArray[np.float32]] = {}
+            with self.timed():
+                for size in {len(maps[i]) for i in places}:
+                    alike = [i for i in places if len(maps[i]) == size]
+                    found |= dict(zip(alike, shadow_bounds(np.stack([maps[i] for i in alike])), strict=True))
+            return [found[i] for i in places]
+
+        keys = [(scene.solids, light.map_key(), len(one)) for light, one in zip(lights, maps, strict=True)]
+        return self._cache.get_many("bounds of a shadow map", keys, make, lambda bounds: bounds.nbytes)
 
     @contextmanager
     def timed(self) -> Iterator[None]:

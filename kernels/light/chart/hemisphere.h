@@ -24,4 +24,10 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * ((p.x - p.y) * shrink);
 }
 
+/* Within a face. */
+TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
+{
+  return (a.z > rounding) & (b.z > rounding) & same_side(a.x, b.x, rounding) & same_side(a.y, b.y, rounding);
+}
+
 #endif

@@ -49,4 +49,10 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * y;
 }
 
+/* Within a face. */
+TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
+{
+  return same_side(a.x, b.x, rounding) & same_side(a.y, b.y, rounding) & same_side(a.z, b.z, rounding);
+}
+
 #endif

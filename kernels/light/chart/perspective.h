@@ -20,4 +20,11 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * (p.y * away);
 }
 
+/* Less than 76 degrees off the axis. */
+TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
+{
+  const Floats square_a = dot3(a, a), square_b = dot3(b, b);
+  return (a.z > rounding) & (b.z > rounding) & (16.0f * a.z * a.z >= square_a) & (16.0f * b.z * b.z >= square_b);
+}
+
 #endif

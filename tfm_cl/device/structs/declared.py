@@ -88,6 +88,8 @@ LIGHT = Struct(
         Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
         Field("int", "shadow_res", 1, "texels along each side of the shadow map"),
         Field("int", "first_shadow", 1, "where it begins in its buffer"),
+        Field("int", "shadow_bounds_res", 1, "entries along each side of the finest bounds of that"),
+        Field("int", "first_shadow_bounds", 1, "where these begin, in the same buffer"),
         Field("int", "texture_size", 2, "columns and rows of the light's texture"),
         Field("int", "first_texel", 1, "where it begins in its buffer"),
     ),

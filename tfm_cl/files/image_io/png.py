@@ -17,6 +17,7 @@ from PIL.PngImagePlugin import PngInfo
 from tfm_cl.errors import ImageError
 from tfm_cl.files.image_io import MAX_PIXELS, WriteOptions
 from tfm_cl.files.image_io.image import Image, Picture, check_finite
+from tfm_cl.files.srgb import linear_from_srgb, srgb_from_linear
 
 HOLDS_LAYERS = False
 _MAX_DEFLATE_RATIO = 1032  # largest ratio of the deflate format
@@ -78,16 +79,6 @@ def read(path: Path) -> Picture:
             raise
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ImageError(f"{path}: not a readable PNG ({reason})") from error
-
-
-def linear_from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert the sRGB transfer function (IEC 61966-2-1)."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)  # noqa: PLR2004
-
-
-def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply the sRGB transfer function (IEC 61966-2-1) to values ≥ 0."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)  # noqa: PLR2004
 
 
 def _decode(path: Path) -> NDArray[np.float32]:

@@ -27,6 +27,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.mesh_io.gltf_limits import check_gltf
 from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO, MAX_CORNERS, MAX_FACES, Triangles, checked
 from tfm_cl.files.paths import check_readable, is_file, real_path
+from tfm_cl.files.srgb import linear_from_srgb
 
 MAX_BYTES = 1 << 30
 """Largest number of bytes of a mesh file, and of all the files it refers to together."""
@@ -201,7 +202,7 @@ class _Paint:
 
     def _of_vertices(self, colours: Any) -> NDArray[np.float32]:
         levels = np.asarray(colours)[:, :3]
-        return (levels / 255).astype(np.float32) if self._linear_vertices else linear_from_srgb(levels)
+        return (levels / 255).astype(np.float32) if self._linear_vertices else _decoded(levels)
 
     def _of_material(self, visual: TextureVisuals, vertices: int) -> NDArray[np.float32]:
         """Multiply factor, texture and vertex colour, as far as they exist."""
@@ -237,7 +238,7 @@ class _Paint:
         u, v = np.nan_to_num(np.asarray(uv, np.float64)).T % 1.0
         column = np.minimum((u * width).astype(np.int64), width - 1)
         row = np.clip(((1 - v) * height).astype(np.int64), 0, height - 1)
-        return linear_from_srgb(levels[row, column])
+        return _decoded(levels[row, column])
 
 
 def _unit(levels: NDArray[Any]) -> NDArray[np.float32]:
@@ -246,9 +247,8 @@ def _unit(levels: NDArray[Any]) -> NDArray[np.float32]:
     return (levels / largest).astype(np.float32)
 
 
-def linear_from_srgb(levels: NDArray[Any]) -> NDArray[np.float32]:
-    """Decode 8-bit sRGB levels (IEC 61966-2-1) to 0..1, linear."""
-    encoded = np.arange(256) / 255
-    table = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)  # noqa: PLR2004
+def _decoded(levels: NDArray[Any]) -> NDArray[np.float32]:
+    """Decode 8-bit sRGB levels to 0..1, linear."""
+    table = linear_from_srgb(np.arange(256) / 255)
     decoded: NDArray[np.float32] = table.astype(np.float32)[np.asarray(levels, np.uint8)]
     return decoded

@@ -163,7 +163,12 @@ class Light(Model):
     def is_smooth_in(self, bounds: Floats) -> bool:
         """Whether there is no edge, source or texture of the light in a box, [2, 3], or near it."""
         del bounds
-        return self.is_unbounded and self.texture_image() is None
+        return self.is_unbounded and not self.is_textured
+
+    @property
+    def is_textured(self) -> bool:
+        """Whether it is multiplied by a `texture_image`."""
+        return False
 
     @property
     def has_even_depth(self) -> bool:

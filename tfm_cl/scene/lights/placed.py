@@ -80,7 +80,7 @@ class PlacedLight(Light):
         """As `Light.is_smooth_in`."""
         if self.nearest(bounds) < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
             return False
-        return self.reach is None and self.texture_image() is None
+        return self.reach is None and not self.is_textured
 
     def footprint(self, distance: float) -> float:
         """As `Light.footprint`."""

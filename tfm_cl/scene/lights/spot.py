@@ -110,6 +110,11 @@ class SpotLight(PlacedLight):
         """Read the texture, and hold it for as long as the light is there."""
         _ = self._held
 
+    @property
+    def is_textured(self) -> bool:
+        """Whether it names an image."""
+        return bool(self.texture)
+
     def texture_image(self) -> NDArray[np.float32] | None:
         """As `Light.texture_image`; transparent parts of the image are dark."""
         return texture_for(self.texture, self.intensity)
