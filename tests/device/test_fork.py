@@ -39,7 +39,7 @@ with tfm.Renderer(device, build_options=('-Werror',)) as renderer:
         queue = fork.SimpleQueue()
         child = fork.Process(target=use, args=(queue, what))
         child.start()
-        print(queue.get())
+        print(queue.get(), flush=True)
         child.join()
         assert child.exitcode == 0
     assert (renderer.render(scene).image == image).all()
