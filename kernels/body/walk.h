@@ -49,12 +49,25 @@ typedef struct {
 #define MOST_STEPS 1
 #else
 #define MOST_STEPS 8
-/* A number for each step of a list. */
+/* A number for each of as many steps as a register holds, and a list at most. */
+#if TFM_LANES == 4
+#define STEPS_AT_ONCE 4
+#define STEP_NUMBERS ((int4)(0, 1, 2, 3))
+#define TO_STEP_FLOATS convert_float4
+#define TO_STEP_INTS convert_int4
+typedef float4 StepFloats;
+typedef int4 StepInts;
+#else
+#define STEPS_AT_ONCE 8
+#define STEP_NUMBERS ((int8)(0, 1, 2, 3, 4, 5, 6, 7))
+#define TO_STEP_FLOATS convert_float8
+#define TO_STEP_INTS convert_int8
 typedef float8 StepFloats;
 typedef int8 StepInts;
+#endif
 typedef union {
   StepInts all;
-  int one[MOST_STEPS];
+  int one[STEPS_AT_ONCE];
 } StepArray;
 #endif
 
@@ -186,7 +199,7 @@ TFM_INLINE int step_at(float position, int n, int most)
 }
 
 #if SHARES_WINDOWS
-/* Windows of as many steps as a list holds, from n on: what they cost for one, they cost for all. */
+/* Windows of STEPS_AT_ONCE, from n on: what they cost for one, they cost for all. */
 typedef struct {
   StepArray corner[3]; /* the lowest voxel */
   StepArray voxels[3];
@@ -195,7 +208,7 @@ typedef struct {
 
 TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
 {
-  const StepFloats s = (convert_float8(n + (StepInts)(0, 1, 2, 3, 4, 5, 6, 7)) + 0.5f) * walk->width;
+  const StepFloats s = (TO_STEP_FLOATS(n + STEP_NUMBERS) + 0.5f) * walk->width;
   StepFloats f = s, g = s;
   if (walk->warped) {
     f = s * walk->least_ratio / (s * walk->least_ratio + (1.0f - s));
@@ -210,8 +223,8 @@ TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
     StepFloats low = low_f < low_g ? low_f : low_g, high = high_f > high_g ? high_f : high_g;
     low = low > 0.0f ? low : (StepFloats)(0.0f);
     high = high > 0.0f ? high : (StepFloats)(0.0f);
-    const StepInts corner = convert_int8(low < extent->upper[axis] ? low : (StepFloats)(extent->upper[axis]));
-    const StepInts last = convert_int8(high < extent->upper[axis] ? high : (StepFloats)(extent->upper[axis]));
+    const StepInts corner = TO_STEP_INTS(low < extent->upper[axis] ? low : (StepFloats)(extent->upper[axis]));
+    const StepInts last = TO_STEP_INTS(high < extent->upper[axis] ? high : (StepFloats)(extent->upper[axis]));
     windows.corner[axis].all = corner;
     windows.voxels[axis].all = last - corner + 2;
     brick[axis] = corner >> BRICK_SHIFT;
@@ -227,7 +240,7 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
   int n = steps->next, count = 0, force = steps->forced;
   while (n < walk->most && count < MOST_STEPS) {
     const Windows windows = windows_from(walk, extent, n);
-    for (int i = 0; i < MOST_STEPS && n < walk->most && count < MOST_STEPS; ++i) {
+    for (int i = 0; i < STEPS_AT_ONCE && n < walk->most && count < MOST_STEPS; ++i) {
       const int record = extent->bricks[windows.brick.one[i]];
       if (force | (record > 0) | !walk->skip) {
         Window *window = &steps->window[count];
