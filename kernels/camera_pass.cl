@@ -3,11 +3,12 @@
 #include "view/see.h"
 
 /* solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
-   window         x0, y0, x1, y1 of the pixels of this launch
-   The others as of camera_sums_store. */
+   albedo         of that (with TFM_SHADOW only)
+   transmittance, radiance, light_seen, samples  out, as of frame_store
+   window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float4 *solid,
                           __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
-                          __global uint *samples, int4 window)
+                          __global float4 *light_seen, __global uint *samples, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   if (!any_lane(pixels.wanted))
@@ -21,6 +22,10 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene);
-  const CameraSums sums = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
-  camera_sums_store(view, media, &sums, on_ray.meets, seen.end, pixels, albedo, transmittance, radiance, samples);
+  const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
+  LightSums none = light_sums_begin();
+  none.samples = camera.samples;
+  const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
+  const Frame frame = {transmittance, radiance, light_seen, samples};
+  frame_store(&frame, view, pixels, &met, &none);
 }

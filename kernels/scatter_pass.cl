@@ -4,11 +4,9 @@
 #include "view/scatter.h"
 #include "view/see.h"
 
-/* radiance       adds single scattering, RGB; where sees_camera is not 0 to what the camera pass stores there
-   light_seen     adds the part of the light that arrives times opacity, RGB, and the opacity
-   samples        adds the densities read, and the samples taken in closed form
-   transmittance  out, as of the camera pass, with albedo, where sees_camera is not 0, of the first launch: what lies
-                  along a ray is in the cache already, and lights that share its samples need no march of its own
+/* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
+                  lies along a ray is in the cache already, and lights that share its samples need no march of their
+                  own; as of frame_add else
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
@@ -52,17 +50,15 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, 0);
   }
 #endif
+  const Frame frame = {transmittance, radiance, light_seen, samples};
   if (sees_camera) {
 #if !TFM_SHARED || TFM_BODIES
     const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
 #endif
-    camera_sums_store(view, media, &camera, on_ray.meets, seen.end, pixels, albedo, transmittance, radiance, samples);
+    sums.samples += camera.samples;
+    const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
+    frame_store(&frame, view, pixels, &met, &sums);
+  } else {
+    frame_add(&frame, view, pixels, &sums);
   }
-  if (here.count == 0)
-    return;
-  const Ints index = pixel_index(view, pixels);
-  add_float4(radiance, index, pixels.wanted, sums.colour[0], sums.colour[1], sums.colour[2], floats(0.0f));
-  add_float4(light_seen, index, pixels.wanted, sums.seen[0], sums.seen[TFM_CHANNELS == 3 ? 1 : 0],
-             sums.seen[TFM_CHANNELS == 3 ? 2 : 0], sums.seen_opacity);
-  add_counts(samples, index, pixels.wanted, sums.samples);
 }

@@ -165,6 +165,11 @@ TFM_INLINE int any_lane(Ints mask)
   return or_of_lanes(mask) != 0;
 }
 
+TFM_INLINE int all_lanes(Ints mask)
+{
+  return !any_lane(!mask);
+}
+
 /* pointer[index] in every lane. */
 #define GATHER_ONE(p, i, s) (p)[LANE(i, s)]
 TFM_INLINE Ints gather_ints(__global const int *p, Ints i)

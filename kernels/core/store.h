@@ -30,8 +30,38 @@ TFM_INLINE void store_float2(__global float2 *out, Ints index, Ints wanted, Floa
     out[index_lanes.lane[lane]] = (float2)(vx.lane[lane], vy.lane[lane]);
 }
 
+/* Of a tile whose rows are neighbours in memory: where all its lanes are wanted, a row is written at once.
+   EACH_ROW(DO): DO(first lane, part of a vector). */
+#if TFM_LANES == 4
+#define EACH_ROW(DO) DO(s0, lo) DO(s2, hi)
+#elif TFM_LANES == 8
+#define EACH_ROW(DO) DO(s0, lo) DO(s4, hi)
+#elif TFM_LANES == 16
+#define EACH_ROW(DO) DO(s0, lo.lo) DO(s4, lo.hi) DO(s8, hi.lo) DO(sc, hi.hi)
+#endif
+#if TFM_LANES == 4
+typedef float8 Float4Row __attribute__((aligned(16)));
+typedef uint2 CountRow __attribute__((aligned(4)));
+#define TO_COUNT_ROW convert_uint2
+#define FLOAT4_ROW(x, y, z, w) (float8)((x).s0, (y).s0, (z).s0, (w).s0, (x).s1, (y).s1, (z).s1, (w).s1)
+#elif TFM_LANES > 4
+typedef float16 Float4Row __attribute__((aligned(16)));
+typedef uint4 CountRow __attribute__((aligned(4)));
+#define TO_COUNT_ROW convert_uint4
+#define FLOAT4_ROW(x, y, z, w)                                                                                  \
+  (float16)((x).s0, (y).s0, (z).s0, (w).s0, (x).s1, (y).s1, (z).s1, (w).s1, (x).s2, (y).s2, (z).s2, (w).s2, \
+            (x).s3, (y).s3, (z).s3, (w).s3)
+#endif
+
 TFM_INLINE void store_float4(__global float4 *out, Ints index, Ints wanted, Floats x, Floats y, Floats z, Floats w)
 {
+#if TFM_LANES > 1
+  if (all_lanes(wanted)) {
+#define STORE_ROW(first, part) *(__global Float4Row *)(out + index.first) = FLOAT4_ROW(x.part, y.part, z.part, w.part);
+    EACH_ROW(STORE_ROW)
+    return;
+  }
+#endif
   FloatArray vx, vy, vz, vw;
   vx.lanes = x;
   vy.lanes = y;
@@ -43,6 +73,13 @@ TFM_INLINE void store_float4(__global float4 *out, Ints index, Ints wanted, Floa
 
 TFM_INLINE void add_float4(__global float4 *out, Ints index, Ints wanted, Floats x, Floats y, Floats z, Floats w)
 {
+#if TFM_LANES > 1
+  if (all_lanes(wanted)) {
+#define ADD_ROW(first, part) *(__global Float4Row *)(out + index.first) += FLOAT4_ROW(x.part, y.part, z.part, w.part);
+    EACH_ROW(ADD_ROW)
+    return;
+  }
+#endif
   FloatArray vx, vy, vz, vw;
   vx.lanes = x;
   vy.lanes = y;
@@ -52,8 +89,30 @@ TFM_INLINE void add_float4(__global float4 *out, Ints index, Ints wanted, Floats
     out[index_lanes.lane[lane]] += (float4)(vx.lane[lane], vy.lane[lane], vz.lane[lane], vw.lane[lane]);
 }
 
+TFM_INLINE void store_counts(__global uint *out, Ints index, Ints wanted, Ints counts)
+{
+#if TFM_LANES > 1
+  if (all_lanes(wanted)) {
+#define STORE_COUNTS(first, part) *(__global CountRow *)(out + index.first) = TO_COUNT_ROW(counts.part);
+    EACH_ROW(STORE_COUNTS)
+    return;
+  }
+#endif
+  IntArray v;
+  v.lanes = counts;
+  EACH_WANTED_LANE(index, wanted)
+    out[index_lanes.lane[lane]] = (uint)v.lane[lane];
+}
+
 TFM_INLINE void add_counts(__global uint *out, Ints index, Ints wanted, Ints counts)
 {
+#if TFM_LANES > 1
+  if (all_lanes(wanted)) {
+#define ADD_COUNTS(first, part) *(__global CountRow *)(out + index.first) += TO_COUNT_ROW(counts.part);
+    EACH_ROW(ADD_COUNTS)
+    return;
+  }
+#endif
   IntArray v;
   v.lanes = counts;
   EACH_WANTED_LANE(index, wanted)

@@ -3,8 +3,8 @@
 #ifndef TFM_CAMERA_SUMS_H
 #define TFM_CAMERA_SUMS_H
 
-#include "view/camera.h"
 #include "view/camera_ray.h"
+#include "view/frame.h"
 
 typedef struct {
   CameraRay ray;
@@ -57,17 +57,13 @@ TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *
 #endif
 }
 
-/* Eq. 7, the ambient light that arrives scattered or reflected, and what is left of the view.
-   end            of the rays: infinite where no solid is seen
-   transmittance  out: RGB of the whole camera ray, and the opacity-weighted mean distance (0 without a medium)
-   radiance       out: the ambient light, and the alpha: 1 - mean transmittance, and 1 on solids
-   samples        adds the densities read
-   albedo         of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
-TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Floats end, Pixels pixels,
-                                  __global const float4 *albedo, __global float4 *transmittance,
-                                  __global float4 *radiance, __global uint *samples)
+/* Eq. 7, with the ambient light that arrives scattered or reflected.
+   end     of the rays: infinite where no solid is seen
+   albedo  of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
+TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Floats end, Pixels pixels,
+                                __global const float4 *albedo)
 {
-  const Ints index = pixel_index(view, pixels);
+  Seen seen;
 #if TFM_GRIDS
   /* What the cutoff leaves of a march counts as nothing. */
   const Ints gone = meets & !is_visible(view, &sums->ray);
@@ -75,39 +71,34 @@ TFM_INLINE void camera_sums_store(VIEW view, MEDIUM media, const CameraSums *sum
   const Ints gone = ints(0);
   (void)meets;
 #endif
-  Floats through[3], colour[3];
   for (int c = 0; c < 3; ++c) {
     const Floats total = extinguished(media, &sums->total, c);
-    through[c] = transmittance_of((gone & (total > 0.0f)) ? floats(TFM_MAX_OPTICAL_DEPTH) : total);
+    seen.through[c] = transmittance_of((gone & (total > 0.0f)) ? floats(TFM_MAX_OPTICAL_DEPTH) : total);
   }
-  const Floats depth = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
-  store_float4(transmittance, index, pixels.wanted, through[0], through[1], through[2], depth);
-  add_counts(samples, index, pixels.wanted, sums->samples);
+  seen.distance = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
+  seen.alpha = 1.0f - (seen.through[0] + seen.through[1] + seen.through[2]) / 3.0f;
 #if TFM_SHADOW
-  const Floats alpha = end < INFINITY ? floats(1.0f) : 1.0f - (through[0] + through[1] + through[2]) / 3.0f;
-#else
-  const Floats alpha = 1.0f - (through[0] + through[1] + through[2]) / 3.0f;
-  (void)end;
-#endif
-#if TFM_SHADOW
+  seen.alpha = end < INFINITY ? floats(1.0f) : seen.alpha;
   Floats reflects[4];
-  load_float4(albedo, index, pixels.wanted & pixels.inside, 0.0f, reflects);
+  load_float4(albedo, pixel_index(view, pixels), pixels.wanted & pixels.inside, 0.0f, reflects);
 #else
+  (void)end;
+  (void)pixels;
   (void)albedo;
 #endif
   for (int c = 0; c < 3; ++c) {
 #if TFM_MEDIA > 1
-    colour[c] = sums->scattered[c];
+    seen.colour[c] = sums->scattered[c];
 #else
     /* The albedo is the same everywhere, so that the integral of sigma_s T along a march is this too. */
-    colour[c] = media->albedo[c] * (1.0f - through[c]);
+    seen.colour[c] = media->albedo[c] * (1.0f - seen.through[c]);
 #endif
 #if TFM_SHADOW
-    colour[c] += through[c] * reflects[c];
+    seen.colour[c] += seen.through[c] * reflects[c];
 #endif
-    colour[c] *= view->ambient[c];
+    seen.colour[c] *= view->ambient[c];
   }
-  store_float4(radiance, index, pixels.wanted, colour[0], colour[1], colour[2], alpha);
+  return seen;
 }
 
 #endif

@@ -7,6 +7,7 @@
 #define TFM_LATTICE_H
 
 #include "body/walk.h"
+#include "view/frame.h"
 
 /* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity; the mean over the lights of
    what arrives. */
@@ -94,26 +95,8 @@ TFM_INLINE LatticeValue lattice_at(__global const float *lattice, const Walk *wa
   return value;
 }
 
-/* What camera rays gather of it. */
-typedef struct {
-  Floats colour[3];          /* radiance over albedo */
-  Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
-  Floats seen_opacity;
-} LatticeSums;
-
-TFM_INLINE LatticeSums lattice_sums_begin(void)
-{
-  LatticeSums sums;
-  for (int c = 0; c < 3; ++c)
-    sums.colour[c] = floats(0.0f);
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    sums.seen[c] = floats(0.0f);
-  sums.seen_opacity = floats(0.0f);
-  return sums;
-}
-
-/* A step took its opacity, of mean `weight`, from the ray. */
-TFM_INLINE void lattice_sums_step(LatticeSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
+/* A step took its opacity, of mean `weight`, from the ray; colours are then over albedo. */
+TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
 {
   Floats radiance[TFM_LATTICE_COLOURS];
   for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)

@@ -12,26 +12,6 @@
 #include "light/stretch.h"
 #include "view/camera_sums.h"
 
-/* What is summed over the lights. */
-typedef struct {
-  Floats colour[3];          /* radiance towards the camera */
-  Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
-  Floats seen_opacity;
-  Ints samples;
-} LightSums;
-
-TFM_INLINE LightSums light_sums_begin(void)
-{
-  LightSums sums;
-  for (int c = 0; c < 3; ++c)
-    sums.colour[c] = floats(0.0f);
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    sums.seen[c] = floats(0.0f);
-  sums.seen_opacity = floats(0.0f);
-  sums.samples = ints(0);
-  return sums;
-}
-
 /* How a light arrives at a sample. */
 typedef struct {
 #if TFM_MEDIA == 1

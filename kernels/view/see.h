@@ -10,7 +10,7 @@
 #endif
 #if TFM_LATTICE
 #include "view/lattice.h"
-#define LATTICE_PARAMETERS , __global const float *lattice, LatticeSums *lit
+#define LATTICE_PARAMETERS , __global const float *lattice, LightSums *lit
 #else
 #define LATTICE_PARAMETERS
 #endif
@@ -51,7 +51,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       Floats opacity[TFM_CHANNELS];
       const Floats weight = camera_ray_step(media, &sums->ray, &step[k], opacity);
 #if TFM_LATTICE
-      lattice_sums_step(lit, &light[k], opacity, weight);
+      lattice_step(lit, &light[k], opacity, weight);
 #endif
       camera_sums_step(media, sums, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
     }

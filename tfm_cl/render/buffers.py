@@ -22,9 +22,6 @@ SUMS: dict[str, tuple[type[np.generic], int]] = {
 }
 """Name, as kernels take it -> type and numbers per pixel."""
 
-ADDED = ("light_seen", "samples")
-"""Those that begin at 0; the camera stores the others."""
-
 
 @dataclass(frozen=True)
 class FrameBuffers:
@@ -74,16 +71,25 @@ class Sums:
         return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
 
 
-def allocate(launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuffer | None) -> FrameBuffers:
-    """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show."""
+def allocate(
+    launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuffer | None, *, clear: bool = False
+) -> FrameBuffers:
+    """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show.
+
+    Parameters
+    ----------
+    clear
+        Fill them with zeros; else the first pass over them stores what others add to.
+    """
     x0, y0, x1, y1 = crop
     shape, none = (y1 - y0, x1 - x0), np.zeros(4, np.float32)
     sums = {
         name: launcher.output("the image", (*shape, count) if count > 1 else shape, kind)
         for name, (kind, count) in SUMS.items()
     }
-    for name in ADDED:
-        launcher.clear(sums[name].buffer, sums[name].nbytes)
+    if clear:
+        for output in sums.values():
+            launcher.clear(output.buffer, output.nbytes)
     return FrameBuffers(
         sums,
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),

@@ -21,7 +21,7 @@ def see(
     *,
     has_solids: bool,
 ) -> float:
-    """Fill in transmittance and depth, and add the ambient light; returns device seconds.
+    """Store what the camera sees without lights; returns device seconds.
 
     Parameters
     ----------
@@ -38,5 +38,5 @@ def see(
         steps,
         {"view": view}
         | media.arguments
-        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples"),
+        | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),
     )

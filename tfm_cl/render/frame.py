@@ -115,7 +115,7 @@ class Frame:
             view=launcher.upload("the view", view_struct(scene, self.media.fields, crop)),
             gbuffer=gbuffer,
             frame=buffers.allocate(launcher, crop, gbuffer),
-            errors=buffers.allocate(launcher, crop, gbuffer) if with_errors else None,
+            errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if with_errors else None,
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             builds=maps is None,
             batches=Batches(

@@ -1,0 +1,65 @@
+/* The pixels' sums in memory: what the camera sees of the media whatever the lights, and what lights add.
+   Requires: TFM_CHANNELS. */
+#ifndef TFM_FRAME_H
+#define TFM_FRAME_H
+
+#include "view/camera.h"
+
+/* What the camera sees whatever the lights. */
+typedef struct {
+  Floats through[3]; /* transmittance of the whole ray */
+  Floats distance;   /* mean, weighed by opacity; 0 without a medium */
+  Floats colour[3];  /* ambient light */
+  Floats alpha;      /* 1 - mean transmittance, and 1 on solids */
+} Seen;
+
+/* What is summed over lights. */
+typedef struct {
+  Floats colour[3];          /* radiance towards the camera */
+  Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
+  Floats seen_opacity;
+  Ints samples;              /* densities read, and samples taken in closed form */
+} LightSums;
+
+TFM_INLINE LightSums light_sums_begin(void)
+{
+  LightSums sums;
+  for (int c = 0; c < 3; ++c)
+    sums.colour[c] = floats(0.0f);
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums.seen[c] = floats(0.0f);
+  sums.seen_opacity = floats(0.0f);
+  sums.samples = ints(0);
+  return sums;
+}
+
+/* transmittance  RGB, and the distance
+   radiance       RGB, and the alpha
+   light_seen     RGB, and the opacity */
+typedef struct {
+  __global float4 *transmittance, *radiance, *light_seen;
+  __global uint *samples;
+} Frame;
+
+/* What is stored first. */
+TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const Seen *seen, const LightSums *sums)
+{
+  const Ints index = pixel_index(view, pixels), wanted = pixels.wanted;
+  store_float4(frame->transmittance, index, wanted, seen->through[0], seen->through[1], seen->through[2], seen->distance);
+  store_float4(frame->radiance, index, wanted, seen->colour[0] + sums->colour[0], seen->colour[1] + sums->colour[1],
+               seen->colour[2] + sums->colour[2], seen->alpha);
+  store_float4(frame->light_seen, index, wanted, sums->seen[0], sums->seen[TFM_CHANNELS == 3 ? 1 : 0],
+               sums->seen[TFM_CHANNELS == 3 ? 2 : 0], sums->seen_opacity);
+  store_counts(frame->samples, index, wanted, sums->samples);
+}
+
+TFM_INLINE void frame_add(const Frame *frame, VIEW view, Pixels pixels, const LightSums *sums)
+{
+  const Ints index = pixel_index(view, pixels), wanted = pixels.wanted;
+  add_float4(frame->radiance, index, wanted, sums->colour[0], sums->colour[1], sums->colour[2], floats(0.0f));
+  add_float4(frame->light_seen, index, wanted, sums->seen[0], sums->seen[TFM_CHANNELS == 3 ? 1 : 0],
+             sums->seen[TFM_CHANNELS == 3 ? 2 : 0], sums->seen_opacity);
+  add_counts(frame->samples, index, wanted, sums->samples);
+}
+
+#endif
