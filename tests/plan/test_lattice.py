@@ -10,7 +10,7 @@ from tfm_cl.plan.lattice import choice, depth_of_voxels, is_taken, left_out, smo
 from tfm_cl.plan.marched import marched
 from tfm_cl.plan.plan import plan, with_lookup
 
-CAMERA = tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), res=(64, 48))
+CAMERA = tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), res=(640, 480))
 SUN = tfm.SunLight(from_=(1, 3, 0.5), to=(0, 0, 0))
 SUNS = [SUN, SUN.replace(from_=(-1, 2, 3)), SUN.replace(from_=(2, 1, -1))]
 NARROW = tfm.SpotLight(from_=(0, 5, 0), to=(0, 0, 0), cone=4)
@@ -38,6 +38,27 @@ def scene_of(lights=SUNS, volume=None, medium=None, camera=CAMERA, **of_map):
 def test_three_lights_in_a_thin_medium_take_a_lattice():
     assert [choice(scene_of(SUNS[:n])).is_lattice for n in (1, 2, 3)] == [False, False, True]
     assert choice(scene_of(SUNS)).why == "3 lights once a voxel; its error in the picture is about 0.008"
+
+
+@pytest.mark.parametrize(("lights", "widest"), [(1, 0.5), (2, 0.5), (3, 0.75)])
+def test_wide_pixels_take_fewer_samples_than_there_are_voxels(lights, widest):
+    middle = np.linalg.norm(np.mean(scene_of().occupied_bounds, axis=0) - CAMERA.from_)
+    height = 2 * np.tan(np.radians(CAMERA.fov / 2)) * middle
+    chosen = []
+    for width in (0.9 * widest, 1.1 * widest):
+        camera = CAMERA.replace(res=(64, round(height / (width * VOXEL))))
+        chosen.append(choice(scene_of(SUNS[:lights], camera=camera, max_error=0.1)))
+
+    assert [one.is_lattice for one in chosen] == [True, False]
+    assert chosen[1].why == "the picture has fewer samples than the grids have voxels"
+
+
+def test_few_lights_are_on_a_lattice_where_an_error_is_asked_for():
+    errors = (0.01, 0.023, 0.025, 0.1)  # twice 0.12 times the optical depth of a voxel
+    for lights in (1, 2):
+        found = [choice(scene_of(SUNS[:lights], max_error=error)).is_lattice for error in errors]
+        assert found == [False, False, True, True]
+    assert not choice(scene_of([NARROW], max_error=0.1)).is_lattice
 
 
 def test_points_of_a_light_count():

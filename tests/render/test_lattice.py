@@ -403,17 +403,20 @@ def test_the_error_of_the_maps_is_that_of_every_sample(renderer):
 # ------------------------------------------------------------------------------------------------- auto
 
 AUTO = SETTLED.replace(lookup="auto")
+CLOSE = CAMERA.replace(fov=12)
+"""Its pixels are half as wide as voxels."""
 
 
 def test_one_light_is_looked_up_at_every_sample(renderer):
-    auto, expected = (renderer.render(one) for one in (scene_of([SUN]), per_sample(scene_of([SUN]))))
+    scene = scene_of([SUN], camera=CLOSE)
+    auto, expected = (renderer.render(one) for one in (scene, per_sample(scene)))
 
     assert auto.image.tobytes() == expected.image.tobytes()
-    assert plan(scene_of([SUN])).scene.map.lookup == "auto"
+    assert plan(scene).scene.map.lookup == "auto"
 
 
 def test_several_lights_are_looked_up_once_a_voxel(renderer):
-    scene = scene_of()
+    scene = scene_of(camera=CLOSE)
     auto, expected = renderer.render(scene), renderer.render(on_lattice(scene))
 
     assert auto.image.tobytes() == expected.image.tobytes()
@@ -442,8 +445,7 @@ def test_another_camera_builds_no_maps(renderer):
 @pytest.mark.slow
 def test_max_error_is_kept_on_a_lattice(renderer):
     settings = tfm.MapSettings(max_error=0.05)
-    camera = CAMERA.replace(res=(24, 20))
-    scene = scene_of(settings=settings, camera=camera, steps="auto")
+    scene = scene_of(settings=settings, camera=CLOSE.replace(res=(24, 24)), steps="auto")
     result = renderer.render(scene)
     dual = renderer.render(
         scene.replace(map=SETTLED.replace(steps=400), march=tfm.MarchSettings(steps=600)), method="dual"
@@ -457,7 +459,7 @@ def test_max_error_is_kept_on_a_lattice(renderer):
 
 
 def test_limits_of_auto_follow_the_lattice():
-    scene = scene_of(settings=tfm.MapSettings(res="auto", steps="auto"), steps="auto")
+    scene = scene_of(settings=tfm.MapSettings(res="auto", steps="auto"), camera=CLOSE, steps="auto")
     numbers = {
         how: resolution.resolved(looked_up(scene, how)).map.res for how in ("auto", "lattice", "reconstruct")
     }

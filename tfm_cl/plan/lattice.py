@@ -25,21 +25,26 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.plan.marched import distances, marched, occupied_bounds
+from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tfm_cl.plan.marched import Marched
+    from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.phases import Phase
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import MapSettings
 
-FEWEST_LIGHTS = 3
-"""From which on a lattice is worth its error: it costs a look-up a voxel and light, not one a sample."""
-ERROR_PER_DEPTH = 0.08
-"""Its error at several lights, at most, over the optical depth along the longest edge of a typical voxel; a
-cube, whose density ends within a voxel, has a fifth more."""
+MANY_LIGHTS = 3
+"""From which on a lattice is worth its error where none is asked for: it costs a look-up a voxel and light,
+not one a sample. Fewer are on it where ``map.max_error`` says what error is worth its time."""
+WIDEST_PIXEL, WIDEST_PIXEL_OF_FEW = 0.75, 0.5
+"""In voxels, where the camera's rays cross the grids: with wider pixels rays take fewer samples than there
+are voxels, and a lattice costs more than it saves."""
+ERROR_PER_DEPTH, ERROR_PER_DEPTH_OF_FEW = 0.08, 0.12
+"""Its error at several lights, and at one or two, at most, over the optical depth along the longest edge of a
+typical voxel; a cube, whose density ends within a voxel, has a fifth more."""
 TOLERATED = 0.02
 """Its error, at most, where nothing else is asked for."""
 OF_ASKED = 0.5
@@ -108,12 +113,15 @@ def choice(scene: Scene) -> Choice:
     if why:
         return Choice(is_lattice=False, why=why)
     smooth = [error for _, error in _without_edges(_single_lights(scene)) if error <= MOST_NEAR]
-    if len(smooth) < FEWEST_LIGHTS:
+    asked, grids, many = scene.map.max_error, marched(scene), len(smooth) >= MANY_LIGHTS
+    if not many and (asked is None or not smooth):
         return Choice(is_lattice=False, why=f"only {len(smooth)} lights are smooth in the grids")
-    error = ERROR_PER_DEPTH * depth_of_voxels(marched(scene)) + max(smooth)
-    asked = scene.map.max_error
+    if _pixel(scene.camera, grids) > (WIDEST_PIXEL if many else WIDEST_PIXEL_OF_FEW) * finest_voxel(grids):
+        return Choice(is_lattice=False, why="the picture has fewer samples than the grids have voxels")
+    error = (ERROR_PER_DEPTH if many else ERROR_PER_DEPTH_OF_FEW) * depth_of_voxels(grids) + max(smooth)
     tolerated = TOLERATED if asked is None else OF_ASKED * asked
-    held = f"{len(smooth)} lights once a voxel; its error in the picture is about {error:.1g}"
+    lights = f"{len(smooth)} light{'s' * (len(smooth) > 1)}"
+    held = f"{lights} once a voxel; its error in the picture is about {error:.1g}"
     if error > tolerated:
         return Choice(is_lattice=False, why=f"a lattice of {held}, more than {tolerated:g}")
     return Choice(is_lattice=True, why=held)
@@ -158,6 +166,12 @@ def turned_error(phase: Phase, angle: float) -> float:
     middles = np.linspace(0, np.pi, DIRECTIONS)
     between = (logarithm(middles - angle / 2) + logarithm(middles + angle / 2)) / 2
     return float(np.expm1(np.abs(logarithm(middles) - between).max()))
+
+
+def _pixel(camera: Camera, grids: Sequence[Marched]) -> float:
+    """Width of a pixel at the middle of what has density, world units."""
+    near, far = distances(occupied_bounds(grids), np.asarray(camera.from_))
+    return math.tan(math.radians(camera.fov) / 2) * (near + far) / camera.res[1]
 
 
 def _longest_edge(grids: Sequence[Marched]) -> float:

@@ -131,12 +131,13 @@ def plan(
             if scene.map.lookup == "auto" and chosen.map.lookup == "lattice":
                 decisions["map.lookup"] = Decision("lattice", lattice.choice(scene).why)
         return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
+    on_lattice = scene.map.lookup == "lattice"
     if has_maps and scene.map.lookup == "auto":
-        on_lattice = lattice.choice(scene) if maps is None else lattice.as_of(maps)
-        if on_lattice.is_lattice:
+        on_lattice, why = lattice.choice(scene) if maps is None else lattice.as_of(maps)
+        if on_lattice:
             scene = scene.replace(map=scene.map.replace(lookup="lattice"))
-            decisions["map.lookup"] = Decision("lattice", on_lattice.why)
-    wanted = resolution.wanted(scene, maps)
+            decisions["map.lookup"] = Decision("lattice", why)
+    wanted = resolution.wanted(scene, maps, on_lattice=on_lattice)
     decided = resolution.with_numbers(scene, {key: found.number for key, found in wanted.items()})
     resolved = resolve(decided.map) if has_maps else None
     if resolved is not None:

@@ -115,12 +115,15 @@ def steps_for(grids: Sequence[Marched], power: float = 1.0) -> float:
     return float(steps * max(1.0, depth / DEPTH_PER_STEP) ** power)
 
 
-def wanted(scene: Scene, maps: MapSettings | None = None) -> dict[str, Wanted]:
+def wanted(
+    scene: Scene, maps: MapSettings | None = None, *, on_lattice: bool | None = None
+) -> dict[str, Wanted]:
     """Return a number for each of ``map.res``, ``map.steps`` and ``march.steps`` that is ``"auto"``.
 
     Maps and the march towards lights are there where there are grids and lights; without grids a camera ray
     takes `STEPS_WITHOUT_GRIDS`. All maps get the resolution that the most demanding light needs, or where
-    maps are there already, with the settings ``maps``, theirs.
+    maps are there already, with the settings ``maps``, theirs. ``on_lattice``: whether light is looked up
+    there where it can be; None where that has not been decided.
     """
     found: dict[str, Wanted] = {}
     grids = marched(scene)
@@ -140,7 +143,7 @@ def wanted(scene: Scene, maps: MapSettings | None = None) -> dict[str, Wanted]:
                 found[f"map.{key}"] = Wanted(number, number, "that of the maps that are there")
     elif scene.lights:
         if scene.map.res == "auto":
-            found["map.res"] = _wanted_res(scene, grids)
+            found["map.res"] = _wanted_res(scene, grids, on_lattice=on_lattice)
         if scene.map.steps == "auto":
             asked = steps_for(grids, LIGHT_STEP_POWER)
             found["map.steps"] = Wanted(_whole(asked, STEPS, 1), asked, step + thick)
@@ -184,11 +187,13 @@ def limited(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _wanted_res(scene: Scene, grids: Sequence[Marched]) -> Wanted:
+def _wanted_res(scene: Scene, grids: Sequence[Marched], *, on_lattice: bool | None) -> Wanted:
     bounds = occupied_bounds(grids)
     singles = [(number, part) for number, light in enumerate(scene.lights, 1) for part in light.parts()]
     parts = [part for _, part in singles]
-    held = lattice.smooth_lights(scene.replace(lights=parts)) if lattice.is_taken(scene) else []
+    if on_lattice is None:
+        on_lattice = lattice.is_taken(scene)
+    held = lattice.smooth_lights(scene.replace(lights=parts)) if on_lattice else []
     sizes = np.full(len(parts), VOXELS_PER_TEXEL)
     sizes[held] = VOXELS_PER_TEXEL_OF_LATTICE
     asked = [
