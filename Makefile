@@ -40,6 +40,7 @@ gallery: $(INSTALLED)  ## the README's pictures
 bench: $(INSTALLED)  ## how fast it is, in minutes: out/bench; other programs are measured where installed
 	$(BIN)/python scripts/bench.py --peers -o out/bench
 	$(BIN)/python scripts/bench_lights.py -o out/bench
+	$(BIN)/python scripts/bench_scale.py --quick -o out/bench
 
 clean:
 	rm -rf out build dist .venv .venv-oclgrind

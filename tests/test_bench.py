@@ -27,14 +27,24 @@ PLAIN_C = 2e-5
 """Relative RMSE of two float32 marches with the same samples, which round in another order: measured 2e-6."""
 
 
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, SCRIPT.with_name(f"{name}.py"))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # its dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def bench():
-    spec = importlib.util.spec_from_file_location("bench", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["bench"] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    yield module
+    yield load("bench")
     del sys.modules["bench"]
+
+
+@pytest.fixture(scope="module")
+def scale():
+    yield load("bench_scale")
+    del sys.modules["bench_scale"]
 
 
 def sums_by_numpy(grid):
@@ -220,3 +230,31 @@ def test_wrong_use(bench, capsys, tmp_path, arguments, message):
 
     assert code == 2
     assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_each_curve_of_the_scale_grows(scale):
+    cases = scale.cases()
+
+    assert {case.grows for case in cases} == {"voxels", "pixels", "texels", "grids"}
+    assert len({(case.grows, case.name) for case in cases}) == len(cases)
+    assert max(case.size for case in cases if case.grows == "pixels") == 4096 * 2304
+    assert len(scale.side_by_side(4).grids) == 4
+    low, high = scale.side_by_side(4).bounds
+    assert high - low == pytest.approx(np.ptp(scale.side_by_side(1).bounds, axis=0) * (2, 1, 2))
+
+
+def test_a_tenth_of_the_sparse_grid_is_active(scale):
+    voxels = scale.sparse(256)
+
+    assert voxels.shape == (256, 256, 256)
+    assert (voxels > 0).mean() == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_case_of_the_scale_is_measured(scale, device_name, tmp_path):
+    case = scale.Case("pixels", 16 * 9, "16×9", lambda: scale.cumulus((16, 9), texels=32))
+    row = scale.measure(case, device_name)
+
+    assert row["name"] == "16×9"
+    assert min(row[key] for key in ("light", "view", "light_reads", "view_reads", "peak_gib")) > 0
+    scale.plot([row, row | {"size": 288}], tmp_path / "scale.png")
+    assert (tmp_path / "scale.png").stat().st_size > 1000

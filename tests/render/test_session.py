@@ -136,6 +136,15 @@ def test_functions_that_a_basis_learns_are_learnt_once(session, monkeypatch):
     assert again.stats.made == {"probe": 1, "functions": 1, "map": 1}
 
 
+@pytest.mark.parametrize("basis", ["dct", "klt"])
+def test_what_was_probed_before_takes_no_time(session, basis):
+    scene = SCENE.replace(map=SCENE.map.replace(basis=basis, range="trimmed"), lights=[SPOT])
+    first, second = (session.build_maps(scene)[0] for _ in range(2))
+
+    assert first.plan.seconds > 0
+    assert second.plan.seconds == 0
+
+
 @pytest.mark.slow
 def test_without_room_only_the_last_is_kept(device_name):
     with tfm.Renderer(device_name, cache_bytes=0) as tight:

@@ -62,4 +62,4 @@ class Planned(MapPlan):
     deepest: float
     """Largest optical depth of the field along the rays of all lights, on a coarse map."""
     seconds: float
-    """Device time of the probes."""
+    """Device time of what was probed for it now; nothing where the session knew it."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,14 +84,18 @@ class Planner:
         settings, extinction = resolve(scene.map), medium.extinction
         lights = list(zip(scene.lights, of_lights, strict=True))
         shadow_res = scene.shadow.res if scene.solids else 0
+        spent = [0.0] * len(lights)
 
-        def probed(light: Light, of_light: cl.Buffer, size: int, cut: float, steps: int) -> Probe:
-            return self._cache.get(
-                "probe",
-                (key, light.map_key(), shadow_res, size, cut, steps),
-                lambda: self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size)),
-                lambda probe: probe.nbytes,
-            )
+        def probed(number: int, size: int, cut: float, steps: int) -> Probe:
+            light, of_light = lights[number]
+
+            def probe() -> Probe:
+                made = self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size))
+                spent[number] += made.seconds
+                return made
+
+            place = key, light.map_key(), shadow_res, size, cut, steps
+            return self._cache.get("probe", place, probe, lambda made: made.nbytes)
 
         has_ranges = settings.range != "box"
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
@@ -101,18 +104,23 @@ class Planner:
         first = (
             fine if has_ranges and settings.target != "transmittance" else (PROBE_RES, np.inf, settings.steps)
         )
-        probes = [probed(light, of_light, *first) for light, of_light in lights]
+        probes = [probed(number, *first) for number in range(len(lights))]
         deepest = max((float(probe.optical_depth.max()) for probe in probes), default=0.0)
         alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
         settings = settings.replace(density_weighting=alpha)
         if has_ranges and first != fine:
-            probes = [probed(light, of_light, *fine) for light, of_light in lights]
+            probes = [probed(number, *fine) for number in range(len(lights))]
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
         plans = []
-        for (light, of_light), probe in zip(lights, probes, strict=True):
-            fit = partial(self._fit, settings, light, of_light, medium, probe)
+        for number, (light, probe) in enumerate(zip(scene.lights, probes, strict=True)):
+
+            def fit(number: int = number, probe: Probe = probe) -> Fitted:
+                made, seconds = self._fit(settings, *lights[number], medium, probe)
+                spent[number] += seconds
+                return made
+
             if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
                 fitted = self._cache.get(
                     "functions",
@@ -132,21 +140,20 @@ class Planner:
                     extinction=extinction,
                     clip=clip(light, settings.res),
                     deepest=deepest,
-                    seconds=fitted.seconds,
+                    seconds=spent[number],
                 )
             )
         return plans
 
     def _fit(
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
-    ) -> Fitted:
-        """Find the ranges of a map, and make the functions of its basis."""
-        field, curves, seconds = _field(settings, probe), None, probe.seconds
+    ) -> tuple[Fitted, float]:
+        """Find the ranges of a map, and make the functions of its basis; returns device seconds too."""
+        field, curves, seconds = _field(settings, probe), None, 0.0
         if BASES[settings.basis].needs_curves:
             ranges = None if settings.range == "box" else field
-            curves, took = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
-            seconds += took
-        return Fitted(field, functions_of(settings, curves), seconds)
+            curves, seconds = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+        return Fitted(field, functions_of(settings, curves)), seconds
 
 
 @dataclass(frozen=True)
@@ -157,8 +164,6 @@ class Fitted:
     """Ranges of the rays, as in `Planned`."""
     functions: Functions | None
     """Of the basis."""
-    seconds: float
-    """Device time of the probes."""
 
     @property
     def nbytes(self) -> int:
