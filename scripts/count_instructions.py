@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""Explain the passes' speed by the instructions that they execute.
+
+``python scripts/count_instructions.py``. A model of the passes for PoCL on x86: a kernel takes at least as
+long as its instructions do at the fastest pace of any kernel here; what it takes longer, it waits for memory or
+for results. Instructions are counted in the kernels' own machine code by Valgrind (``apt install valgrind``),
+for the baseline of ``bench.py``. Seconds are measured without it: CPU seconds of all cores, the least of some
+rounds. Takes six minutes, as Valgrind also watches the kernels being compiled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import bench
+
+import tfm_cl as tfm
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
+from tfm_cl.device.program import Kernel
+
+VOLUME = bench.REPOSITORY / "volumes" / "cumulus.npz"
+ROOFLINE_RAYS = 160
+"""Along each side of the roofline's square."""
+ROUNDS = 10
+NAMES = {
+    "trilinear_gather": "roofline, gathers",
+    "trilinear_pairs": "roofline, pairs",
+    "light_pass": "light pass",
+    "scatter_pass": "view pass",
+    "light_lattice": "lattice, its look-ups",
+    "lattice_pass": "lattice, view pass",
+}
+"""Kernel -> what it is called here."""
+COUNTED = "_pocl_kernel_"
+"""What the functions that PoCL makes of kernels begin with."""
+
+Counts = dict[str, float]
+
+
+def one_round(renderer: tfm.Renderer, launcher: Launcher, samples: Counts) -> None:
+    """Run every kernel; counts the trilinear samples, of the lattice's look-ups the look-ups."""
+    volume = bench.load(VOLUME)
+    roofline = bench.Roofline(launcher, bench.roofline_grid(volume), ROOFLINE_RAYS)
+    for form, kernel in bench.FORMS.items():
+        roofline.run(form)
+        samples[kernel] += ROOFLINE_RAYS**2 * bench.ROOFLINE_STEPS
+    scene = bench.baseline_scene(volume, bench.BASELINE_RES)
+    for lookup, kernel in (("auto", "scatter_pass"), ("lattice", "lattice_pass")):
+        asked = bench.with_map(scene, lookup=lookup)
+        maps = renderer.build_maps(asked)
+        samples["light_pass"] += sum(one.buffers.samples for one in maps)
+        samples[kernel] += renderer.render(asked, maps=maps).stats.samples["view_pass"]
+    samples["light_lattice"] += volume.leaves.values.size
+
+
+def run_rounds(rounds: int) -> dict[str, Counts]:
+    """Run all kernels some times; returns each one's samples and least CPU seconds of a round."""
+    samples, least = defaultdict[str, float](float), dict[str, float]()
+    with tfm.Renderer() as renderer:
+        launcher = Launcher(choose_device(None))
+        run = Launcher.run
+
+        def watched(
+            self: Launcher, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]
+        ) -> float:
+            began = time.process_time()
+            seconds = run(self, kernel, size, arguments)
+            spent[kernel.function_name] += time.process_time() - began
+            return seconds
+
+        with mock.patch.object(Launcher, "run", watched):
+            for _ in range(rounds):
+                samples.clear()
+                spent = defaultdict[str, float](float)
+                one_round(renderer, launcher, samples)
+                least = {name: min(spent[name], least.get(name, spent[name])) for name in NAMES}
+    return {
+        name: {"samples": samples[name], "seconds": least[name], "lanes": launcher.lanes} for name in NAMES
+    }
+
+
+def child(rounds: int, before: tuple[str, ...] = ()) -> dict[str, Counts]:
+    """Call `run_rounds` in a new process, after a command that watches it."""
+    command = [*before, sys.executable, str(Path(__file__).resolve()), "--rounds", str(rounds)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - this script
+    found: dict[str, Counts] = json.loads(done.stdout)
+    return found
+
+
+def instructions() -> Counts:
+    """Count the instructions that each kernel executes in one round."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "callgrind.out"
+        watch = ("valgrind", "--tool=callgrind", "--collect-atstart=no", f"--toggle-collect={COUNTED}*")
+        child(1, (*watch, f"--callgrind-out-file={file}"))
+        listed = subprocess.run(  # noqa: S603 - a fixed command
+            ["callgrind_annotate", "--threshold=100", str(file)],  # noqa: S607 - of Valgrind
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    found = defaultdict[str, float](float)
+    for count, kernel in re.findall(rf"^ *([\d,]+) .*:{COUNTED}(\w+)_workgroup", listed.stdout, re.MULTILINE):
+        found[kernel] += int(count.replace(",", ""))
+    return found
+
+
+def report(counted: Counts, measured: dict[str, Counts]) -> str:
+    """Return a table of what the model allows, and what was measured."""
+    pace = max(counted[name] / measured[name]["seconds"] for name in NAMES)
+    lines = [f"{'':24}{'instructions':>14}{'at least ns':>14}{'measured ns':>14}"]
+    for name, called in NAMES.items():
+        steps = measured[name]["samples"] / measured[name]["lanes"]
+        least, seconds = counted[name] / pace, measured[name]["seconds"]
+        figures = counted[name] / steps, 1e9 * least / steps, 1e9 * seconds / steps
+        lines.append(f"{called:24}" + "".join(f"{figure:14.0f}" for figure in figures))
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--rounds", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.rounds:
+        print(json.dumps(run_rounds(options.rounds)))
+        return 0
+    if shutil.which("valgrind") is None:
+        print("count_instructions.py: needs Valgrind: apt install valgrind", file=sys.stderr)
+        return 2
+    measured = child(ROUNDS)
+    lanes = int(measured["light_pass"]["lanes"])
+    print(f"For every {lanes} samples, which a work-item takes at once; CPU time of one core:")
+    print(report(instructions(), measured))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
