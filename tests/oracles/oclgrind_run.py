@@ -216,6 +216,9 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "solids, learnt basis": lambda r: r.render(_with_solids(_map(basis="klt"))).image,
     "other lights": lambda r: r.render(_other_lights(_scene())).image,
     "light on a lattice": lambda r: r.render(_other_lights(_map(lookup="lattice"))).image,
+    "error of a lattice": lambda r: r.render(
+        _other_lights(_map(lookup="lattice")), aovs=["lattice_error"]
+    ).aovs["lattice_error"],
     "coloured light on a lattice, several volumes": lambda r: (
         r.render(_several(_coloured_suns(_map(lookup="lattice")))).image
     ),

@@ -400,6 +400,85 @@ def test_the_error_of_the_maps_is_that_of_every_sample(renderer):
     assert (found.aovs["map_error"] == truth.aovs["map_error"]).all()
 
 
+EDGE = tfm.SpotLight(from_=LIGHT, to=(0, 0, 0), cone=8)
+HAS_AN_ERROR = {
+    "sun, spot, point": {},
+    "coloured lights in a coloured medium": {"lights": COLOURS, "medium": RGB},
+    "overlapping grids": {"volume": OVERLAPPING},
+    "beside a light with an edge": {"lights": [SUN, EDGE, POINT]},
+}
+
+
+@pytest.mark.quick("sun, spot, point")
+@pytest.mark.parametrize("case", HAS_AN_ERROR)
+def test_the_error_of_the_lattice_is_that_of_the_pixel(renderer, case):
+    # All lights of a lattice share the samples of the camera, which lie evenly in the world.
+    scene = scene_of(**HAS_AN_ERROR[case], sampling="world").replace(ambient=tfm.Ambient(radiance=0.02))
+    found, truth = both(renderer, scene, aovs=["lattice_error"])
+    pictures = np.stack([found.image[..., :3], truth.image[..., :3]]).astype(np.float64)
+
+    brighter = np.maximum(pictures.max(axis=0).sum(axis=-1), 1e-30)
+    expected = np.abs(pictures[0] - pictures[1]).sum(axis=-1) / brighter
+    seen = truth.image[..., 3] > 0.01
+    assert expected[seen].max() > 1e-3
+    assert np.abs(found.aovs["lattice_error"] - expected)[seen].max() <= 2e-5
+    assert (truth.aovs["lattice_error"] == 0).all()
+
+
+def test_the_error_of_the_lattice_does_not_see_how_samples_lie(renderer):
+    # Without it warped samples of the spot and the point would err by more than the lattice does.
+    even, warped = (
+        renderer.render(on_lattice(scene_of(steps=24, sampling=how)), aovs=["lattice_error"])
+        for how in ("world", "projective")
+    )
+
+    assert even.aovs["lattice_error"].max() > 1e-3
+    assert (warped.aovs["lattice_error"] == even.aovs["lattice_error"]).all()
+
+
+def test_launches_batches_and_crops_do_not_show_in_the_error(renderer, monkeypatch):
+    scene = on_lattice(scene_of([*WHITE, SUN.replace(from_=(3, -1, 2)), EDGE]))
+    whole = renderer.render(scene, aovs=["lattice_error"])
+    monkeypatch.setattr(batches, "BATCH_BYTES", 1)
+    part = renderer.render(scene, aovs=["lattice_error"], crop=(5, 3, 21, 19))
+
+    assert (part.image == whole.image[3:19, 5:21]).all()
+    difference = part.aovs["lattice_error"] - whole.aovs["lattice_error"][3:19, 5:21]
+    assert np.abs(difference).max() <= LIGHTS
+
+
+def test_the_picture_is_the_same_where_its_error_is_asked_for(renderer):
+    scene = on_lattice(scene_of([*WHITE, EDGE]))
+    plain, asked = renderer.render(scene), renderer.render(scene, aovs=["lattice_error", "map_error"])
+
+    assert "lattice_error" not in plain.aovs
+    assert asked.image.tobytes() == plain.image.tobytes()
+    assert asked.stats.samples == plain.stats.samples
+
+
+@pytest.mark.quick("solids", "dual march")
+@pytest.mark.parametrize("what", [*OTHERS, "dual march"])
+def test_without_a_lattice_its_error_is_zero(renderer, what):
+    scene, method = (scene_of([SUN]), "dual") if what == "dual march" else (OTHERS[what][0], "tfm")
+    scene = scene.replace(camera=scene.camera.replace(res=(12, 10)))
+
+    error = renderer.render(on_lattice(scene), method=method, aovs=["lattice_error"]).aovs["lattice_error"]
+    assert error.shape == (10, 12)
+    assert (error == 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "brightness"), [(1.0, 0.0), (1e-30, 1e-30), (1e4, 1e24), (1e25, 1e-30)])
+def test_the_error_of_the_lattice_is_a_part_of_one(renderer, scale, brightness):
+    lights = [light.replace(intensity=brightness * np.array(light.intensity)) for light in COLOURS]
+    scene = on_lattice(scene_of(lights, a_blob(density_scale=scale), RGB))
+    error = renderer.render(scene, aovs=["lattice_error"]).aovs["lattice_error"]
+
+    assert np.isfinite(error).all()
+    assert error.min() >= 0
+    assert error.max() <= 1
+
+
 # ------------------------------------------------------------------------------------------------- auto
 
 AUTO = SETTLED.replace(lookup="auto")

@@ -457,6 +457,7 @@ def test_a_dark_reference_is_an_error(volume, out):
         ({"density_weightings": (0.5,)}, r"map\.density_weighting = 0\.5"),
         ({"ranges": ("box", "seen")}, r"map\.range = 'seen'"),
         ({"fits": ("l3",)}, r"map\.fit = 'l3'"),
+        ({"lookups": ("lattices",)}, r"map\.lookup = 'lattices'"),
         ({"storages": ("f64",)}, r"map\.storage = 'f64'"),
         ({"map_sizes": (0,)}, r"map\.res = 0"),
         ({"converged_steps": 0}, "converged steps = 0"),
@@ -574,14 +575,22 @@ def test_every_combination(volume, out):
         density_weightings=(1.0,),
         ranges=("box", "visible"),
         fits=("l2", "visibility"),
+        lookups=("stochastic", "lattice"),
         storages=("f16", "u8"),
         map_sizes=(8, 16),
     )
 
-    assert settings_of(rows, "basis", "range", "fit", "storage", "map_res") == list(
-        product(("dct", "klt"), ("box", "visible"), ("l2", "visibility"), ("f16", "u8"), (8, 16))
+    assert settings_of(rows, "basis", "range", "fit", "lookup", "storage", "map_res") == list(
+        product(
+            ("dct", "klt"),
+            ("box", "visible"),
+            ("l2", "visibility"),
+            ("stochastic", "lattice"),
+            ("f16", "u8"),
+            (8, 16),
+        )
     )
-    assert len({row.key for row in rows}) == 32
+    assert len({row.key for row in rows}) == 64
     assert {row.reference for row in rows} == {rows[0].reference}
     assert settings_of(rows[:3], "bytes_per_texel") == [(4.0,), (4.0,), (2.0,)]
 
@@ -987,6 +996,8 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
     more = (
         "--fits",
         "l2",
+        "--lookups",
+        "auto,lattice",
         "--storages",
         "f16,u8",
         "--map-sizes",
@@ -1022,6 +1033,7 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
         "density_weightings": [2.5, "auto"],
         "ranges": ["box", "visible"],
         "fits": ["l2"],
+        "lookups": ["auto", "lattice"],
         "storages": ["f16", "u8"],
         "map_sizes": [32, 64],
         "converged": True,
@@ -1067,6 +1079,36 @@ def test_real_renderer(volume, out, device_name):
     }
     assert errors[better.key] < errors[worse.key] < 1
     assert curves["exact"][-1] < curves["exact"][0] <= 1
+
+
+@pytest.mark.usefixtures("with_report")
+def test_a_lattice_beside_the_map_looked_up_at_every_sample(volume, out, device_name):
+    lines, options = [], plain(device_name, bases=("klt",), coeffs=(8,), density_weightings=["auto"])
+    options["overrides"] += [("light.0.type", "sun")]
+    rows = sweep.run([volume], out, **options, lookups=("auto", "lattice"), notice=lines.append)
+    every_sample, lattice = rows
+
+    assert settings_of(rows, "lookup") == [("interpolate",), ("lattice",)]
+    assert lattice.t_error == every_sample.t_error  # it is the map's own
+    assert lattice.converged_lit_rmse > every_sample.converged_lit_rmse
+    assert lines == []
+    table = (out / "sweep.md").read_text(encoding="utf-8").splitlines()
+    heading = next(i for i, line in enumerate(table) if line.startswith("| basis | lookup |"))
+    assert {line.split(" | ")[1] for line in table[heading + 2 : heading + 4]} == {"interpolate", "lattice"}
+
+
+def test_a_sweep_tells_of_light_that_no_lattice_holds(tmp_path, out):
+    lines, volumes = [], [blob(tmp_path / f"{name}.npy") for name in ("one", "other")]
+
+    def of_a_narrow_cone(scene):
+        return small(scene).replace(lights=[scene.lights[0].replace(cone=2.0)])
+
+    run(volumes, out, overrides=of_a_narrow_cone, lookups=("lattice",), notice=lines.append)
+    assert lines == [
+        f'{name}: map.lookup = "lattice" cannot hold all light; the rest is looked up at every sample: '
+        "1 of 1 lights have an edge in the grids or are near them"
+        for name in ("one", "other")
+    ]
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ AXES = {
     "weightings": ("--density-weighting", "density_weighting"),
     "ranges": ("--ranges", "range"),
     "fits": ("--fits", "fit"),
+    "lookups": ("--lookups", "lookup"),
     "storages": ("--storages", "storage"),
     "map_sizes": ("--map-sizes", "res"),
 }
@@ -60,6 +61,9 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
 )
 @_option("--ranges", metavar="NAME[,NAME]", help="ranges of the light rays, as box,visible  [the scene's]")
 @_option("--fits", metavar="NAME[,NAME]", help="fits, as l2,visibility  [the scene's]")
+@_option(
+    "--lookups", metavar="NAME[,NAME]", help="ways to look maps up, as interpolate,lattice  [the scene's]"
+)
 @_option("--storages", metavar="TYPE[,TYPE]", help="storage types, as f32,f16,u8  [the scene's]")
 @_option("--map-sizes", metavar="N[,N]", help="map resolutions, as 256,1024  [the scene's]")
 @_option(
@@ -144,6 +148,7 @@ def command(
             density_weightings=_list(axes, "weightings", _weighting),
             ranges=_list(axes, "ranges", str),
             fits=_list(axes, "fits", str),
+            lookups=_list(axes, "lookups", str),
             storages=_list(axes, "storages", str),
             map_sizes=_list(axes, "map_sizes", int),
             converged=converged,

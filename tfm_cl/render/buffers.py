@@ -50,6 +50,7 @@ class Sums:
     samples: NDArray[np.uint32]
     gbuffer: GBuffer | None
     of_errors: NDArray[np.float32] | None
+    of_lattice: NDArray[np.float32] | None
 
     @property
     def solid(self) -> NDArray[np.float32]:
@@ -69,6 +70,11 @@ class Sums:
     def errors(self) -> NDArray[np.float32]:
         """As ``light_seen``."""
         return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
+
+    @property
+    def lattice_change(self) -> NDArray[np.float32]:
+        """RGB that light on a lattice adds to the picture that has it looked up at every sample."""
+        return np.zeros_like(self.radiance[..., :3]) if self.of_lattice is None else self.of_lattice
 
 
 def allocate(
@@ -97,8 +103,18 @@ def allocate(
     )
 
 
+def rgb_so_far(launcher: Launcher, frame: FrameBuffers) -> NDArray[np.float32]:
+    """Copy the RGB that a frame has, [h, w, 3], to which passes may add afterwards."""
+    radiance = frame.sums["radiance"]
+    return launcher.download(radiance.buffer, radiance.shape, radiance.dtype)[..., :3]
+
+
 def read(
-    launcher: Launcher, frame: FrameBuffers, gbuffer: GBuffer | None, errors: FrameBuffers | None
+    launcher: Launcher,
+    frame: FrameBuffers,
+    gbuffer: GBuffer | None,
+    errors: FrameBuffers | None,
+    of_lattice: NDArray[np.float32] | None = None,
 ) -> Sums:
     """Return the sums on the host; the frame's buffers are then of no more use."""
     sums = {name: launcher.read(output) for name, output in frame.sums.items()}
@@ -106,4 +122,5 @@ def read(
         **sums,
         gbuffer=gbuffer,
         of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
+        of_lattice=of_lattice,
     )

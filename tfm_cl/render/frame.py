@@ -23,7 +23,7 @@ from tfm_cl.render.surface import reflect
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     import pyopencl as cl
 
@@ -53,6 +53,8 @@ class _Work:
     gbuffer: GBuffer | None
     frame: buffers.FrameBuffers
     errors: buffers.FrameBuffers | None
+    without_lattice: buffers.FrameBuffers | None
+    """For its lights, looked up at every sample."""
     sources: Sources | None
     builds: bool
     """Whether maps are built where they are not known."""
@@ -62,6 +64,7 @@ class _Work:
     """Of the dual march."""
     seconds: float = 0.0
     camera_is_seen: bool = False
+    lattice_change: NDArray[np.float32] | None = None
     warnings: dict[str, None] = field(default_factory=dict)
 
 
@@ -89,7 +92,7 @@ class Frame:
     progress: Progress
 
     def render(
-        self, method: str, maps: Sequence[TransmittanceMap] | None, *, with_errors: bool
+        self, method: str, maps: Sequence[TransmittanceMap] | None, asked: Collection[str]
     ) -> tuple[Sums, tuple[str, ...]]:
         """Sum all that the scene sends to the camera.
 
@@ -99,8 +102,8 @@ class Frame:
             ``tfm`` or ``dual``.
         maps
             From an earlier light pass; None where they are built.
-        with_errors
-            Whether to sum the maps' errors too.
+        asked
+            Names of layers: those of errors are made only then.
 
         Returns
         -------
@@ -115,7 +118,8 @@ class Frame:
             view=launcher.upload("the view", view_struct(scene, self.media.fields, crop)),
             gbuffer=gbuffer,
             frame=buffers.allocate(launcher, crop, gbuffer),
-            errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if with_errors else None,
+            errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if "map_error" in asked else None,
+            without_lattice=buffers.allocate(launcher, crop, gbuffer) if "lattice_error" in asked else None,
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             builds=maps is None,
             batches=Batches(
@@ -142,19 +146,28 @@ class Frame:
         if not work.camera_is_seen:
             work.seconds += self._see(work.view, work.frame, has_solids=gbuffer is not None)
         self.stats.seconds["view_pass"] += work.seconds
-        return buffers.read(launcher, work.frame, gbuffer, work.errors), (*work.warnings,)
+        sums = buffers.read(launcher, work.frame, gbuffer, work.errors, work.lattice_change)
+        return sums, (*work.warnings,)
 
     def _light_lattice(self, work: _Work, lattice: Lattice) -> None:
         """Look lights up on a lattice, and march the camera's rays through it."""
+        steps, without = decided(self.scene.march.steps), work.without_lattice
+        if without is not None:
+            self._see(work.view, without, has_solids=False)
         for variant, members in work.batches.groups(lattice.lights):
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 work.seconds += lattice.add(batch)
                 self._sum_errors(work, batch, maps)
-        steps, done = decided(self.scene.march.steps), _reporter(self.progress, "view pass")
+                if without is not None:
+                    self._add(work, work.batches.at_every_sample(batch), without)
+        done = _reporter(self.progress, "view pass")
         work.seconds += lattice.see(self.crop, steps, work.frame, done)
         work.camera_is_seen = True
+        if without is not None:
+            so_far = (buffers.rgb_so_far(self.launcher, frame) for frame in (work.frame, without))
+            work.lattice_change = np.subtract(*so_far)
 
     def _scatter(self, work: _Work, lights: Sequence[int]) -> None:
         """Look lights up at every sample of the camera's rays."""
@@ -187,9 +200,12 @@ class Frame:
     def _sum_errors(self, work: _Work, batch: Batch, maps: list[TransmittanceMap]) -> None:
         if work.errors is None or not maps:
             return
-        residuals, steps = work.batches.residuals(batch, maps), decided(self.scene.march.steps)
-        done = _reporter(self.progress, f"view pass, {batch.name}")
-        scatter(self.launcher, self.media, work.view, residuals, steps, work.errors, done)
+        self._add(work, work.batches.residuals(batch, maps), work.errors)
+
+    def _add(self, work: _Work, batch: Batch, frame: buffers.FrameBuffers) -> None:
+        """Add to a frame beside the picture's; what that takes is not counted."""
+        steps, done = decided(self.scene.march.steps), _reporter(self.progress, f"view pass, {batch.name}")
+        scatter(self.launcher, self.media, work.view, batch, steps, frame, done)
 
     def _lattice(self, work: _Work) -> Lattice | None:
         """Return the lattice of the lights that are looked up there; None without any."""

@@ -182,7 +182,7 @@ class Renderer:
         crop
             Pixels x0, y0, x1, y1 (end excluded) to render; the whole frame when left out.
         aovs
-            Layers that cost extra and are made only when named: ``map_error``.
+            Layers that cost extra and are made only when named: ``map_error``, ``lattice_error``.
         progress
             Called as ``progress(stage, fraction)``.
 
@@ -275,7 +275,7 @@ class Renderer:
             stats,
             progress,
         )
-        sums, warnings = frame.render(method, maps, with_errors="map_error" in aovs)
+        sums, warnings = frame.render(method, maps, aovs)
         names = [
             name
             for name, layer in LAYERS.items()

@@ -24,6 +24,10 @@ class Seen(Protocol):
         """[…, 4]: of the media along the camera ray, RGB, and the opacity-weighted mean distance."""
 
     @property
+    def radiance(self) -> Array:
+        """[…, 4]: the picture."""
+
+    @property
     def light_seen(self) -> Array:
         """[…, 4]: light that arrives times opacity, RGB, and the opacity, summed over lights."""
 
@@ -43,6 +47,10 @@ class Seen(Protocol):
     def errors(self) -> Array:
         """[…, 4]: as ``light_seen``, with the maps' errors in the place of the light."""
 
+    @property
+    def lattice_change(self) -> Array:
+        """[…, 3]: what the lattice of light adds to the picture that has it looked up at every sample."""
+
 
 @dataclass(frozen=True)
 class Layer:
@@ -58,6 +66,14 @@ class Layer:
 def _mean_by_opacity(sums: Array) -> Array:
     seen, opacity = sums[..., :3], sums[..., 3:]
     return np.divide(seen, opacity, out=np.zeros_like(seen), where=opacity > 0)
+
+
+def _lattice_error(seen: Seen) -> Array:
+    found, change = seen.radiance[..., :3].astype(np.float64), seen.lattice_change
+    difference, largest = np.abs(change).sum(axis=-1), np.maximum(found, found - change).sum(axis=-1)
+    error = np.zeros_like(seen.lattice_change[..., 0])
+    np.divide(difference, largest, out=error, where=largest > 0, casting="same_kind")
+    return error
 
 
 LAYERS = {
@@ -102,6 +118,13 @@ LAYERS = {
         "relative error of the light's transmittance in the map, mean over lights and ray, weighted by what "
         "the camera sees; 0 for the dual march",
         lambda seen: _mean_by_opacity(seen.errors).mean(axis=-1),
+        "asked",
+    ),
+    "lattice_error": Layer(
+        1,
+        "difference between the pixel and the same with light looked up at every sample of its ray, relative "
+        "to the brighter of them; 0 where no light is on a lattice",
+        _lattice_error,
         "asked",
     ),
 }

@@ -36,6 +36,7 @@ class Axes:
     density_weightings: tuple[Weighting, ...]
     ranges: tuple[str, ...] = ()
     fits: tuple[str, ...] = ()
+    lookups: tuple[str, ...] = ()
     storages: tuple[str, ...] = ()
     map_sizes: tuple[int, ...] = ()
 
@@ -58,6 +59,7 @@ class Axes:
         settings: dict[str, tuple[Any, ...]] = {
             "range": self.ranges,
             "fit": self.fits,
+            "lookup": self.lookups,
             "storage": self.storages,
             "res": self.map_sizes,
             "coeffs": self.coeffs,
@@ -88,9 +90,9 @@ class Axes:
         Returns
         -------
         settings, notices
-            Resolved settings ordered by basis, range, fit, storage, map size, α and coefficients, each with
-            the requested numbers of coefficients that it replaces; and one line for each basis with such
-            replacements and for each reason for which a basis refuses combinations.
+            Resolved settings ordered by basis, range, fit, lookup, storage, map size, α and coefficients,
+            each with the requested numbers of coefficients that it replaces; and one line for each basis
+            with such replacements and for each reason for which a basis refuses combinations.
 
         Raises
         ------

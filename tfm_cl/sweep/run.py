@@ -66,6 +66,7 @@ def run(
     density_weightings: Sequence[Weighting] = (1.0, 10.0),
     ranges: Sequence[str] = (),
     fits: Sequence[str] = (),
+    lookups: Sequence[str] = (),
     storages: Sequence[str] = (),
     map_sizes: Sequence[int] = (),
     converged: bool = True,
@@ -88,12 +89,12 @@ def run(
     renderer
         A renderer to use (with one process), or a function that makes one, which other processes can have:
         ``tfm.Renderer`` itself, or ``functools.partial(tfm.Renderer, "gpu")``.
-    bases, coeffs, density_weightings, ranges, fits, storages, map_sizes
+    bases, coeffs, density_weightings, ranges, fits, lookups, storages, map_sizes
         Values of the map's basis, coeffs, density_weighting (α: 1 or more, or ``"auto"``), range, fit,
-        storage and res. Every combination is rendered, except those that a basis refuses. A number of
+        lookup, storage and res. Every combination is rendered, except those that a basis refuses. A number of
         coefficients that a basis does not support is replaced by the nearest one that it supports. α only
-        matters if a map's target is the transmittance. For the last four, an empty list means the scene's
-        own value.
+        matters if a map's target is the transmittance. For the last five, an empty list means the scene's
+        own value. A look-up ``"auto"`` is that of the basis, never a lattice.
     converged
         Whether to compare with a converged dual march as well.
     converged_steps
@@ -109,13 +110,14 @@ def run(
     progress
         Called as ``progress(stage, fraction)`` with the fraction done of the work that was left to do.
     notice
-        Called with one line on each omission, and on each replaced number of coefficients.
+        Called with one line on each omission, on each replaced number of coefficients, and on light that no
+        lattice can hold.
 
     Returns
     -------
     list of SweepRow
-        All requested rows, made now or earlier, ordered by input, basis, range, fit, storage, map size, α and
-        coefficients.
+        All requested rows, made now or earlier, ordered by input, basis, range, fit, lookup, storage, map
+        size, α and coefficients.
 
     Raises
     ------
@@ -134,6 +136,7 @@ def run(
         density_weightings=tuple(density_weightings),
         ranges=tuple(ranges),
         fits=tuple(fits),
+        lookups=tuple(lookups),
         storages=tuple(storages),
         map_sizes=tuple(map_sizes),
     )

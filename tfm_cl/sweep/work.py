@@ -16,7 +16,7 @@ from tfm_cl import metrics
 from tfm_cl._version import __version__
 from tfm_cl.errors import InputError, SceneError, VolumeError
 from tfm_cl.model import decided
-from tfm_cl.plan import resolution
+from tfm_cl.plan import lattice, resolution
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.sweep import curves as sweep_curves
@@ -71,7 +71,7 @@ class Plan:
     stands_for: dict[str, tuple[int, ...]]
     """`SweepRow.stands_for` by key, for rows with another number of coefficients than requested."""
     notices: list[str]
-    """Lines on omissions and replacements."""
+    """Lines on omissions and replacements, and on light that no lattice holds."""
     march_samples: dict[str, float]
     """Approximate number of densities that the dual marches read, by key, plus `OVERHEAD`."""
     row_samples: dict[str, float]
@@ -104,6 +104,8 @@ class Worker:
         del progress
         scene = self._load(path)
         variants, notices = self._task.axes.variants(scene.map)
+        if any(variant.lookup == "lattice" for variant in variants):
+            notices += [f"{name}: {line}" for line in [lattice.left_out(scene)] if line]
         scenes = [resolution.resolved(scene.replace(map=variant)) for variant in variants]
         device = self._renderer.device_name
         reference = reference_key(scene, device)
