@@ -2,10 +2,10 @@
 """Explain the passes' speed by the instructions that they execute.
 
 ``python scripts/count_instructions.py``. A model of the passes for PoCL on x86: a kernel takes at least as
-long as its instructions do at the fastest pace of any kernel here; what it takes longer, it waits for memory or
-for results. Instructions are counted in the kernels' own machine code by Valgrind (``apt install valgrind``),
-for the baseline of ``bench.py``. Seconds are measured without it: CPU seconds of all cores, the least of some
-rounds. Takes six minutes, as Valgrind also watches the kernels being compiled.
+long as its instructions do at the fastest pace of any kernel here; for what it takes longer, it waits for
+memory or for results. Instructions are counted in the kernels' machine code by Valgrind (``apt install
+valgrind``), for the baseline of ``bench.py``. Seconds are measured without it: CPU seconds of all cores, the
+least of some rounds. Takes six minutes, as Valgrind also watches the kernels being compiled.
 """
 
 from __future__ import annotations
