@@ -85,9 +85,9 @@ CHANGES = {
 
 
 @pytest.fixture
-def session(device_name):
+def session(new_renderer):
     """A renderer of its own, which has made nothing yet."""
-    with tfm.Renderer(device_name, build_options=("-Werror",)) as renderer:
+    with new_renderer() as renderer:
         yield renderer
 
 
