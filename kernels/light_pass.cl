@@ -187,6 +187,33 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   *counted = (uint2)(sum_of_lanes(ints(1), active), sum_of_lanes(samples, active));
 }
 
+/* The lowest and the highest value of each coefficient, which are its limits in 8 bits; the host joins the parts.
+   coefficients  [count, n]
+   lowest, highest  out, [parts, n]; one work-item a part
+   part          texels of each part but the last */
+__kernel void coefficient_limits(__global const float *coefficients, __global float *lowest, __global float *highest,
+                                 int part, int count)
+{
+  const size_t number = get_global_id(0);
+  const size_t first = number * (size_t)part;
+  if (first >= (size_t)count)
+    return;
+  const size_t end = min(first + (size_t)part, (size_t)count);
+  float low[TFM_N_COEFF], high[TFM_N_COEFF];
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    low[j] = high[j] = coefficients[first * TFM_N_COEFF + (size_t)j];
+  for (size_t texel = first + 1; texel < end; ++texel)
+    for (int j = 0; j < TFM_N_COEFF; ++j) {
+      const float value = coefficients[texel * TFM_N_COEFF + (size_t)j];
+      low[j] = value < low[j] ? value : low[j];
+      high[j] = value > high[j] ? value : high[j];
+    }
+  for (int j = 0; j < TFM_N_COEFF; ++j) {
+    lowest[number * TFM_N_COEFF + (size_t)j] = low[j];
+    highest[number * TFM_N_COEFF + (size_t)j] = high[j];
+  }
+}
+
 /* Store float coefficients in fewer bits. One work-item per texel.
    coefficients  [count, n], from 0 on
    numbers       out, from map->first_number on

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,12 @@ def renderer(device_name, request):
     lanes = getattr(request, "param", None)
     with tfm.Renderer(device_name, build_options=STRICT, lanes=lanes) as renderer:
         yield renderer
+
+
+@pytest.fixture(scope="session")
+def new_renderer(device_name):
+    """Make one more renderer, which is to be closed: what it shares with the others is compiled once."""
+    return partial(tfm.Renderer, device_name, build_options=STRICT)
 
 
 @pytest.fixture(scope="session")

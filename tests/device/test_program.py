@@ -1,5 +1,7 @@
 """Kernels take their arguments by the names of their own signature."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,15 @@ def test_arguments_in_any_order(launcher, echo):
     launcher.run(echo, (1,), {**dict(reversed(GIVEN.items())), "found": found})
 
     assert launcher.download(found, (4,), np.float32).tolist() == [-3, 0.25, 4, 7.5]
+
+
+def test_a_launch_as_large_as_the_last_one_has_nothing_new_to_keep(launcher, echo, monkeypatch):
+    kept = []
+    monkeypatch.setattr(echo, "_kept", SimpleNamespace(keep=lambda: kept.append(1)))
+    found = launcher.empty("found", 16)
+    for size, expected in ((1, 1), (1, 1), (1000, 2), (1000, 2), (1, 3)):
+        launcher.run(echo, (size,), {**GIVEN, "found": found})
+        assert len(kept) == expected
 
 
 @pytest.mark.parametrize(

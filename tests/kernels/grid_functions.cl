@@ -9,12 +9,12 @@ __kernel void call_densities_at(GRID_ARGUMENTS, __global const float *points, __
   PADDED_GRIDS(padded);
   const Ray still = {load3(points, 3, 0, count), vec3(floats(0.0f), floats(0.0f), floats(0.0f))};
   const GridRay ray = index_ray(grids, still);
-  const Walk walk = walk_from(&padded, &ray, floats(0.0f), floats(1.0f), no_warp(), 0, ints(1), all_lanes());
+  const Walk walk = walk_from(&padded, &ray, floats(0.0f), floats(1.0f), no_warp(), 0, ints(1), every_lane());
   Ints samples = ints(0);
   Steps list = no_steps();
   list.forced = 1;
   Amounts density = no_amounts();
-  if (find_steps(&padded, &walk, all_lanes(), 1, &list))
+  if (find_steps(&padded, &walk, every_lane(), 1, &list))
     density = densities_at(&padded, &walk, &list, 0, floats(0.5f), &samples);
   for (int m = 0; m < TFM_MEDIA; ++m)
     for (int c = 0; c < TFM_AMOUNTS; ++c)
@@ -29,7 +29,7 @@ __kernel void call_march_amounts(GRID_ARGUMENTS, __global const float *rays, __g
   PADDED_GRIDS(padded);
   const GridRay ray = index_ray(grids, load_ray(rays, 6, count));
   Ints samples = ints(0);
-  const Amounts met = march_amounts(&padded, &ray, floats(begin), floats(end), steps, floats(1.0f), all_lanes(), &samples);
+  const Amounts met = march_amounts(&padded, &ray, floats(begin), floats(end), steps, floats(1.0f), every_lane(), &samples);
   for (int m = 0; m < TFM_MEDIA; ++m)
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       store(found, TFM_MEDIA * TFM_AMOUNTS, TFM_AMOUNTS * m + c, count, met.of[m][c]);

@@ -15,7 +15,7 @@ TFM_INLINE int item_of(int lane)
   if (item_of(0) >= count) \
     return
 
-TFM_INLINE Ints all_lanes(void)
+TFM_INLINE Ints every_lane(void)
 {
   return floats(0.0f) == 0.0f;
 }

@@ -18,7 +18,7 @@ __kernel void call_basis_project(MAP map, __global const float *optical_depths, 
     basis_steps(map, table, &state, &step, steps);
   }
   Floats c[TFM_N_COEFF];
-  basis_finish(map, table, all_lanes(), &state, steps, c);
+  basis_finish(map, table, every_lane(), &state, steps, c);
   for (int j = 0; j < TFM_N_COEFF; ++j)
     store(found, TFM_N_COEFF, j, count, c[j]);
 }

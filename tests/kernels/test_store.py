@@ -9,13 +9,19 @@ pytestmark = pytest.mark.lanes
 COUNT = 1003
 """Not a multiple of any number of lanes."""
 MISSING = -7.0
+ROW, LARGEST_TILE = 4, 16
+"""Lanes."""
 
 
 @pytest.fixture
 def stored(launcher, rng):
     """What went in, and what `call_store` made of it."""
     values = rng.integers(0, 1000, (COUNT, 4)).astype(np.float32)
-    places, wanted = rng.permutation(COUNT), rng.random(COUNT) < 0.6
+    # Where all lanes of a tile are wanted, those of a row have places side by side.
+    places, wanted = np.arange(COUNT), rng.random(COUNT) < 0.6
+    in_rows = COUNT // ROW * ROW
+    places[:in_rows] = rng.permutation(places[:in_rows].reshape(-1, ROW)).ravel()
+    wanted[np.arange(COUNT) // LARGEST_TILE % 3 == 0] = True
     before = rng.integers(0, 100, (COUNT, 4)).astype(np.float32)
     flags = (rng.random(COUNT) < 0.5).astype(np.uint8) * rng.integers(1, 256, COUNT).astype(np.uint8)
     sizes = {"singles": (), "pairs": (2,), "fours": (4,), "added": (4,), "counts": (), "loaded": (5,)}

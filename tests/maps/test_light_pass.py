@@ -154,6 +154,22 @@ def test_storage_trades_bytes_for_a_bounded_error(renderer, small_scene, storage
     assert a_map(renderer, stored).coefficients.dtype == np.float32
 
 
+@pytest.mark.parametrize("coeffs", [8, *slow(1, 3, 32)])
+def test_8_bits_span_each_coefficient(renderer, coeffs):
+    scene = make_scene()
+    for res in (1, 5, 70):  # of 70² texels the last part that limits are found of is shorter
+        settings = scene.map.replace(coeffs=coeffs, steps=32, res=res)
+        exact = a_map(renderer, scene.replace(map=settings)).coefficients.reshape(-1, coeffs)
+
+        found = a_map(renderer, scene.replace(map=settings.replace(storage="u8")))
+
+        lowest, highest = exact.min(axis=0), exact.max(axis=0)
+        assert np.array_equal(found.buffers.limits, np.stack([lowest, highest - lowest], axis=1))
+        assert res == 1 or (lowest < highest).all()
+        extremes = np.sort(found.coefficients.reshape(-1, coeffs), axis=0)[[0, -1]]
+        assert np.allclose(extremes, [lowest, highest], rtol=0, atol=1e-6)
+
+
 def test_auto_weighting_follows_the_optical_depth(renderer, small_scene):
     def alpha(scale, **sigma):
         scene = small_scene.replace(

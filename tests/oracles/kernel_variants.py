@@ -21,6 +21,7 @@ from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
+from tfm_cl.render.scatter import scatter_variant
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.phases import PHASES
@@ -171,7 +172,11 @@ def _of_camera(case: Case) -> Program:
     return media.headers, media.defines | media.channels(textured=False) | {"TFM_SHADOW": case["shadow"]}
 
 
-def _of_lights(case: Case) -> Program:
+def _of_scatter(case: Case) -> Program:
+    return scatter_variant(*_batch(case))
+
+
+def _of_surface(case: Case) -> Program:
     of_lights, media = _batch(case)
     return of_lights.variant(media)
 
@@ -237,7 +242,7 @@ LATTICE: Choices = {
     **GRIDS,
     "colours": (1, 3),
 }
-ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0, 1)}
+ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -249,8 +254,8 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "probe.cl": (_of_probe, [FIELD]),
-    "scatter_pass.cl": (_of_lights, [GRIDS_LIT, OTHERS_LIT]),
-    "surface_pass.cl": (_of_lights, [GRIDS_LIT | ON_SOLIDS, OTHERS_LIT | ON_SOLIDS]),
+    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT, OTHERS_LIT]),
+    "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS, OTHERS_LIT | ON_SOLIDS]),
 }
 """Entry -> how it is compiled, and with what."""
 

@@ -115,14 +115,14 @@ def test_it_takes_what_it_needs(renderer):
     ids=str,
 )
 def test_what_is_given_stays(renderer, given, march):
-    scene = scene_of(error=0.05, of_map=given, march=tfm.MarchSettings(**march))
+    scene = scene_of(of_map=given, march=tfm.MarchSettings(**march))
     result = check(renderer, scene)
     assert given.items() <= result.stats.map.to_dict().items()
     assert march.items() <= result.scene.march.to_dict().items()
 
 
 def test_what_cannot_be_is_one_line(renderer):
-    scene = scene_of(error=0.002, of_map={"res": 16, "steps": 16, "coeffs": 2})
+    scene = scene_of(error=0.002, of_map={"res": 16, "steps": 16, "coeffs": 3})
     with pytest.raises(SceneError) as raised:
         renderer.render(scene.replace(march=tfm.MarchSettings(steps=16)))
     message = str(raised.value)
@@ -149,27 +149,27 @@ def test_of_fog(renderer):
 
 def test_of_a_crop(renderer):
     crop = (20, 10, 40, 30)
-    result = check(renderer, scene_of(error=0.02), crop=crop)
+    result = check(renderer, scene_of(), crop=crop)
     assert result.image.shape == (20, 20, 4)
 
 
 def test_a_sample_of_the_pixels_is_honest(renderer, monkeypatch):
     monkeypatch.setattr(accuracy, "PIXELS", 400)
     monkeypatch.setattr(accuracy, "LEAST_PIXELS", 400)
-    scene = scene_of(error=0.02)
+    scene = scene_of()
     check(renderer, scene.replace(camera=CAMERA.replace(res=(240, 180))))
 
 
 def test_maps_are_built_for_it_and_serve(renderer):
-    scene = scene_of(error=0.02)
+    scene = scene_of()
     maps = renderer.build_maps(scene)
     own, given = renderer.render(scene), renderer.render(scene, maps=maps)
     np.testing.assert_array_equal(own.image, given.image)
-    assert given.stats.error_estimate <= 0.02
+    assert given.stats.error_estimate <= scene.map.max_error
 
 
 def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
-    scene = scene_of(error=0.05)
+    scene = scene_of()
     first = renderer.render(scene)
 
     def fail(*_):
@@ -180,7 +180,7 @@ def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
     np.testing.assert_array_equal(first.image, again.image)
     assert first.stats.error_estimate == again.stats.error_estimate
     with pytest.raises(AssertionError, match="chosen again"):
-        renderer.render(scene_of(error=0.05))
+        renderer.render(scene_of())
 
 
 @pytest.mark.quick("black")
@@ -188,7 +188,7 @@ def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
     "scene",
     [
         scene_of(camera=CAMERA.replace(to=(0.6, 0.8, 9))),
-        scene_of(medium=tfm.Medium(sigma_s=0.0, sigma_a=1.0)),
+        scene_of(of_map={"coeffs": 4}, medium=tfm.Medium(sigma_s=0.0, sigma_a=1.0)),
         scene_of(tfm.Volume(np.zeros((4, 4, 4)))),
     ],
     ids=["looks away", "black", "empty"],

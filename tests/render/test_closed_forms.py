@@ -68,6 +68,7 @@ def test_beer_lambert(renderer):
         box(1.5),
         tfm.Medium(sigma_s=(0.5, 1.0, 2.0)),
         tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0)),
+        lights=(),
         march=tfm.MarchSettings(steps=STEPS),
     )
 
@@ -102,9 +103,8 @@ def test_an_opaque_white_medium_returns_albedo_over_2_of_collimated_light(render
 
 def test_depth_is_the_mean_distance_of_what_is_seen(renderer):
     sigma = 1.5
-    scene = tfm.Scene(
-        box(sigma), camera=tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0)), march=tfm.MarchSettings(steps=STEPS)
-    )
+    camera = tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0))
+    scene = tfm.Scene(box(sigma), camera=camera, lights=(), march=tfm.MarchSettings(steps=STEPS))
 
     _, aovs = centre_pixel(renderer, scene, "tfm")
 

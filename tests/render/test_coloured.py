@@ -733,7 +733,7 @@ def test_print_config_and_set(folder, capsys):
 
 
 def test_a_bare_archive_renders_in_its_colours(folder, capsys):
-    tiny = ("--res", "16x9", "--map-res", "16", "--steps", "8", "--light-steps", "8")
+    tiny = ("--res", "16x9", "--method", "dual", "--steps", "8", "--light-steps", "8")
     images = []
     for number, setting in enumerate(((), ("--set", "volume.colour=false"))):
         out = folder / f"{number}.npy"

@@ -78,9 +78,9 @@ def test_windows_follow_the_time_that_launches_take():
 
 @pytest.mark.quick("work_group3")
 @pytest.mark.parametrize("work_group", [None, (1, 1), (4, 2), (3, 5), (16, 16)])
-def test_work_groups_do_not_show(device_name, renderer, small_scene, work_group):
+def test_work_groups_do_not_show(new_renderer, renderer, small_scene, work_group):
     expected = renderer.render(small_scene)
-    with tfm.Renderer(device_name, work_group=work_group, lanes=renderer.lanes) as other:
+    with new_renderer(work_group=work_group, lanes=renderer.lanes) as other:
         result = other.render(small_scene)
 
     # Another vectorisation may round differently.
@@ -171,21 +171,21 @@ def test_a_light_moving_through_the_face_of_the_medium_does_not_jump(renderer, s
     assert steps.max() < 3 * np.median(steps) + 1e-4
 
 
-def test_a_volume_beyond_the_device_is_refused_with_both_numbers(device_name, small_scene):
+def test_a_volume_beyond_the_device_is_refused_with_both_numbers(new_renderer, small_scene):
     data = np.zeros((200, 200, 200), np.float32)
     data[::20, ::20, ::20] = 1
     sparse = small_scene.replace(volume=tfm.Volume(data))
     message = r"200×200×200 voxels\) needs .* MiB; .* allows 4.6 MiB"
     with (
-        tfm.Renderer(device_name, largest_buffer=600_000) as other,
+        new_renderer(largest_buffer=600_000) as other,
         pytest.raises(DeviceMemoryError, match=message),
     ):
         other.render(sparse)
 
 
-def test_a_volume_beyond_the_kernels_index_is_refused(device_name, small_scene, monkeypatch):
+def test_a_volume_beyond_the_kernels_index_is_refused(new_renderer, small_scene, monkeypatch):
     monkeypatch.setattr("tfm_cl.device.bricks.MAX_INDEX", 6 * 4 * 4 - 1)
-    with tfm.Renderer(device_name) as other, pytest.raises(DeviceMemoryError, match="has 96 bricks"):
+    with new_renderer() as other, pytest.raises(DeviceMemoryError, match="has 96 bricks"):
         other.render(small_scene)
 
 

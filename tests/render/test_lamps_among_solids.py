@@ -40,9 +40,9 @@ def lamps(rng, solids):
 
 
 @pytest.fixture
-def session(device_name):
+def session(new_renderer):
     """A renderer of its own, which has traced nothing yet."""
-    with tfm.Renderer(device_name) as renderer:
+    with new_renderer() as renderer:
         yield renderer
 
 
@@ -72,13 +72,13 @@ def all_shaded(monkeypatch):
     )
 
 
-def test_lights_beside_solids_need_no_shadow_maps(session, device_name, rng, monkeypatch):
+def test_lights_beside_solids_need_no_shadow_maps(session, new_renderer, rng, monkeypatch):
     scene = lamps(rng, SOLIDS)
     result = session.render(scene)
     assert 0 < result.stats.made["shadow map"] < LAMPS / 2
 
     all_shaded(monkeypatch)
-    with tfm.Renderer(device_name) as other:
+    with new_renderer() as other:
         expected = other.render(scene)
     assert expected.stats.made["shadow map"] == LAMPS
     assert np.array_equal(result.image, expected.image)
@@ -132,14 +132,14 @@ def test_only_what_has_moved_is_traced_again(session, rng, rays):
     assert made.get("shadow map", 0) < LAMPS / 10
 
 
-def test_lights_on_grids_that_meet_no_solid_trace_none(session, rays, monkeypatch):
+def test_lights_on_grids_that_meet_no_solid_trace_none(session, new_renderer, rays, monkeypatch):
     beside = SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=20, intensity=3)
     scene = make_scene(lights=[beside], solids=[BALL.replace(centre=(4, 0.6, 0.2))])
     result = session.render(scene)
     assert rays["distances"] == 0
 
     all_shaded(monkeypatch)
-    with tfm.Renderer(session.device_name) as other:
+    with new_renderer() as other:
         expected = other.render(scene)
     assert rays["distances"] > 0
     assert np.array_equal(result.image, expected.image)

@@ -17,7 +17,7 @@ from tfm_cl.render import lattice as module
 
 pytestmark = pytest.mark.lanes
 
-SETTLED = tfm.MapSettings(basis="dct", coeffs=16, density_weighting=10.0, res=96, steps=120)
+SETTLED = tfm.MapSettings(basis="dct", coeffs=8, density_weighting=10.0, res=96, steps=120)
 LIGHT = (2.2, 3.0, 1.2)
 SUN = tfm.SunLight(from_=LIGHT, to=(0, 0, 0))
 SPOT = tfm.SpotLight(from_=(-1.5, 3.0, -2.0), to=(0, 0, 0), cone=40)
@@ -28,6 +28,7 @@ COLOURS = [
     SPOT.replace(intensity=(0.1, 0.4, 1)),
     POINT.replace(intensity=(0.2, 3, 0.1)),
 ]
+COLOURED_SUNS = [SUN.replace(from_=light.from_, intensity=light.intensity) for light in COLOURS]
 CAMERA = tfm.Camera(from_=(0.6, 0.8, 5), to=(0, 0, 0), fov=32, res=(32, 28))
 TOWARDS_THE_SUN = CAMERA.replace(from_=(-2.2, -3.0, -1.2), up=(0, 0, 1), fov=40)
 INSIDE = CAMERA.replace(from_=(-0.3, -0.2, 0.1), to=LIGHT, up=(0, 0, 1), fov=70)
@@ -114,6 +115,7 @@ CASES = {
     "coloured lights": {"lights": COLOURS},
     "coloured medium": {"medium": RGB},
     "coloured lights in a coloured medium": {"lights": COLOURS, "medium": RGB},
+    "coloured suns in a coloured medium": {"lights": COLOURED_SUNS, "medium": RGB},
     "coloured voxels": {"lights": COLOURS, "volume": COLOURED},
     "phase function": {"medium": HAZY},
     "phase function towards the sun": {"medium": HAZY, "camera": TOWARDS_THE_SUN},
@@ -136,7 +138,7 @@ CASES = {
 }
 
 
-@pytest.mark.quick("sun, spot, point", "coloured lights in a coloured medium")
+@pytest.mark.quick("sun, spot, point", "coloured suns in a coloured medium")
 @pytest.mark.parametrize("case", CASES)
 def test_is_as_close_as_the_plan_says(renderer, case):
     found, truth = check_close(renderer, scene_of(**CASES[case]))
@@ -156,12 +158,12 @@ the one or the other, is 1 % off at an optical depth of less than 0.02 of 120 st
 @pytest.mark.slow
 @pytest.mark.parametrize("lanes", [4, 16])
 @pytest.mark.parametrize("case", ["sun, spot, point", "coloured voxels", "overlapping grids"])
-def test_lanes_do_not_show(device_name, renderer, lanes, case):
+def test_lanes_do_not_show(device_name, new_renderer, renderer, lanes, case):
     if lanes not in Launcher(choose_device(device_name)).lanes_possible:
         pytest.skip(f"the device has not {lanes} lanes")
     scene = on_lattice(scene_of(**CASES[case]))
     expected = renderer.render(scene).image
-    with tfm.Renderer(device_name, lanes=lanes) as other:
+    with new_renderer(lanes=lanes) as other:
         found = other.render(scene).image
 
     tolerance = 4 * LANES + (OF_A_STEP if len(scene.grids) > 1 else 0)
@@ -219,8 +221,11 @@ def test_a_light_without_intensity_adds_nothing(renderer):
 
 def test_a_colour_that_no_light_has_stays_black(renderer):
     # Of red and blue lights, which are not multiples of one colour.
-    lights = [SUN.replace(intensity=(1, 0, 0)), SPOT.replace(intensity=(0, 0, 1)), POINT.replace(intensity=0)]
-    image = renderer.render(on_lattice(scene_of(lights))).image
+    red, blue, none = (1, 0, 0), (0, 0, 1), 0
+    lights = [
+        sun.replace(intensity=colour) for sun, colour in zip(COLOURED_SUNS, (red, blue, none), strict=True)
+    ]
+    image = renderer.render(on_lattice(scene_of(lights, medium=RGB))).image
 
     assert image[..., 1].max() == 0
     assert image[..., [0, 2]].max(axis=(0, 1)).min() > 0.01
@@ -228,9 +233,9 @@ def test_a_colour_that_no_light_has_stays_black(renderer):
 
 @pytest.mark.parametrize("factor", [1e-30, 1e-6, 1e20])
 def test_colours_of_very_dim_and_very_bright_lights(renderer, factor):
-    scene = scene_of(COLOURS)
+    scene = scene_of(COLOURED_SUNS, medium=RGB)
     scaled = scene.replace(
-        lights=[light.replace(intensity=factor * np.array(light.intensity)) for light in COLOURS]
+        lights=[light.replace(intensity=factor * np.array(light.intensity)) for light in COLOURED_SUNS]
     )
     expected, found = (renderer.render(on_lattice(one)).image[..., :3] for one in (scene, scaled))
 
@@ -335,7 +340,7 @@ def test_grids_of_equal_media_are_one_medium(renderer):
 
 
 def test_the_dual_march_takes_no_lattice(renderer):
-    scene = scene_of(camera=CAMERA.replace(res=(12, 10)))
+    scene = scene_of([SPOT], camera=CAMERA.replace(res=(12, 10)))
     found, truth = (result.image for result in both(renderer, scene, method="dual"))
 
     assert (found == truth).all()
@@ -343,9 +348,9 @@ def test_the_dual_march_takes_no_lattice(renderer):
 
 
 @pytest.mark.lanes
-def test_a_lattice_too_large_for_the_device_is_told(device_name, renderer):
-    scene = scene_of([SUN], settings=SETTLED.replace(res=32, coeffs=8))
-    with tfm.Renderer(device_name, lanes=renderer.lanes, largest_buffer=1 << 18) as small:
+def test_a_lattice_too_large_for_the_device_is_told(new_renderer, renderer):
+    scene = scene_of([SUN], settings=SETTLED.replace(res=32))
+    with new_renderer(lanes=renderer.lanes, largest_buffer=1 << 18) as small:
         found, truth = both(small, scene)
 
     assert (found.image == truth.image).all()
@@ -393,7 +398,7 @@ def test_any_density_gives_finite_numbers(renderer, scale):
 
 
 def test_the_error_of_the_maps_is_that_of_every_sample(renderer):
-    scene = scene_of([SUN], settings=SETTLED.replace(coeffs=4))
+    scene = scene_of([SUN])
     found, truth = both(renderer, scene, aovs=["map_error"])
 
     assert found.aovs["map_error"].max() > 1e-3

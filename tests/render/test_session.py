@@ -10,6 +10,7 @@ from scenes import blobs, make_scene
 import tfm_cl as tfm
 from tfm_cl.errors import CancelledError
 from tfm_cl.plan import maps
+from tfm_cl.render import renderer as renderers
 
 SPOT = tfm.SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=24, intensity=3)
 POINT = tfm.PointLight(from_=(2, 2, 2))
@@ -19,6 +20,7 @@ SCENE = make_scene(lights=[SPOT, POINT])
 GRID = SCENE.bodies[0]
 IN_FOG = SCENE.replace(volume=[GRID, FOG])
 BESIDE_BALL = SCENE.replace(solids=[BALL], shadow=tfm.ShadowSettings(res=32))
+ENDLESS = SCENE.replace(volume=tfm.EverywhereVolume(density=0.1))
 SMALL = GRID.with_density_scale(2.0)
 TWO = SCENE.replace(volume=[GRID, SMALL.transformed(np.diag([0.5, 0.5, 0.5, 1.0]))])
 
@@ -41,6 +43,8 @@ CHANGES = {
     "phase": (SCENE, SCENE.replace(medium=SCENE.medium.replace(phase=tfm.Isotropic())), {}),
     "ambient": (SCENE, SCENE.replace(ambient=tfm.Ambient(radiance=1)), {}),
     "fog's density": (IN_FOG, IN_FOG.replace(volume=[GRID, FOG.replace(density=0.3)]), {}),
+    "camera in endless fog": (ENDLESS, ENDLESS.replace(camera=SCENE.camera.replace(from_=(1, 1, 3))), {}),
+    "empty space": (SCENE, SCENE.replace(march=SCENE.march.replace(skip_empty=False)), {}),
     "one light": (
         SCENE,
         SCENE.replace(lights=[SPOT, POINT.replace(from_=(2.5, 2, 2))]),
@@ -81,13 +85,21 @@ CHANGES = {
 
 
 @pytest.fixture
-def session(device_name):
+def session(new_renderer):
     """A renderer of its own, which has made nothing yet."""
-    with tfm.Renderer(device_name, build_options=("-Werror",)) as renderer:
+    with new_renderer() as renderer:
         yield renderer
 
 
-@pytest.mark.quick("camera", "albedo", "one light", "density", "a solid's place", "place of one of two grids")
+@pytest.mark.quick(
+    "camera",
+    "albedo",
+    "camera in endless fog",
+    "one light",
+    "density",
+    "a solid's place",
+    "place of one of two grids",
+)
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_frame_makes_what_it_must(session, renderer, change):
     before, after, expected = CHANGES[change]
@@ -98,6 +110,17 @@ def test_a_frame_makes_what_it_must(session, renderer, change):
     # What was kept is what would be made.
     fresh = renderer.render(after)
     np.testing.assert_array_equal(second.image, fresh.image)
+
+
+def test_media_of_the_last_frame_are_not_uploaded_again(session, monkeypatch):
+    made, make = [], renderers.media_on_device
+    monkeypatch.setattr(renderers, "media_on_device", lambda *of: made.append(of) or make(*of))
+    for fov in (30.0, 35.0):
+        session.render(SCENE.replace(camera=SCENE.camera.replace(fov=fov)))
+    assert len(made) == 1
+    session.render(SCENE.replace(volume=SMALL))
+    session.render(SCENE)
+    assert len(made) == 3
 
 
 def test_a_picture_stays_what_it_was_while_the_next_are_rendered(session):

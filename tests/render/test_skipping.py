@@ -345,13 +345,13 @@ def test_the_cutoff_waits_for_the_clearest_colour(renderer):
 
 
 @pytest.fixture(scope="module")
-def by_lanes(device_name):
+def by_lanes(new_renderer):
     """``by_lanes(1)`` renders with so many rays a work-item; each is made once."""
     made = {}
 
     def of(lanes):
         if lanes not in made:
-            made[lanes] = tfm.Renderer(device_name, lanes=lanes)
+            made[lanes] = new_renderer(lanes=lanes)
         return made[lanes]
 
     yield of

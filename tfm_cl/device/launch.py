@@ -163,7 +163,7 @@ class Launcher:
             raise DeviceError(
                 f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
             ) from error
-        self.kernels.ran(kernel)
+        self.kernels.ran(kernel, whole)
         return float(event.profile.end - event.profile.start) * 1e-9
 
     def run_windows(

@@ -155,6 +155,7 @@ class Kernel(cl.Kernel):
     def __init__(self, program: cl.Program, name: str, clock: _LaunchClock, kept: KeptProgram | None) -> None:
         super().__init__(program, name)
         self._clock, self._kept = clock, kept
+        self._last_size: tuple[int, ...] = ()
         info = cl.kernel_arg_info
         self.parameters: dict[str, str] = {
             str(self.get_arg_info(i, info.NAME)): str(self.get_arg_info(i, info.TYPE_NAME))
@@ -162,10 +163,12 @@ class Kernel(cl.Kernel):
         }
         """Name -> OpenCL type of each argument, in order: of its own signature."""
 
-    def keep(self) -> None:
-        """Keep what was compiled for its launches so far, which have ended."""
-        if self._kept is not None:
+    def keep(self, size: tuple[int, ...]) -> None:
+        """Keep what was compiled for its launches so far; the last one, of that size, has ended."""
+        # Nothing is compiled for the size of the launch before.
+        if self._kept is not None and size != self._last_size:
             self._kept.keep()
+            self._last_size = size
 
     def ordered(self, arguments: Mapping[str, Any]) -> list[Any]:
         """Put arguments in the order of its signature, as the types that it has.
@@ -263,10 +266,10 @@ class KernelLibrary:
             self._build_seconds += time.perf_counter() - started
         return self._kernels[name, variant]
 
-    def ran(self, kernel: cl.Kernel) -> None:
-        """Take note that launches of a kernel have ended well: what was compiled for them can be kept."""
+    def ran(self, kernel: cl.Kernel, size: tuple[int, ...]) -> None:
+        """Take note that a launch of that size has ended well: what was compiled for it can be kept."""
         if isinstance(kernel, Kernel):
-            kernel.keep()
+            kernel.keep(size)
 
     def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.

@@ -27,6 +27,9 @@ RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own
 errors."""
 
+MOST_PARTS = 4096
+"""Parts of a map whose limits are found apart: enough work-items for any device, few enough for the host."""
+
 
 def steps_of_levels(settings: ResolvedMap) -> list[int]:
     """List the steps along ranges of each level; the medium's bounds take all of them."""
@@ -182,14 +185,13 @@ class LightPass:
         """Store the coefficients in the type asked for; 8 bits span each coefficient's own range."""
         settings = plan.settings
         launcher, texels, n = self._launcher, settings.res**2, settings.coeffs
-        limits = np.zeros((n, 2), np.float32)
+        limits, seconds = np.zeros((n, 2), np.float32), 0.0
         if settings.storage == "u8":
-            values = launcher.download(coefficients, (texels, n), np.float32)
-            limits[:, 0] = values.min(axis=0)
-            limits[:, 1] = values.max(axis=0) - limits[:, 0]
+            kernel = self._kernel("coefficient_limits", settings, light, medium)
+            limits, seconds = self._limits(kernel, coefficients, texels, n)
         struct = plan.struct()
         struct["first_number"] = room.first
-        seconds = launcher.run(
+        seconds += launcher.run(
             self._kernel("pack_map", settings, light, medium),
             (texels,),
             {
@@ -202,6 +204,30 @@ class LightPass:
             },
         )
         return limits, seconds
+
+    def _limits(
+        self, kernel: Kernel, coefficients: cl.Buffer, texels: int, n: int
+    ) -> tuple[NDArray[np.float32], float]:
+        """Return the lowest value and the extent of each coefficient, [n, 2], and the device's seconds."""
+        launcher, part = self._launcher, -(-texels // MOST_PARTS)
+        parts = -(-texels // part)
+        lowest, highest = (
+            launcher.empty("the coefficients' limits", 4 * parts * n, reuse=True) for _ in range(2)
+        )
+        seconds = launcher.run(
+            kernel,
+            (parts,),
+            {
+                "coefficients": coefficients,
+                "lowest": lowest,
+                "highest": highest,
+                "part": part,
+                "count": texels,
+            },
+        )
+        low = launcher.download(lowest, (parts, n), np.float32).min(axis=0)
+        high = launcher.download(highest, (parts, n), np.float32).max(axis=0)
+        return np.stack([low, high - low], axis=1), seconds
 
     def arguments(self, plan: MapPlan, buffers: MapBuffers) -> dict[str, Any]:
         """Return what kernels that read this map alone take."""

@@ -132,10 +132,6 @@ def wanted(
             why = "no grid is marched: only how the light arrives varies along a camera ray"
             found["march.steps"] = Wanted(STEPS_WITHOUT_GRIDS, STEPS_WITHOUT_GRIDS, why)
         return found
-    size = VOXELS_PER_STEP * finest_voxel(grids)
-    step = f"steps of {VOXELS_PER_STEP} voxels, {size:.3g}, along the diagonal"
-    held = f", shorter where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
-    thick = held if VOXELS_PER_STEP * voxel_depth(grids) > DEPTH_PER_STEP else ""
     if maps is not None:
         for key, asked_for in (("res", scene.map.res), ("steps", scene.map.steps)):
             if asked_for == "auto":
@@ -146,10 +142,10 @@ def wanted(
             found["map.res"] = _wanted_res(scene, grids, on_lattice=on_lattice)
         if scene.map.steps == "auto":
             asked = steps_for(grids, LIGHT_STEP_POWER)
-            found["map.steps"] = Wanted(_whole(asked, STEPS, 1), asked, step + thick)
+            found["map.steps"] = Wanted(_whole(asked, STEPS, 1), asked, _why_steps(grids))
     if scene.march.steps == "auto":
         asked = steps_for(grids)
-        found["march.steps"] = Wanted(_whole(asked, STEPS, 1), asked, step + thick)
+        found["march.steps"] = Wanted(_whole(asked, STEPS, 1), asked, _why_steps(grids))
     return found
 
 
@@ -185,6 +181,15 @@ def limited(scene: Scene) -> tuple[str, ...]:
         for name, (number, asked, _) in wanted(scene).items()
         if asked > number
     )
+
+
+def _why_steps(grids: Sequence[Marched]) -> str:
+    why = (
+        f"steps of {VOXELS_PER_STEP} voxels, {VOXELS_PER_STEP * finest_voxel(grids):.3g}, along the diagonal"
+    )
+    if VOXELS_PER_STEP * voxel_depth(grids) > DEPTH_PER_STEP:
+        why += f", shorter where a voxel holds an optical depth of {voxel_depth(grids):.2g}"
+    return why
 
 
 def _wanted_res(scene: Scene, grids: Sequence[Marched], *, on_lattice: bool | None) -> Wanted:

@@ -111,7 +111,6 @@ class Batch:
             "TFM_METHOD_DUAL": int(self.is_dual),
             "TFM_SHADOW": self.shadow_filter,
             "TFM_TEXTURE": int(self.of.is_textured),
-            "TFM_SHARED": int(self.of.shares_samples),
             "TFM_SHOW_RESIDUAL": int(self.shows_residual),
         }
 

@@ -59,8 +59,13 @@ MOST_TOLD = 3
 
 def is_black(image: NDArray[np.float32]) -> bool:
     """Tell whether a picture [H, W, 4] has no light that any exposure shows; fast where it has."""
-    rows = (image[len(image) // 2], *image)  # first the middle, where most pictures have some
-    return not any((row[:, :3] >= FAINTEST).any() for row in rows)
+    return not any((row[:, :3] >= FAINTEST).any() for row in rows_from_the_middle(image))
+
+
+def rows_from_the_middle(picture: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
+    """Yield all rows of a picture, first the middle one, where most have something."""
+    yield picture[len(picture) // 2]
+    yield from picture
 
 
 def why_black(result: RenderResult, visibility: Visibility) -> str:

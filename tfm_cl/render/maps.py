@@ -179,7 +179,7 @@ class MapBuilder:
                 f"{len(maps)} maps for {len(scene.lights)} lights (points of area lights count){each}; "
                 "build the maps again"
             )
-        for place in range(len(maps)):
+        for place in range(1, len(maps)):
             self._check_one(scene, media, maps, place)
 
     def _check_one(

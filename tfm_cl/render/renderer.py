@@ -14,7 +14,7 @@ import numpy as np
 from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.cache import BUDGET, Cache
 from tfm_cl.device.device import choose_device
-from tfm_cl.device.frame import check_distances
+from tfm_cl.device.frame import check_distances, world_from_device
 from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.media import media_on_device
@@ -31,6 +31,7 @@ from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.layers import LAYERS, Layers
 
 if TYPE_CHECKING:
+    from tfm_cl.device.bricks import BrickGrid, VoxelType
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.scene.bodies import Volume
@@ -86,6 +87,7 @@ class Renderer:
         self._visibility = Visibility(self._cache)
         self._maps = MapBuilder(self._launcher, self._visibility, self._cache)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
+        self._last_media: tuple[tuple[object, ...], MediaOnDevice] | None = None
 
     @property
     def device_name(self) -> str:
@@ -100,7 +102,7 @@ class Renderer:
     def close(self) -> None:
         """Release the device's memory."""
         self._cache.clear()
-        self._choice = None
+        self._choice = self._last_media = None
         self._visibility.clear()
         self._launcher.release()
 
@@ -141,18 +143,32 @@ class Renderer:
         return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
 
     def _media(self, scene: Scene) -> MediaOnDevice:
-        """Put the media of a scene on the device."""
+        """Put the media of a scene on the device; those of the last frame are there."""
         grids, voxels, bricks = scene.grids, scene.march.voxels, None
         if grids:
             bricks = self._cache.get(
                 "bricks",
                 (voxels, *(grid.content for grid in grids)),
-                lambda: build_bricks(
-                    self._launcher, [grid.channel_leaves for grid in grids], _what(grids), voxels
-                ),
+                lambda: self._build_bricks(grids, voxels),
                 lambda built: built.nbytes,
             )
-        return media_on_device(self._launcher, scene, bricks)
+        key = (
+            scene.bodies,
+            tuple(grid.density_key for grid in grids),
+            scene.medium,
+            scene.march.skip_empty,
+            world_from_device(scene).tobytes(),
+        )
+        kept, media = self._last_media or (None, None)
+        if media is None or kept != key or media.bricks is not bricks:
+            media = media_on_device(self._launcher, scene, bricks)
+            self._last_media = key, media
+        return media
+
+    def _build_bricks(self, grids: Sequence[Volume], voxels: VoxelType) -> BrickGrid:
+        self._last_media = None  # gives back its voxels first
+        leaves = [grid.channel_leaves for grid in grids]
+        return build_bricks(self._launcher, leaves, _what(grids), voxels)
 
     def cancel(self) -> None:
         """End what another thread is rendering: it raises `CancelledError` before its next launch."""
@@ -290,7 +306,7 @@ class Renderer:
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
-        lit = any(row[:, 3].any() for row in sums.light_seen)
+        lit = any(row[:, 3].any() for row in diagnosis.rows_from_the_middle(sums.light_seen))
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
         return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)
 

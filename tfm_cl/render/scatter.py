@@ -13,6 +13,12 @@ if TYPE_CHECKING:
     from tfm_cl.render.buffers import FrameBuffers
 
 
+def scatter_variant(batch: Batch, media: MediaOnDevice) -> tuple[tuple[str, ...], dict[str, int | str]]:
+    """Headers and macros of the scatter pass."""
+    headers, defines = batch.variant(media)
+    return headers, defines | {"TFM_SHARED": int(batch.of.shares_samples)}
+
+
 def scatter(
     launcher: Launcher,
     media: MediaOnDevice,
@@ -36,7 +42,7 @@ def scatter(
         Fill in what the camera pass does from the same samples: of the first batch, where its lights share
         them.
     """
-    headers, defines = batch.variant(media)
+    headers, defines = scatter_variant(batch, media)
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
     return launcher.run_windows(
         kernel,

@@ -1,5 +1,6 @@
 """The perspective camera."""
 
+from functools import lru_cache
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
@@ -25,6 +26,10 @@ def _resolution(value: object) -> tuple[int, int]:
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise ValueError(f"should be at least 1×1 and at most {MAX_PIXELS:,} pixels")
     return width, height
+
+
+_world_from_camera = lru_cache(maxsize=16)(look_at)
+"""Every frame asks for it several times."""
 
 
 class Camera(Model):
@@ -62,7 +67,7 @@ class Camera(Model):
     @property
     def world_from_camera(self) -> NDArray[np.float64]:
         """4×4; the columns are right, up, forward and the position."""
-        return look_at(self.from_, self.to, self.up)
+        return _world_from_camera(self.from_, self.to, self.up).copy()
 
     @property
     def ndc_from_camera(self) -> NDArray[np.float64]:

@@ -220,10 +220,9 @@ def test_a_background_fills_the_box_and_is_noted(tree):
     assert Volume.load(path, offset=-0.25).notes == ()
 
 
-def test_a_renderer_hands_notes_on(tree, device_name):
+def test_a_renderer_hands_notes_on(tree, renderer):
     path, _ = tree(background=0.25)
     volume = Volume.load(path)
     camera = tfm.Camera(from_=(4, 4, 40), to=(4, 4, 4), res=(4, 4))
     scene = tfm.Scene(volume.with_density_scale(0.01), camera=camera)
-    with tfm.Renderer(device_name) as renderer:
-        assert renderer.render(scene, method="dual").warnings == volume.notes
+    assert renderer.render(scene, method="dual").warnings == volume.notes

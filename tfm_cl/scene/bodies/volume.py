@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -546,7 +546,14 @@ def _world_box(
     world_from_index: NDArray[np.float64], low: Sequence[float], high: Sequence[float]
 ) -> NDArray[np.float64]:
     """World-space axis-aligned box around the index-space box from ``low`` to ``high`` (x, y, z)."""
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True))), dtype=np.float64)
+    return _box_of_corners(world_from_index.tobytes(), *low, *high).copy()
+
+
+@lru_cache(maxsize=256)
+def _box_of_corners(matrix: bytes, *ends: float) -> NDArray[np.float64]:
+    """`_world_box`, cached, since every frame asks for it often."""
+    world_from_index = np.frombuffer(matrix).reshape(4, 4)
+    corners = np.array(list(itertools.product(*zip(ends[:3], ends[3:], strict=True))), dtype=np.float64)
     world = corners @ world_from_index[:3, :3].T + world_from_index[:3, 3]
     return np.array([world.min(axis=0), world.max(axis=0)])
 
