@@ -41,6 +41,22 @@ def test_the_latest_stays_whatever_its_size(budget):
     assert cache.nbytes == 100
 
 
+def test_what_is_held_is_not_pushed_out():
+    cache = Cache(10)
+
+    def held(key):
+        return cache.get("bricks", key, object, lambda _: 9, held=True)
+
+    first = held("first")
+    maps = [made(cache, number, 2) for number in range(3)]
+    assert held("first") is first
+    assert made(cache, 2, 2) is maps[2]
+    assert cache.nbytes == 11
+    held("second")  # so that nothing holds the first any more
+    assert cache.nbytes == 9
+    assert held("first") is not first
+
+
 def test_what_fails_is_not_kept():
     cache = Cache(10)
 

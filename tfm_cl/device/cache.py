@@ -16,7 +16,7 @@ class Cache:
     """Keeps what was made, the most recently used first, as long as it fits.
 
     Keys hold all that a value depends on, so that a hit is what would be made again. The latest value stays
-    whatever its size: it is in use.
+    whatever its size, and the latest of each kind that is held: they are in use.
 
     Parameters
     ----------
@@ -29,6 +29,8 @@ class Cache:
         self.made: Counter[str] = Counter()
         """Kind -> how often a value of it was made so far."""
         self._kept: OrderedDict[tuple[str, Hashable], tuple[Any, int]] = OrderedDict()
+        self._held: dict[str, tuple[str, Hashable]] = {}
+        """Kind -> where the value of that kind is that may not be pushed out."""
         self._nbytes = 0
 
     @property
@@ -36,7 +38,15 @@ class Cache:
         """Bytes kept."""
         return self._nbytes
 
-    def get(self, kind: str, key: Hashable, make: Callable[[], T], nbytes: Callable[[T], int]) -> T:
+    def get(
+        self,
+        kind: str,
+        key: Hashable,
+        make: Callable[[], T],
+        nbytes: Callable[[T], int],
+        *,
+        held: bool = False,
+    ) -> T:
         """Return the value of a key, made now if it is not kept.
 
         Parameters
@@ -45,8 +55,13 @@ class Cache:
             What it is, for `made`: ``"bricks"``, ``"map"``.
         nbytes
             Size of a value.
+        held
+            Whether the caller goes on using it while other values are made: to push it out would free
+            nothing, and the next frame would make it again.
         """
         place = kind, key
+        if held:
+            self._held[kind] = place
         kept = self._kept.get(place)
         if kept is not None:
             self._kept.move_to_end(place)
@@ -91,11 +106,16 @@ class Cache:
         return value
 
     def _shrink(self) -> None:
-        while len(self._kept) > 1 and self._nbytes > self.budget:
-            _, (_, size) = self._kept.popitem(last=False)
+        in_use = {next(reversed(self._kept)), *self._held.values()}
+        while self._nbytes > self.budget:
+            oldest = next((place for place in self._kept if place not in in_use), None)
+            if oldest is None:
+                break
+            _, size = self._kept.pop(oldest)
             self._nbytes -= size
 
     def clear(self) -> None:
         """Forget everything."""
         self._kept.clear()
+        self._held.clear()
         self._nbytes = 0

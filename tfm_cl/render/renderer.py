@@ -151,6 +151,7 @@ class Renderer:
                 (voxels, *(grid.content for grid in grids)),
                 lambda: self._build_bricks(grids, voxels),
                 lambda built: built.nbytes,
+                held=True,
             )
         key = (
             scene.bodies,
