@@ -102,10 +102,11 @@ def test_it_takes_what_it_needs(renderer):
     assert steps[0] < steps[2]
 
 
-@pytest.mark.quick("{'res': 256}-{}", "{}-{'steps': 222}")
+@pytest.mark.quick("{'res': 256, 'coeffs': 8}-{'steps': 222}")
 @pytest.mark.parametrize(
     ("given", "march"),
     [
+        ({"res": 256, "coeffs": 8}, {"steps": 222}),
         ({"res": 256}, {}),
         ({"steps": 300}, {}),
         ({"coeffs": 16}, {}),
