@@ -245,7 +245,7 @@ def test_json_report(render, cloud, folder, method, device_name):
     assert done.out == ""
     report = json.loads((folder / "report.json").read_text())
     assert set(report) == {"options", "plan", "device", "seconds", "samples", "map_bytes", "error_estimate"}
-    assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "save", "total"}
+    assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "host", "save", "total"}
     assert set(report["samples"]) == {"light_pass", "view_pass"}
     assert set(report["options"]) == {
         *("volume", "medium", "camera", "light", "solid", "ambient", "shadow", "map", "march", "image")
@@ -287,7 +287,7 @@ def test_quiet_prints_nothing_at_all(render, cloud):
 def test_statistics_go_to_stderr(render, cloud):
     done = render(cloud, "-o", "a.npy", "--stats")
     assert done.out == ""
-    for name in ("device", "load", "compile", "light_pass", "view_pass", "save", "total", "maps"):
+    for name in ("device", "load", "compile", "light_pass", "view_pass", "host", "save", "total", "maps"):
         assert f"\n{name} " in done.err
 
 

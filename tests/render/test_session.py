@@ -168,6 +168,20 @@ def test_what_was_probed_before_takes_no_time(session, basis):
     assert second.plan.seconds == 0
 
 
+def test_the_host_s_time_is_what_neither_device_nor_compiler_nor_rays_take(session):
+    first, steady = (session.render(BESIDE_BALL).stats.seconds for _ in range(2))
+
+    assert steady["trace"] == steady["light_pass"] == 0
+    for seconds in (first, steady):
+        assert 0 < seconds["host"] < seconds["total"]
+    # Of a first frame the device takes more: voxels are put there.
+    parts = [
+        sum(v for k, v in seconds.items() if k != "total") / seconds["total"] for seconds in (first, steady)
+    ]
+    assert parts[0] < 1
+    assert parts[1] == pytest.approx(1, abs=1e-9)
+
+
 @pytest.mark.slow
 def test_without_room_only_the_last_is_kept(device_name):
     with tfm.Renderer(device_name, cache_bytes=0) as tight:

@@ -211,7 +211,7 @@ def _write_json(path: Path | None, report: Values) -> None:
 
 def _print_stats(report: Values) -> None:
     print(f"device       {report['device']['name']}", file=sys.stderr)
-    for name in ("load", "compile", "light_pass", "view_pass", "save", "total"):
+    for name in ("load", "compile", "light_pass", "view_pass", "host", "save", "total"):
         samples = report["samples"].get(name)
         seconds = report["seconds"][name]
         rate = (

@@ -117,6 +117,8 @@ class Launcher:
             2: tiles if work_group == "auto" else work_group,
         }
         self._cancelled = threading.Event()
+        self.seconds = 0.0
+        """Of all kernels so far, on the device."""
         self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
 
     # All that is done on the device goes through one of these three.
@@ -164,7 +166,9 @@ class Launcher:
                 f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
             ) from error
         self.kernels.ran(kernel, whole)
-        return float(event.profile.end - event.profile.start) * 1e-9
+        seconds = float(event.profile.end - event.profile.start) * 1e-9
+        self.seconds += seconds
+        return seconds
 
     def run_windows(
         self,

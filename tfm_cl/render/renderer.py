@@ -275,10 +275,11 @@ class Renderer:
         method = _checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
+        started, launched = time.perf_counter(), self._launcher.seconds
+        compiled = self._launcher.kernels.seconds
         scene = plan(scene, method=method, maps=maps[0].requested if maps else None).scene
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
-        compiled, started = self._launcher.kernels.seconds, time.perf_counter()
         made = self._cache.made.copy()
         traced = self._visibility.seconds
         points = _single_lights(scene)
@@ -298,17 +299,17 @@ class Renderer:
             for name, layer in LAYERS.items()
             if layer.made == "always" or name in aovs or (layer.made == "solids" and scene.solids)
         ]
-        if scene.solids:
-            stats.seconds["trace"] = self._visibility.seconds - traced
-        stats.seconds |= {
-            "compile": self._launcher.kernels.seconds - compiled,
-            "total": time.perf_counter() - started,
-        }
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
         lit = any(row[:, 3].any() for row in diagnosis.rows_from_the_middle(sums.light_seen))
         notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
+        traced, compiled = self._visibility.seconds - traced, self._launcher.kernels.seconds - compiled
+        total = time.perf_counter() - started
+        host = max(total - (self._launcher.seconds - launched) - compiled - traced, 0.0)
+        stats.seconds |= {"compile": compiled, "host": host, "total": total}
+        if scene.solids:
+            stats.seconds["trace"] = traced
         return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)
 
 
