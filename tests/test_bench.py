@@ -250,6 +250,7 @@ def test_a_tenth_of_the_sparse_grid_is_active(scale):
     assert (voxels > 0).mean() == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_case_of_the_scale_is_measured(scale, device_name, tmp_path):
     case = scale.Case("pixels", 16 * 9, "16×9", lambda: scale.cumulus((16, 9), texels=32))
     row = scale.measure(case, device_name)

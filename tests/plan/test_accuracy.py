@@ -148,6 +148,7 @@ def test_of_fog(renderer):
     assert compare(fine.image, truth.image).lit.rmse <= 0.0005 * HONEST
 
 
+@pytest.mark.slow
 def test_of_a_crop(renderer):
     crop = (20, 10, 40, 30)
     result = check(renderer, scene_of(), crop=crop)

@@ -124,7 +124,7 @@ def test_settings_equal_the_reference(renderer, save_on_failure, changes, method
     check_equal(renderer, save_on_failure, solid_scene("several", "spot", **changes), method)
 
 
-@pytest.mark.quick("several")
+@pytest.mark.slow
 @pytest.mark.parametrize("solids", ["sphere inside", "plane behind", "several"])
 def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_on_failure, solids):
     scene = solid_scene(solids, "spot", ambient=None)
