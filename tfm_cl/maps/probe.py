@@ -40,8 +40,6 @@ class Probe:
     """Of the density along the whole ray."""
     last: NDArray[np.float32]
     """Where the last density is."""
-    seconds: float
-    """Device time."""
 
     @property
     def nbytes(self) -> int:
@@ -120,7 +118,7 @@ class LightProbe:
         kernel = self._kernel("light_ranges", light, medium, clipped=clip is not None)
         ranges = launcher.empty("the light's ranges", 16 * size * size, reuse=True)
         lasts = launcher.empty("the light's ranges", 4 * size * size, reuse=True)
-        seconds = launcher.run_windows(
+        launcher.run_windows(
             kernel,
             (0, 0, size, size),
             steps,
@@ -139,7 +137,7 @@ class LightProbe:
         )
         found = launcher.download(ranges, (size, size, 4), np.float32)
         last = launcher.download(lasts, (size, size), np.float32)
-        return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], last, seconds)
+        return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], last)
 
     def curves(
         self,
@@ -149,8 +147,8 @@ class LightProbe:
         probe: Probe,
         field: NDArray[np.float32] | None,
         extinction: float,
-    ) -> tuple[Curves, float]:
-        """Sample some rays that meet density; returns them and device seconds.
+    ) -> Curves:
+        """Sample some rays that meet density.
 
         Parameters
         ----------
@@ -168,9 +166,9 @@ class LightProbe:
             ranges = field[y, x, :2] if each else np.broadcast_to(field[0, 0, :2], (len(x), 2))
         rays = np.column_stack([(x + 0.5) / size, (y + 0.5) / size, ranges]).astype(np.float32)
         if len(rays) == 0:
-            return Curves(np.zeros((0, CELLS + 1)), extinction), 0.0
+            return Curves(np.zeros((0, CELLS + 1)), extinction)
         out = launcher.empty("the light's curves", 4 * len(rays) * (CELLS + 1), reuse=True)
-        seconds = launcher.run(
+        launcher.run(
             self._kernel("light_curves", light, medium),
             (-(-len(rays) // launcher.lanes),),
             {
@@ -182,7 +180,7 @@ class LightProbe:
             },
         )
         depth = launcher.download(out, (len(rays), CELLS + 1), np.float32).astype(np.float64)
-        return Curves(depth, extinction), seconds
+        return Curves(depth, extinction)
 
     def _kernel(self, name: str, light: Light, medium: FieldOnDevice, *, clipped: bool = False) -> Kernel:
         defines = light_defines(light) | {"TFM_SHADOW": int(clipped)} | medium.defines

@@ -171,7 +171,7 @@ def turned_error(phase: Phase, angle: float) -> float:
 def _pixel(camera: Camera, grids: Sequence[Marched]) -> float:
     """Width of a pixel at the middle of what has density, world units."""
     near, far = distances(occupied_bounds(grids), np.asarray(camera.from_))
-    return math.tan(math.radians(camera.fov) / 2) * (near + far) / camera.res[1]
+    return camera.pixel_width * (near + far) / 2
 
 
 def _longest_edge(grids: Sequence[Marched]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,18 +85,19 @@ class Planner:
         settings, extinction = resolve(scene.map), medium.extinction
         lights = list(zip(scene.lights, of_lights, strict=True))
         shadow_res = scene.shadow.res if scene.solids else 0
-        spent = [0.0] * len(lights)
+        spent = np.zeros(len(lights))
 
         def probed(number: int, size: int, cut: float, steps: int) -> Probe:
             light, of_light = lights[number]
-
-            def probe() -> Probe:
-                made = self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size))
-                spent[number] += made.seconds
-                return made
-
-            place = key, light.map_key(), shadow_res, size, cut, steps
-            return self._cache.get("probe", place, probe, lambda made: made.nbytes)
+            before = self._launcher.seconds
+            probe = self._cache.get(
+                "probe",
+                (key, light.map_key(), shadow_res, size, cut, steps),
+                lambda: self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size)),
+                lambda probe: probe.nbytes,
+            )
+            spent[number] += self._launcher.seconds - before
+            return probe
 
         has_ranges = settings.range != "box"
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
@@ -114,13 +116,9 @@ class Planner:
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
         plans = []
-        for number, (light, probe) in enumerate(zip(scene.lights, probes, strict=True)):
-
-            def fit(number: int = number, probe: Probe = probe) -> Fitted:
-                made, seconds = self._fit(settings, *lights[number], medium, probe)
-                spent[number] += seconds
-                return made
-
+        for number, ((light, of_light), probe) in enumerate(zip(lights, probes, strict=True)):
+            fit = partial(self._fit, settings, light, of_light, medium, probe)
+            before = self._launcher.seconds
             if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
                 fitted = self._cache.get(
                     "functions",
@@ -130,6 +128,7 @@ class Planner:
                 )
             else:
                 fitted = fit()
+            spent[number] += self._launcher.seconds - before
             plans.append(
                 Planned(
                     settings=settings,
@@ -140,20 +139,20 @@ class Planner:
                     extinction=extinction,
                     clip=clip(light, settings.res),
                     deepest=deepest,
-                    seconds=spent[number],
+                    seconds=float(spent[number]),
                 )
             )
         return plans
 
     def _fit(
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
-    ) -> tuple[Fitted, float]:
-        """Find the ranges of a map, and make the functions of its basis; returns device seconds too."""
-        field, curves, seconds = _field(settings, probe), None, 0.0
+    ) -> Fitted:
+        """Find the ranges of a map, and make the functions of its basis."""
+        field, curves = _field(settings, probe), None
         if BASES[settings.basis].needs_curves:
             ranges = None if settings.range == "box" else field
-            curves, seconds = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
-        return Fitted(field, functions_of(settings, curves)), seconds
+            curves = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+        return Fitted(field, functions_of(settings, curves))
 
 
 @dataclass(frozen=True)

@@ -125,11 +125,11 @@ def plan(
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.grids and scene.lights)
     if scene.map.max_error is not None:
         if has_maps:
-            chosen = with_lookup(scene)
+            chosen, why = _looked_up(scene)
             plain = resolution.resolved(chosen.replace(map=chosen.map.replace(max_error=None)))
             decisions |= _of_map(scene.map, resolve(plain.map))
             if scene.map.lookup == "auto" and chosen.map.lookup == "lattice":
-                decisions["map.lookup"] = Decision("lattice", lattice.choice(scene).why)
+                decisions["map.lookup"] = Decision("lattice", why)
         return Plan(scene, None, decisions | dict(_to_measure(scene, has_maps=has_maps)))
     on_lattice = scene.map.lookup == "lattice"
     if has_maps and scene.map.lookup == "auto":
@@ -148,11 +148,16 @@ def plan(
 
 def with_lookup(scene: Scene) -> Scene:
     """Return the scene with what ``map.lookup = "auto"`` comes to, for the error that it asks for."""
+    return _looked_up(scene)[0]
+
+
+def _looked_up(scene: Scene) -> tuple[Scene, str]:
+    """`with_lookup`, and why."""
     if scene.map.lookup != "auto":
-        return scene
-    between_texels = resolve(scene.map, res=1, steps=1).lookup
-    lookup = "lattice" if lattice.choice(scene).is_lattice else between_texels
-    return scene.replace(map=scene.map.replace(lookup=lookup))
+        return scene, ""
+    is_lattice, why = lattice.choice(scene)
+    lookup = "lattice" if is_lattice else resolve(scene.map, res=1, steps=1).lookup
+    return scene.replace(map=scene.map.replace(lookup=lookup)), why
 
 
 def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:

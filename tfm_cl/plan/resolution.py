@@ -96,7 +96,7 @@ def texels_for(grids: Sequence[Marched], light: Light, camera: Camera, voxels: f
     near, far = distances(bounds, light.frame().world_from_light[:3, 3])
     width = light.footprint((near + far) / 2)
     to_camera, _ = distances(bounds, np.asarray(camera.from_))
-    pixel = 2 * math.tan(math.radians(camera.fov) / 2) * to_camera / camera.res[1]
+    pixel = camera.pixel_width * to_camera
     texel = max(voxels * finest_voxel(grids), PIXELS_PER_TEXEL * pixel)
     depth = voxels * voxel_depth(grids)
     return float(width / texel * max(1.0, depth / DEPTH_PER_TEXEL) ** TEXEL_POWER)

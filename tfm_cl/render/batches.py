@@ -114,6 +114,13 @@ class Batch:
             "TFM_SHOW_RESIDUAL": int(self.shows_residual),
         }
 
+    def at_every_sample(self) -> Batch:
+        """Return the same lights, which are on a lattice, to be looked up at the samples that see it.
+
+        They have no edge that a sample of the camera's ray, taken for all of them, might miss.
+        """
+        return replace(self, of=replace(self.of, shares_samples=True))
+
     @property
     def name(self) -> str:
         """What progress calls it."""
@@ -258,13 +265,6 @@ class Batches:
             window=window,
             lit=upload("the lit pixels", lit),
         )
-
-    def at_every_sample(self, batch: Batch) -> Batch:
-        """Return a batch of lights that are on a lattice, to be looked up at the samples that see it.
-
-        They have no edge that a sample of the camera's ray, taken for all of them, might miss.
-        """
-        return replace(batch, of=replace(batch.of, shares_samples=True))
 
     def residuals(self, batch: Batch, maps: Sequence[TransmittanceMap]) -> Batch:
         """Return a batch whose maps hold their residuals, to be seen instead of the light's transmittance."""

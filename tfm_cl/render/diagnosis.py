@@ -445,7 +445,7 @@ class _Finder:
         depth = (points - cone.world_from_light[:3, 3]) @ cone.world_from_light[:3, 2]
         width = 2 * np.minimum(cone.reach, cone.slope * depth if math.isfinite(cone.slope) else math.inf)
         away = (points - np.asarray(camera.from_)) @ camera.world_from_camera[:3, 2]
-        pixel = 2 * math.tan(math.radians(camera.fov) / 2) * away / camera.res[1]
+        pixel = camera.pixel_width * away
         return float(np.max(np.broadcast_to(width, pixel.shape)[away > 0] / pixel[away > 0], initial=0.0))
 
     # -------------------------------------------------------------------------------------- on their way

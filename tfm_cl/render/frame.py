@@ -161,7 +161,7 @@ class Frame:
                 work.seconds += lattice.add(batch)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
-                    self._add(work, work.batches.at_every_sample(batch), without)
+                    self._add(work, batch.at_every_sample(), without)
         done = _reporter(self.progress, "view pass")
         work.seconds += lattice.see(self.crop, steps, work.frame, done)
         work.camera_is_seen = True

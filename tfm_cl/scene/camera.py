@@ -70,6 +70,11 @@ class Camera(Model):
         return _world_from_camera(self.from_, self.to, self.up).copy()
 
     @property
+    def pixel_width(self) -> float:
+        """Width of a pixel at distance 1, in the middle of the picture."""
+        return float(2 * np.tan(np.radians(self.fov) / 2) / self.res[1])
+
+    @property
     def ndc_from_camera(self) -> NDArray[np.float64]:
         """4×4 perspective: after division by w, x and y in [-1, 1] span the image (y up); depth is 1/z."""
         width, height = self.res
@@ -93,7 +98,7 @@ class Camera(Model):
         x0, y0, x1, y1 = crop or (0, 0, width, height)
         if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
             raise SceneError(f"crop = {[x0, y0, x1, y1]}: should be inside the {width}×{height} frame")
-        pixel = 2 * np.tan(np.radians(self.fov) / 2) / height
+        pixel = self.pixel_width
         at = (np.arange(x0, x1) + 0.5 - width / 2) * pixel, (height / 2 - np.arange(y0, y1) - 0.5) * pixel
         x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(*at))
         right, up, forward, position = self.world_from_camera[:3].T
