@@ -21,7 +21,7 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene);
+  SCENE(scene, pixels.x, pixels.y);
   const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
   LightSums none = light_sums_begin();
   none.samples = camera.samples;

@@ -17,7 +17,7 @@ __kernel void lattice_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const Ray ray = camera_rays(view, pixels);
   const Interval seen = {floats(0.0f), floats(INFINITY)};
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene);
+  SCENE(scene, pixels.x, pixels.y);
   CameraSums camera = camera_sums_begin(media, on_ray.meets);
   LightSums sums = light_sums_begin();
   see_grids(&scene, &on_ray, on_ray.all, ints(view->steps), 1, on_ray.meets, &camera, lattice, &sums);

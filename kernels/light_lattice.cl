@@ -88,7 +88,7 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
   Ray ray;
   ray.origin = point;
   ray.direction = scale3(reciprocal_sqrt(dot3(from_camera, from_camera)), from_camera);
-  SCENE(scene);
+  SCENE(scene, ints(-1), ints(-1));
   LIGHT_BUFFERS(buffers);
 
   LIGHT light = lights + number;

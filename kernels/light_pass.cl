@@ -141,7 +141,7 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   basis_begin(&state);
   Ints first = ints(0), end = ints(0), samples = ints(0);
   const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
-  PADDED_GRIDS(padded);
+  PADDED_GRIDS(padded, texels.x, texels.y);
   const Floats length = part.end - part.begin;
 #if TFM_SHADOW
   /* Behind a solid nothing is lit: k_out. Every ray takes the step that holds it to the end, and walks one more, which
@@ -270,7 +270,7 @@ __kernel void map_residual(GRID_ARGUMENTS, LIGHT light, MAP_ARGUMENTS,
 #endif
   Floats error = floats(0.0f), lit = floats(0.0f);
   if (any_lane(active)) {
-    PADDED_GRIDS(padded);
+    PADDED_GRIDS(padded, texels.x, texels.y);
     const Walk walk =
         walk_from(&padded, &ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
     Floats optical_depth = floats(0.0f);

@@ -36,7 +36,7 @@ __kernel void light_ranges(GRID_ARGUMENTS, LIGHT light, __global const float *cl
   Ints first = ints(0), end = ints(0), last = ints(0), samples = ints(0);
   Floats step = floats(0.0f);
   if (any_lane(active)) {
-    PADDED_GRIDS(padded);
+    PADDED_GRIDS(padded, x_lanes, y_lanes);
     const Walk walk =
         walk_from(&padded, &ray, bounds.begin, bounds.end - bounds.begin, no_warp(), 0, ints(steps), active);
     step = walk.step;
@@ -71,9 +71,10 @@ __kernel void light_ranges(GRID_ARGUMENTS, LIGHT light, __global const float *cl
 /* Optical depth of the density along some rays, at CURVE_CELLS + 1 equal distances; what is before the first counts 0.
    rays    [count]: map position u, v, begin and end (distances from the light); the medium's bounds clip them where
            the end is infinite
+   size    rays along a side of the map whose bins list primitives
    curves  out, [count, CURVE_CELLS + 1] */
 __kernel void light_curves(GRID_ARGUMENTS, LIGHT light, __global const float4 *rays,
-                           __global float *curves, int count)
+                           __global float *curves, int size, int count)
 {
   const int start = (int)get_global_id(0) * TFM_LANES;
   if (start >= count)
@@ -97,7 +98,7 @@ __kernel void light_curves(GRID_ARGUMENTS, LIGHT light, __global const float4 *r
   for (int cell = 0; cell < CURVE_CELLS; ++cell)
     curve[cell].lanes = floats(0.0f);
   if (any_lane(active)) {
-    PADDED_GRIDS(padded);
+    PADDED_GRIDS(padded, TO_INTS(u.lanes * (float)size), TO_INTS(v.lanes * (float)size));
     const Walk walk = walk_from(&padded, &ray, begin.lanes, end.lanes - begin.lanes, no_warp(), 0,
                                 ints(STEPS_A_CELL * CURVE_CELLS), active);
     Ints samples = ints(0);

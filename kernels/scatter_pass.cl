@@ -27,7 +27,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene);
+  SCENE(scene, pixels.x, pixels.y);
   LightSums sums = light_sums_begin();
 #if TFM_SHARED
   const CameraSums none = camera_sums_begin(media, on_ray.meets);

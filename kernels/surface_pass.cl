@@ -41,7 +41,7 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const Surface surface = surface_at(view, solid, albedo, ray, pixels);
   if (!any_lane(surface.shown))
     return;
-  SCENE(scene);
+  SCENE(scene, pixels.x, pixels.y);
   const Ints index = pixel_index(view, pixels), wanted = pixels.wanted & pixels.inside;
   Floats dimmed[4], colour[3];
   load_float4(transmittance, index, wanted, 0.0f, dimmed);

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.ambient import Ambient
-    from tfm_cl.scene.bodies import BoxVolume, EverywhereVolume, SphereVolume, Volume
+    from tfm_cl.scene.bodies import BoxVolume, EverywhereVolume, Points, SphereVolume, Volume
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
     from tfm_cl.scene.medium import Medium
@@ -44,6 +44,7 @@ _HOME = {
     "MeshSolid": "scene.solids",
     "PlaneSolid": "scene.solids",
     "PointLight": "scene.lights",
+    "Points": "scene.bodies",
     "RenderResult": "render.result",
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
@@ -78,6 +79,7 @@ __all__ = [
     "MeshSolid",
     "PlaneSolid",
     "PointLight",
+    "Points",
     "RenderResult",
     "Renderer",
     "Scene",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import pi
+
 BRICK_SHIFT = 2
 BRICK_EDGE = 1 << BRICK_SHIFT
 """Cells along an edge of a brick, the unit in which marches skip what is empty."""
@@ -29,6 +31,10 @@ SUMS_BLOCK = 12
 """Sums over a ray's steps that registers hold at once."""
 RIDGE = 1e-6
 """Added to the diagonal of normal equations, as a part of its mean: float32 solves what is left."""
+POINT_KINDS = {"ball": 0, "gaussian": 1, "smooth": 2}
+"""Profile of a point -> its number in the kernels, ``POINT_BALL`` and so on."""
+SMOOTH_MASS = 64 * pi / 315
+"""What a smooth point of radius and density 1 holds."""
 EDGE_MARGIN = 1e-3
 """Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
 meets no medium."""
@@ -50,6 +56,8 @@ def c_definitions() -> str:
         "SHADOW_FIRST_LEVEL": SHADOW_FIRST_LEVEL,
         "TFM_RIDGE": f"{RIDGE}f",
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
+        "SMOOTH_MASS": f"{SMOOTH_MASS:.9g}f",
+        **{f"POINT_{name.upper()}": number for name, number in POINT_KINDS.items()},
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
     }
     lines = [f"#define {name} {value}" for name, value in macros.items()]

@@ -5,12 +5,19 @@
    reads one record only; all others have none. Several grids, each with its transform, add up; they share the table
    and the records. Where voxels have a colour, their densities in red, green and blue are three records, one after the
    other, under one entry of the table.
+   Primitives have no voxels, but bounds like a grid: the last of the boxes is the one around them all.
    Requires: TFM_VOXEL_BITS 32, 16 or 8; TFM_POOLS, the number of buffers that hold the records; TFM_GRIDS, the number
-   of grids, at least 1; what amounts.h does. */
+   of boxes that are marched, at least 1; what amounts.h does. */
 #ifndef TFM_GRID_H
 #define TFM_GRID_H
 
 #include "body/amounts.h"
+#if TFM_PRIMITIVES
+#include "primitive/lists.h"
+#define TFM_VOXEL_GRIDS (TFM_GRIDS - 1)
+#else
+#define TFM_VOXEL_GRIDS TFM_GRIDS
+#endif
 
 /* Vectors in memory are aligned like their elements only. Used if TFM_LANES > 1, where vload2 would be a call. */
 typedef float2 UnalignedFloat2 __attribute__((aligned(4)));
@@ -25,6 +32,7 @@ typedef ushort UnalignedUshort __attribute__((aligned(1)));
 /* A multiple of 4, since 8-bit voxels are followed by a float. */
 #define RECORD_VOXELS ((RECORD_EDGE * RECORD_LAYER + 3) / 4 * 4)
 
+#if TFM_VOXEL_GRIDS
 /* Records are RECORD_SIZE voxels apart. 8-bit voxels are followed by the density, a float, that 255 stands for. */
 #if TFM_VOXEL_BITS == 32
 typedef float Voxel;
@@ -38,18 +46,26 @@ typedef uchar Voxel;
 #else
 #error "TFM_VOXEL_BITS must be 32, 16 or 8"
 #endif
+#endif
 
 /* bricks: one entry per brick, x fastest. For a brick with density, the number of its block's record, counted from 1;
    for other bricks -d, where d is a chessboard distance below which no brick has density. Record 0 is all zeros.
    Devices limit the size of a buffer, so the records of a large volume are spread over several. */
-#if TFM_POOLS == 1
-#define GRID_ARGUMENTS GRID grids, __global const int *bricks, __global const Voxel *pool0
+#if TFM_PRIMITIVES
+#define AND_PRIMITIVE_ARGUMENTS , PRIMITIVE_ARGUMENTS
+#else
+#define AND_PRIMITIVE_ARGUMENTS
+#endif
+#if TFM_VOXEL_GRIDS == 0
+#define GRID_ARGUMENTS GRID grids AND_PRIMITIVE_ARGUMENTS
+#elif TFM_POOLS == 1
+#define GRID_ARGUMENTS GRID grids, __global const int *bricks, __global const Voxel *pool0 AND_PRIMITIVE_ARGUMENTS
 #define GRID_POOLS {pool0}
 #elif TFM_POOLS == 8
 #define GRID_ARGUMENTS                                                                                 \
   GRID grids, __global const int *bricks, __global const Voxel *pool0, __global const Voxel *pool1,                \
       __global const Voxel *pool2, __global const Voxel *pool3, __global const Voxel *pool4,           \
-      __global const Voxel *pool5, __global const Voxel *pool6, __global const Voxel *pool7
+      __global const Voxel *pool5, __global const Voxel *pool6, __global const Voxel *pool7 AND_PRIMITIVE_ARGUMENTS
 #define GRID_POOLS {pool0, pool1, pool2, pool3, pool4, pool5, pool6, pool7}
 #else
 #error "TFM_POOLS must be 1 or 8"
@@ -67,29 +83,53 @@ typedef struct {
 
 /* The grids with all that a sample needs of them, read once before a loop. */
 typedef struct {
+  int skip; /* 0: sample empty bricks too */
+#if TFM_VOXEL_GRIDS
   __global const Voxel *pools[TFM_POOLS];
   int pool_size; /* records a pool */
-  int skip;      /* 0: sample empty bricks too */
-  Extent of[TFM_GRIDS];
+  Extent of[TFM_VOXEL_GRIDS];
+#endif
+#if TFM_PRIMITIVES
+  Lists lists;
+#endif
 } Grids;
 
 /* A ray in every padded grid. */
 typedef struct {
   Ray of[TFM_GRIDS];
+#if TFM_PRIMITIVES
+  Ray world;
+#endif
 } GridRay;
 
-#define PADDED_GRIDS(name)                                 \
+#if TFM_VOXEL_GRIDS
+#define PADDED_VOXELS(name)                                \
   __global const Voxel *const name##_pools[] = GRID_POOLS; \
   Grids name;                                              \
   for (int k = 0; k < TFM_POOLS; ++k)                      \
     name.pools[k] = name##_pools[k];                       \
   describe_grids(grids, bricks, &name)
+#else
+#define PADDED_VOXELS(name) \
+  Grids name;               \
+  name.skip = grids->skip_empty
+#endif
 
+/* Declares the grids of a kernel's arguments; x, y: the texels or pixels that its rays belong to. */
+#if TFM_PRIMITIVES
+#define PADDED_GRIDS(name, x, y) \
+  PADDED_VOXELS(name);           \
+  name.lists = (Lists){primitives, bin_starts, bin_members, bins, bin_of(bins, x, y)}
+#else
+#define PADDED_GRIDS(name, x, y) PADDED_VOXELS(name)
+#endif
+
+#if TFM_VOXEL_GRIDS
 TFM_INLINE void describe_grids(GRID grids, __global const int *bricks, Grids *padded)
 {
   padded->pool_size = grids->pool_size;
   padded->skip = grids->skip_empty;
-  for (int i = 0; i < TFM_GRIDS; ++i) {
+  for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
     Extent *extent = &padded->of[i];
     extent->bricks = bricks + grids[i].first_brick;
     extent->row = grids[i].brick_count[0];
@@ -101,6 +141,7 @@ TFM_INLINE void describe_grids(GRID grids, __global const int *bricks, Grids *pa
       extent->density_scale[c] = grids[i].density_scale[c];
   }
 }
+#endif
 
 /* Transform a world ray to the index spaces of the padded grids. */
 TFM_INLINE GridRay index_ray(GRID grids, Ray world_ray)
@@ -108,6 +149,9 @@ TFM_INLINE GridRay index_ray(GRID grids, Ray world_ray)
   GridRay ray;
   for (int i = 0; i < TFM_GRIDS; ++i)
     ray.of[i] = transform_ray(grids[i].index_from_world, world_ray);
+#if TFM_PRIMITIVES
+  ray.world = world_ray;
+#endif
   return ray;
 }
 
@@ -141,6 +185,7 @@ TFM_INLINE Ints light_medium_interval(GRID grids, const GridRay *ray, Interval *
   return grids_clip(grids, ray, k);
 }
 
+#if TFM_VOXEL_GRIDS
 /* The number of a brick in a grid's table. */
 #define BRICK_AT(extent, bx, by, bz) ((bz) * (extent)->layer + (by) * (extent)->row + (bx))
 
@@ -284,5 +329,7 @@ TFM_INLINE Floats density_apart(const Grids *grid, int i_grid, Ints record, Vec3
   return grid->of[i_grid].density_scale[channel] * density;
 #endif
 }
+
+#endif
 
 #endif

@@ -10,12 +10,15 @@
 
 #include "body/grid.h"
 #include "core/sampling.h"
+#if TFM_PRIMITIVES
+#include "primitive/deposits.h"
+#endif
 
 /* Margin around a tile's box, voxels. */
 #define TFM_ROUNDING 0.01f
 
 /* A tile moves as one through one grid; through several every lane looks for itself. */
-#define SHARES_WINDOWS (TFM_LANES > 1 && TFM_GRIDS == 1)
+#define SHARES_WINDOWS (TFM_LANES > 1 && TFM_VOXEL_GRIDS == 1)
 
 typedef struct {
   GridRay ray;
@@ -27,9 +30,15 @@ typedef struct {
   Ints steps;        /* of each ray */
   int most;          /* steps of the longest */
   int skip;          /* 0: list the steps in empty bricks too */
-  Vec3 inverse[TFM_GRIDS]; /* 1 / direction */
-#if TFM_GRIDS > 1
-  Interval within[TFM_GRIDS]; /* each grid's bounds */
+#if TFM_PRIMITIVES
+  int deposits;          /* 0: primitives are left out */
+  Floats ray_length;     /* of the direction */
+#endif
+#if TFM_VOXEL_GRIDS
+  Vec3 inverse[TFM_VOXEL_GRIDS]; /* 1 / direction */
+#endif
+#if TFM_VOXEL_GRIDS > 1
+  Interval within[TFM_VOXEL_GRIDS]; /* each grid's bounds */
 #endif
   Floats inverse_length;
 #if SHARES_WINDOWS
@@ -79,9 +88,14 @@ typedef struct {
 #if SHARES_WINDOWS
   Window window[MOST_STEPS];  /* if the tile moves as one */
 #endif
+#if TFM_VOXEL_GRIDS
   /* Where every lane looks for itself. */
-  Vec3 point[MOST_STEPS][TFM_GRIDS];
-  Ints records[MOST_STEPS][TFM_GRIDS];
+  Vec3 point[MOST_STEPS][TFM_VOXEL_GRIDS];
+  Ints records[MOST_STEPS][TFM_VOXEL_GRIDS];
+#endif
+#if TFM_PRIMITIVES
+  Deposits deposits;
+#endif
 } Steps;
 
 /* Where the samples of a step lie. */
@@ -118,16 +132,23 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
   walk.most = -least_int(-walk.steps);
   walk.skip = grid->skip;
   walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
-  for (int i = 0; i < TFM_GRIDS; ++i) {
+#if TFM_PRIMITIVES
+  walk.deposits = 1;
+  const Floats square = dot3(ray->world.direction, ray->world.direction);
+  walk.ray_length = square * reciprocal_sqrt(square);
+#endif
+#if TFM_VOXEL_GRIDS
+  for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
     const Vec3 direction = ray->of[i].direction;
     walk.inverse[i] = vec3(inverse_of(direction.x), inverse_of(direction.y), inverse_of(direction.z));
-#if TFM_GRIDS > 1
+#if TFM_VOXEL_GRIDS > 1
     walk.within[i].begin = floats(-INFINITY);
     walk.within[i].end = floats(INFINITY);
     const Ints meets = box_clip(ray->of[i], grid->of[i].upper, &walk.within[i]);
     walk.within[i].begin = meets ? walk.within[i].begin : floats(INFINITY);
 #endif
   }
+#endif
   walk.inverse_length = inverse_of(length);
 #if SHARES_WINDOWS
   /* A ray with fewer steps continues beyond its end; the caller ignores it there. */
@@ -181,6 +202,109 @@ TFM_INLINE Place place_of(const Walk *walk, int n)
   return place;
 }
 
+TFM_INLINE Steps no_steps(void)
+{
+  Steps steps;
+  steps.count = steps.next = steps.forced = 0;
+#if TFM_PRIMITIVES
+  steps.deposits.first = steps.deposits.end = 0;
+#endif
+  return steps;
+}
+
+#if TFM_PRIMITIVES
+/* The step in which a ray parameter lies; as it is rounded, `margin` says which of two it is for one at their border. */
+TFM_INLINE Ints step_with(const Walk *walk, Floats t, float margin)
+{
+  const Floats fraction = clamp_to((t - walk->begin) * walk->inverse_length, 1.0f);
+  const Floats part = walk->warped ? unwarp_fraction(walk->warp, fraction) : fraction;
+  return TO_INTS(greatest(part * TO_FLOATS(walk->steps) + margin, floats(0.0f)));
+}
+#define AT_BORDER 0.01f
+
+/* Leaves all primitives in the steps from first on. */
+TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints active, int first, Deposits *deposits)
+{
+  const int end = walk->most - first < DEPOSIT_STEPS ? walk->most : first + DEPOSIT_STEPS;
+  deposits->first = first;
+  deposits->end = end;
+  for (int i = 0; i < DEPOSIT_STEPS / 32; ++i)
+    deposits->marks[i] = 0;
+  for (int n = first; n <= end; ++n)
+    deposits->edge[n - first] = walk->warped ? walk->begin + walk->length * warp_cut(walk->warp, floats((float)n), floats((float)(walk->most - n)))
+                                             : walk->begin + (float)n * walk->step;
+  for (int i = 0; i < end - first; ++i)
+    for (int m = 0; m < TFM_MEDIA; ++m)
+      for (int c = 0; c < TFM_AMOUNTS; ++c)
+        deposits->of[i][m][c] = floats(0.0f);
+  const Floats begins = deposits->edge[0], ends = deposits->edge[end - first];
+  Ints left = active & (lists->bin >= 0) & (walk->steps > first), here;
+  for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
+    const int members = lists->starts[bin + 1];
+    for (int member = lists->starts[bin]; member < members; ++member) {
+      PRIMITIVE primitive = lists->primitives + lists->members[member];
+      Crossing crossing;
+      Ints crosses = here & point_crossing(primitive, walk->ray.world, walk->ray_length, &crossing);
+      const Floats enters = crossing.t - crossing.reach, leaves = crossing.t + crossing.reach;
+      crosses &= (leaves > begins) & (enters < ends);
+      if (!any_lane(crosses))
+        continue;
+      const int low = least_int(crosses ? step_with(walk, enters, -AT_BORDER) : ints(end - 1));
+      const int high = -least_int(crosses ? -step_with(walk, leaves, AT_BORDER) : ints(-first));
+      deposit(primitive, &crossing, crosses, low > first ? low : first, high < end - 1 ? high : end - 1, deposits);
+    }
+  }
+}
+
+/* The density that makes up what lies in a step. */
+TFM_INLINE void add_deposits(const Walk *walk, const Deposits *deposits, int n, Amounts *density)
+{
+  const Floats length = place_of(walk, n).length * walk->ray_length;
+  const Floats inverse = length > 0.0f ? 1.0f / length : floats(0.0f);
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    for (int c = 0; c < TFM_AMOUNTS; ++c)
+      density->of[m][c] += inverse * deposits->of[n - deposits->first][m][c];
+}
+
+/* What primitives hold between two ray parameters, of the rays that are active. */
+TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats end, Ints active, Amounts *amounts)
+{
+  const Floats square = dot3(ray.direction, ray.direction), length = square * reciprocal_sqrt(square);
+  Ints left = active & (lists->bin >= 0), here;
+  for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
+    const int members = lists->starts[bin + 1];
+    for (int member = lists->starts[bin]; member < members; ++member) {
+      PRIMITIVE primitive = lists->primitives + lists->members[member];
+      Crossing crossing;
+      const Ints crosses = here & point_crossing(primitive, ray, length, &crossing);
+      if (!any_lane(crosses))
+        continue;
+      const Floats between = point_part(primitive, &crossing, end) - point_part(primitive, &crossing, begin);
+      const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+      for (int c = 0; c < TFM_AMOUNTS; ++c)
+        amounts->of[medium][c] += crosses ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
+    }
+  }
+}
+#define IS_MARKED(steps, n) is_marked(&(steps)->deposits, n)
+#else
+#define IS_MARKED(steps, n) 0
+#endif
+
+/* Where the search goes on after step n, when all before `empty` have no voxel to be read. */
+TFM_INLINE int next_step(const Steps *steps, int n, int empty, int until)
+{
+#if TFM_PRIMITIVES
+  return next_marked(&steps->deposits, n + 1, empty < until ? empty : until);
+#else
+  (void)steps;
+  (void)n;
+  (void)until;
+  return empty;
+#endif
+}
+
+#if TFM_VOXEL_GRIDS
 /* Clamp a point to the grid: rounding may have moved it outside. A NaN becomes a point of the border. */
 TFM_INLINE Vec3 point_in_grid(const Extent *extent, Vec3 point)
 {
@@ -233,16 +357,17 @@ TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
   return windows;
 }
 
-/* Find steps for the tile as a whole. after: also list the step after each one that is read. */
-TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int after, Steps *steps)
+/* Find steps before `until` for the tile as a whole. after: also list the step after each one that is read. */
+TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int until, int after, Steps *steps)
 {
   const Extent *extent = &grid->of[0];
   int n = steps->next, count = 0, force = steps->forced;
-  while (n < walk->most && count < MOST_STEPS) {
+  while (n < until && count < MOST_STEPS) {
     const Windows windows = windows_from(walk, extent, n);
-    for (int i = 0; i < STEPS_AT_ONCE && n < walk->most && count < MOST_STEPS; ++i) {
+    for (int i = 0; i < STEPS_AT_ONCE && n < until && count < MOST_STEPS; ++i) {
       const int record = extent->bricks[windows.brick.one[i]];
-      if (force | (record > 0) | !walk->skip) {
+      const int marked = IS_MARKED(steps, n);
+      if (force | (record > 0) | marked | !walk->skip) {
         Window *window = &steps->window[count];
 #pragma unroll
         for (int axis = 0; axis < 3; ++axis) {
@@ -251,14 +376,14 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
         }
         window->record = record > 0 ? record : 0;
         steps->n[count] = n;
-        force = after & (record > 0);
+        force = after & ((record > 0) | marked);
         ++count;
         ++n;
         continue;
       }
       /* Continue until the box leaves the cube of bricks, around the brick of its corner, that are known to be empty
          together with the cells beyond that they cover. */
-      float until[3];
+      float leaves[3];
 #pragma unroll
       for (int axis = 0; axis < 3; ++axis) {
         const int brick = windows.corner[axis].one[i] >> BRICK_SHIFT;
@@ -266,11 +391,11 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
         const float above = (float)((brick - record) * BRICK_EDGE + MOST_SHARED - 1);
         const float down = walk->low_inverse[axis] != 0.0f ? (below - walk->low[axis]) * walk->low_inverse[axis] : 1.0f;
         const float up = walk->high_inverse[axis] != 0.0f ? (above - walk->high[axis]) * walk->high_inverse[axis] : 1.0f;
-        until[axis] = smaller(down, up);
+        leaves[axis] = smaller(down, up);
       }
-      const float fraction = larger(smaller(smaller(until[0], until[1]), smaller(until[2], 1.0f)), 0.0f);
+      const float fraction = larger(smaller(smaller(leaves[0], leaves[1]), smaller(leaves[2], 1.0f)), 0.0f);
       const float part = walk->warped ? part_of_fraction(fraction, walk->greatest_ratio) : fraction;
-      n = step_at((float)walk->most * part, n, walk->most);
+      n = next_step(steps, n, step_at((float)walk->most * part, n, walk->most), until);
       break;
     }
   }
@@ -279,13 +404,6 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int aft
   steps->count = count;
 }
 #endif
-
-TFM_INLINE Steps no_steps(void)
-{
-  Steps steps;
-  steps.count = steps.next = steps.forced = 0;
-  return steps;
-}
 
 TFM_INLINE Floats empty_until(Ints brick, Ints record, Floats origin, Floats inverse)
 {
@@ -302,17 +420,17 @@ TFM_INLINE Ints records_at(const Extent *extent, Vec3 point)
 }
 
 /* Every lane for itself. */
-TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive, int after, Steps *steps)
+TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive, int until, int after, Steps *steps)
 {
   int n = steps->next, count = 0, force = steps->forced;
-  while (n < walk->most && count < MOST_STEPS) {
+  while (n < until && count < MOST_STEPS) {
     const Floats t = place_of(walk, n).t;
     const Ints here = alive & (n < walk->steps);
-    int read = 0;
-    for (int i = 0; i < TFM_GRIDS; ++i) {
+    int read = IS_MARKED(steps, n);
+    for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
       const Vec3 point = point_in_grid(&grid->of[i], ray_at(walk->ray.of[i], t));
       Ints records = records_at(&grid->of[i], point);
-#if TFM_GRIDS > 1
+#if TFM_VOXEL_GRIDS > 1
       const Ints within = (t >= walk->within[i].begin) & (t <= walk->within[i].end);
       records = within ? records : ints(0);
 #endif
@@ -328,37 +446,77 @@ TFM_INLINE void find_steps_apart(const Grids *grid, const Walk *walk, Ints alive
       continue;
     }
     Floats nearest = floats(INFINITY);
-    for (int i = 0; i < TFM_GRIDS; ++i) {
+    for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
       const Vec3 point = steps->point[count][i], origin = walk->ray.of[i].origin, inverse = walk->inverse[i];
       const Ints records = steps->records[count][i];
       const Floats x = empty_until(TO_INTS(point.x) >> BRICK_SHIFT, records, origin.x, inverse.x);
       const Floats y = empty_until(TO_INTS(point.y) >> BRICK_SHIFT, records, origin.y, inverse.y);
       const Floats z = empty_until(TO_INTS(point.z) >> BRICK_SHIFT, records, origin.z, inverse.z);
-      Floats until = least(least(x, y), z);
-#if TFM_GRIDS > 1
-      until = t < walk->within[i].begin ? walk->within[i].begin : t > walk->within[i].end ? floats(INFINITY) : until;
+      Floats leaves = least(least(x, y), z);
+#if TFM_VOXEL_GRIDS > 1
+      leaves = t < walk->within[i].begin ? walk->within[i].begin : t > walk->within[i].end ? floats(INFINITY) : leaves;
 #endif
-      nearest = least(nearest, until);
+      nearest = least(nearest, leaves);
     }
     const Floats fraction = clamp_to((nearest - walk->begin) * walk->inverse_length, 1.0f);
     const Floats part = walk->warped ? unwarp_fraction(walk->warp, fraction) : fraction;
-    n = step_at(least_float(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most);
+    n = next_step(steps, n, step_at(least_float(here ? part * TO_FLOATS(walk->steps) : floats(1e30f)), n, walk->most),
+                  until);
   }
   steps->next = n;
   steps->forced = force;
   steps->count = count;
+}
+#endif
+
+/* List the next steps before `until` in which any lane that is alive may find anything. */
+TFM_INLINE void find_steps_before(const Grids *grid, const Walk *walk, Ints alive, int until, int after, Steps *steps)
+{
+#if TFM_VOXEL_GRIDS == 0
+  /* Only primitives. */
+  (void)grid;
+  (void)alive;
+  int n = steps->next, count = 0, force = steps->forced;
+  while (n < until && count < MOST_STEPS) {
+    const int marked = IS_MARKED(steps, n);
+    if (force | marked | !walk->skip) {
+      steps->n[count] = n;
+      force = after & marked;
+      ++count;
+      ++n;
+    } else
+      n = next_step(steps, n, until, until);
+  }
+  steps->next = n;
+  steps->forced = force;
+  steps->count = count;
+#else
+#if SHARES_WINDOWS
+  if (walk->together)
+    find_steps_together(grid, walk, until, after, steps);
+  else
+#endif
+    find_steps_apart(grid, walk, alive, until, after, steps);
+#endif
 }
 
 /* List the next steps in which any lane that is alive may find density; the result is their number, 0 at the end of the
    walk. Start with no_steps(). after: also list the step after each of them. */
 TFM_INLINE int find_steps(const Grids *grid, const Walk *walk, Ints alive, int after, Steps *steps)
 {
-#if SHARES_WINDOWS
-  if (walk->together)
-    find_steps_together(grid, walk, after, steps);
-  else
+#if TFM_PRIMITIVES
+  do {
+    int until = walk->most;
+    if (walk->deposits) {
+      if (steps->next >= steps->deposits.end && steps->next < walk->most)
+        deposit_primitives(&grid->lists, walk, alive, steps->next, &steps->deposits);
+      until = steps->deposits.end < until ? steps->deposits.end : until;
+    }
+    find_steps_before(grid, walk, alive, until, after, steps);
+  } while (steps->count == 0 && steps->next < walk->most);
+#else
+  find_steps_before(grid, walk, alive, walk->most, after, steps);
 #endif
-    find_steps_apart(grid, walk, alive, after, steps);
   return steps->count;
 }
 
@@ -368,6 +526,16 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
 {
   const Ints here = steps->n[k] < walk->steps;
   Amounts density = no_amounts();
+#if TFM_PRIMITIVES
+  if (walk->deposits)
+    add_deposits(walk, &steps->deposits, steps->n[k], &density);
+#endif
+#if TFM_VOXEL_GRIDS == 0
+  (void)grid;
+  (void)t;
+  *samples += here ? ints(1) : ints(0);
+  return density;
+#else
 #if SHARES_WINDOWS
   if (walk->together) {
     if (steps->window[k].record > 0 || !walk->skip)
@@ -381,7 +549,7 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
     return density;
   }
 #endif
-  for (int i = 0; i < TFM_GRIDS; ++i) {
+  for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
     const Ints records = steps->records[k][i];
     /* Lanes of a true mask are -1. */
     *samples += (here & ((records > 0) | (walk->skip ? 0 : -1))) ? ints(1) : ints(0);
@@ -390,15 +558,21 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
         density.of[TFM_MEDIUM_OF_GRID(i)][AMOUNT_OF(c)] += density_apart(grid, i, records, steps->point[k][i], c);
   }
   return density;
+#endif
 }
 
-/* Optical depth of the density (sigma_t = 1), of each medium, from begin to end, by the midpoint rule in `steps` steps,
-   of the rays that are active; 0 in the others. scale: length of one unit of the ray's parameter. samples: counts the
+/* Optical depth of the grids' density (sigma_t = 1), of each medium, from begin to end, by the midpoint rule in `steps`
+   steps, of the rays that are active; 0 in the others. scale: length of one unit of the ray's parameter. samples: counts the
    densities read. */
 TFM_INLINE Amounts march_amounts(const Grids *grid, const GridRay *ray, Floats begin, Floats end, int steps, Floats scale,
                                  Ints active, Ints *samples)
 {
+#if TFM_PRIMITIVES
+  Walk walk = walk_from(grid, ray, begin, end - begin, no_warp(), 0, ints(steps), active);
+  walk.deposits = 0; /* they are known in closed form */
+#else
   const Walk walk = walk_from(grid, ray, begin, end - begin, no_warp(), 0, ints(steps), active);
+#endif
   Amounts sum = no_amounts();
   Ints read = ints(0);
   Steps list = no_steps();

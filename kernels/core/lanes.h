@@ -124,6 +124,13 @@ TFM_INLINE Ints rounded_up(Floats x)
   return TO_FLOATS(down) < x ? down + 1 : down;
 }
 
+/* Floor: the greatest integer <= x, for |x| < 2^31. */
+TFM_INLINE Ints rounded_down(Floats x)
+{
+  const Ints towards_zero = TO_INTS(x);
+  return TO_FLOATS(towards_zero) > x ? towards_zero - 1 : towards_zero;
+}
+
 /* Reduce all lanes to one number by OP, halving the vector at each step. */
 #if TFM_LANES == 1
 #define FOLD_LANES(name, lanes, type, OP) \

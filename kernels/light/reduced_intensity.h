@@ -20,6 +20,7 @@
 #define TFM_SHOW_RESIDUAL 0
 #endif
 #define READS_MAPS (TFM_FIELDS && !TFM_METHOD_DUAL)
+#define MEETS_PRIMITIVES (TFM_PRIMITIVES && TFM_METHOD_DUAL)
 #if READS_MAPS
 #include "map/lookup.h"
 #endif
@@ -29,6 +30,13 @@
 #if READS_MAPS
 #define LIGHT_ARGUMENTS MAP_ARGUMENTS, __global const float *shadow, __global const float4 *texture
 #define LIGHT_BUFFERS(buffers) const LightBuffers buffers = {MAP_BUFFERS, shadow, texture}
+#elif MEETS_PRIMITIVES
+/* Which primitives the light's rays meet, as in primitive/lists.h; bins of one light after those of another. */
+#define LIGHT_ARGUMENTS                                                                               \
+  PRIMITIVE light_primitives, __global const int *light_starts, __global const int *light_members,    \
+      int4 light_bins, __global const float *shadow, __global const float4 *texture
+#define LIGHT_BUFFERS(buffers) \
+  const LightBuffers buffers = {{light_primitives, light_starts, light_members, light_bins, ints(-1)}, shadow, texture}
 #else
 #define LIGHT_ARGUMENTS __global const float *shadow, __global const float4 *texture
 #define LIGHT_BUFFERS(buffers) const LightBuffers buffers = {shadow, texture}
@@ -37,6 +45,8 @@
 typedef struct {
 #if READS_MAPS
   Maps maps;
+#elif MEETS_PRIMITIVES
+  Lists lists;
 #endif
   __global const float *shadow;
   __global const float4 *texture;
@@ -49,6 +59,9 @@ typedef struct {
 #else
   Vec3 point;
   Floats distance;
+#endif
+#if MEETS_PRIMITIVES
+  Ints bin;
 #endif
 #if TFM_BODIES
   Floats ways[TFM_BODIES]; /* of the light through those of constant density */
@@ -74,6 +87,11 @@ TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuff
   path.point = point;
   path.distance = sample.distance;
 #endif
+#if MEETS_PRIMITIVES
+  const int4 bins = buffers->lists.bins;
+  const Ints bin = bin_of(bins, rounded_down(sample.u * (float)bins.x), rounded_down(sample.v * (float)bins.y));
+  path.bin = bin >= 0 ? bin + light->first_bin : bin;
+#endif
 #if TFM_BODIES
   ways_to_light(scene->bodies, light_ray_to(light, point), sample.distance, light->inside_bodies, inside,
                 path.ways);
@@ -94,8 +112,18 @@ TFM_INLINE void light_optical_depths(const Scene *scene, LIGHT light, const Ligh
   const GridRay ray = index_ray(scene->grids, light_ray_to(light, path->point));
   Interval k;
   const Ints lit = wanted & light_medium_interval(scene->grids, &ray, &k) & (k.begin < 1.0f);
-  const Amounts met = march_amounts(scene->padded, &ray, k.begin, least(k.end, floats(1.0f)), scene->view->light_steps,
-                                    path->distance, lit, samples);
+#if TFM_VOXEL_GRIDS
+  Amounts met = march_amounts(scene->padded, &ray, k.begin, least(k.end, floats(1.0f)), scene->view->light_steps,
+                              path->distance, lit, samples);
+#else
+  Amounts met = no_amounts();
+  (void)samples;
+#endif
+#if MEETS_PRIMITIVES
+  Lists lists = buffers->lists;
+  lists.bin = path->bin;
+  add_primitives(&lists, ray.world, k.begin, least(k.end, floats(1.0f)), lit, &met);
+#endif
   for (int c = 0; c < TFM_CHANNELS; ++c)
     depth[c] = extinguished(scene->media, &met, c);
 #elif TFM_FIELDS

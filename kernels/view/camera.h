@@ -24,11 +24,11 @@ TFM_INLINE Pixels tile_pixels(VIEW view, int4 window)
   return pixels;
 }
 
-/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
-TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
+/* World rays through points of the image, in pixels from its top left corner. */
+TFM_INLINE Ray ray_through(VIEW view, Floats x_pixels, Floats y_pixels)
 {
-  const Floats x = 2.0f * (TO_FLOATS(pixels.x) + 0.5f) / (float)view->image_size[0] - 1.0f;
-  const Floats y = 1.0f - 2.0f * (TO_FLOATS(pixels.y) + 0.5f) / (float)view->image_size[1];
+  const Floats x = 2.0f * x_pixels / (float)view->image_size[0] - 1.0f;
+  const Floats y = 1.0f - 2.0f * y_pixels / (float)view->image_size[1];
   const Vec3 forward = uniform_vec3(view->forward);
   const Vec3 right = uniform_vec3(view->right);
   const Vec3 up = uniform_vec3(view->up);
@@ -37,6 +37,12 @@ TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
   ray.direction = unit3(vec3(forward.x + x * right.x + y * up.x, forward.y + x * right.y + y * up.y,
                              forward.z + x * right.z + y * up.z));
   return ray;
+}
+
+/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
+TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
+{
+  return ray_through(view, TO_FLOATS(pixels.x) + 0.5f, TO_FLOATS(pixels.y) + 0.5f);
 }
 
 /* Positions in buffers that hold the crop, of the pixels that are wanted. */

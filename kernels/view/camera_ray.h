@@ -27,13 +27,13 @@ typedef struct {
 #endif
 } Scene;
 
-/* Declares a Scene of a kernel's arguments. */
+/* Declares a Scene of a kernel's arguments; x, y: the pixels that its rays belong to. */
 #if TFM_GRIDS
-#define SCENE(name)     \
-  PADDED_GRIDS(padded); \
+#define SCENE(name, x, y)     \
+  PADDED_GRIDS(padded, x, y); \
   const Scene name = {view, media, bodies, grids, &padded}
 #else
-#define SCENE(name) const Scene name = {view, media, bodies, grids}
+#define SCENE(name, x, y) const Scene name = {view, media, bodies, grids}
 #endif
 
 /* What of a scene's media lies along the rays of a tile. */

@@ -6,7 +6,7 @@
 __kernel void call_densities_at(GRID_ARGUMENTS, __global const float *points, __global float *found, int count)
 {
   GUARD;
-  PADDED_GRIDS(padded);
+  PADDED_GRIDS(padded, ints(-1), ints(-1));
   const Ray still = {load3(points, 3, 0, count), vec3(floats(0.0f), floats(0.0f), floats(0.0f))};
   const GridRay ray = index_ray(grids, still);
   const Walk walk = walk_from(&padded, &ray, floats(0.0f), floats(1.0f), no_warp(), 0, ints(1), every_lane());
@@ -26,7 +26,7 @@ __kernel void call_march_amounts(GRID_ARGUMENTS, __global const float *rays, __g
                                  float end, int steps, int count)
 {
   GUARD;
-  PADDED_GRIDS(padded);
+  PADDED_GRIDS(padded, ints(-1), ints(-1));
   const GridRay ray = index_ray(grids, load_ray(rays, 6, count));
   Ints samples = ints(0);
   const Amounts met = march_amounts(&padded, &ray, floats(begin), floats(end), steps, floats(1.0f), every_lane(), &samples);

@@ -8,9 +8,11 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.device.bricks import ONE_FIELD
-from tfm_cl.device.field import FieldOnDevice
+from tfm_cl.device.field import FieldOnDevice, Met
+from tfm_cl.device.primitives import Eye
 from tfm_cl.device.structs.bodies import body_structs, grid_structs
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.scene.bodies.homogeneous import SHAPES
@@ -18,8 +20,11 @@ from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.phases.base import PHASES
 
 if TYPE_CHECKING:
+    import pyopencl as cl
+
     from tfm_cl.device.bricks import BrickGrid
     from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.primitives import PrimitivesOnDevice
     from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
@@ -40,6 +45,9 @@ class MediaOnDevice:
     fields: Fields
     bricks: BrickGrid | None
     """None without grids."""
+    primitives: PrimitivesOnDevice | None
+    sets: cl.Buffer | None
+    """What primitives of each body add to the amounts."""
     headers: tuple[str, ...]
     """Of the kinds of phase functions and of bodies."""
     defines: dict[str, int | str]
@@ -49,12 +57,20 @@ class MediaOnDevice:
     is_grey: bool
     """Whether all three colours are extinguished alike, and scattered in one proportion everywhere."""
 
+    def met_by_camera(self, scene: Scene, view: cl.Buffer) -> Met:
+        """Return what kernels are told of the media that camera rays meet."""
+        if self.primitives is None or self.sets is None:
+            return Met(self.arguments)
+        return Met.listed(self.arguments, self.primitives.listed(self.sets, Eye.of_camera(scene, view)))
+
     def channels(self, *, textured: bool) -> dict[str, int]:
         """Return the macro that says how many colours are marched."""
         return {"TFM_CHANNELS": 1 if self.is_grey and not textured else 3}
 
 
-def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) -> MediaOnDevice:
+def media_on_device(
+    launcher: Launcher, scene: Scene, bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None = None
+) -> MediaOnDevice:
     """Put media and bodies on the device.
 
     Parameters
@@ -63,14 +79,18 @@ def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) 
         What to render; only its bodies, their media, and ``march.skip_empty`` matter.
     bricks
         The voxels of its grids; None where it has none.
+    primitives
+        Its primitives, likewise.
     """
     fields, media = fields_of(scene), list(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
     grids, bodies = scene.grids, scene.homogeneous
-    channels = 1 if bricks is None else bricks.channels
+    channels = 3 if any(body.colour is not None for body in scene.marched) else 1
     of_grids = {} if bricks is None else bricks.arguments
-    of_bricks: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1}
+    of_bricks = _of_boxes(bricks, has_primitives=primitives is not None)
     if bricks is not None:
-        of_bricks = {**bricks.defines}
+        of_bricks["TFM_VOXEL_CHANNELS"] = channels
+    numbers_of_media = [media.index(scene.medium_of(body)) for body in scene.primitives]
+    of_amounts = np.eye(3) if channels == 3 else np.outer([1, 0, 0], [1, 0, 0])  # noqa: PLR2004 - RGB
     phases = list(dict.fromkeys(type(medium.phase) for medium in media))
     kinds = [kind for kind in SHAPES.values() if any(isinstance(body, kind) for body in bodies)]
     numbers = list(PHASES.values())
@@ -85,12 +105,22 @@ def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) 
                 "grids": launcher.upload("the grids", grid_structs(scene, bricks, fields.weights[:, :, k])),
                 **of_grids,
             },
+            primitives=primitives,
+            sets=None
+            if primitives is None
+            else primitives.sets(
+                [0] * len(scene.primitives), _in_field(fields.weights[len(grids) :, :, k])
+            ),
         )
         for k in range(fields.count)
     )
     return MediaOnDevice(
         fields=fields,
         bricks=bricks,
+        primitives=primitives,
+        sets=None
+        if primitives is None
+        else primitives.sets(numbers_of_media, np.broadcast_to(of_amounts, (len(numbers_of_media), 3, 3))),
         headers=(*(phase.HEADER for phase in phases), *(kind.HEADER for kind in kinds)),
         defines=of_bricks
         | {
@@ -124,6 +154,19 @@ def media_on_device(launcher: Launcher, scene: Scene, bricks: BrickGrid | None) 
         of_fields=of_fields,
         is_grey=len(media) == 1 and channels == 1 and len(set(np.asarray(media[0].sigma_t).tolist())) == 1,
     )
+
+
+def _of_boxes(bricks: BrickGrid | None, *, has_primitives: bool) -> dict[str, int | str]:
+    """Macros that say what boxes are marched: the grids', and the one around all primitives."""
+    defines: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1, **(bricks.defines if bricks else {})}
+    return defines | {"TFM_GRIDS": int(defines["TFM_GRIDS"]) + has_primitives, "TFM_PRIMITIVES": int(has_primitives)}
+
+
+def _in_field(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From weights [bodies, 3] of colours to those of one amount, [bodies, 3, 3]."""
+    matrices = np.zeros((len(weights), 3, 3))
+    matrices[:, 0] = weights
+    return matrices
 
 
 def _number_of(bodies: Sequence[Any], scene: Scene, media: list[Medium]) -> str:

@@ -147,12 +147,13 @@ class LightPass:
         struct["first_number"] = room.first if is_last else 0
         target = room.buffer if is_last else self._floats(settings)
         seen = _Counts(launcher)
+        met = medium.met_by(light, of_light, res)
         seconds = launcher.run_windows(
             kernel,
             (0, 0, res, res),
-            settings.steps,
+            settings.steps + met.longest,
             {
-                **medium.arguments,
+                **met.arguments,
                 "light": of_light,
                 "map": launcher.upload("the map's parameters", struct),
                 "ranges": launcher.upload("the ranges of the rays", plan.field),
@@ -283,12 +284,13 @@ class LightPass:
         kernel = self._kernel("map_residual", plan.settings, light, medium, clipped=plan.clip is not None)
         residuals = launcher.empty("the map's residuals", 8 * res * res, reuse=True)
         clip = np.zeros(1, np.float32) if plan.clip is None else plan.clip
+        met = medium.met_by(light, of_light, res)
         launcher.run_windows(
             kernel,
             (0, 0, res, res),
-            steps,
+            steps + met.longest,
             {
-                **medium.arguments,
+                **met.arguments,
                 "light": of_light,
                 **self.arguments(plan, buffers),
                 "clip": launcher.upload("the solids' distances", clip),

@@ -118,12 +118,13 @@ class LightProbe:
         kernel = self._kernel("light_ranges", light, medium, clipped=clip is not None)
         ranges = launcher.empty("the light's ranges", 16 * size * size, reuse=True)
         lasts = launcher.empty("the light's ranges", 4 * size * size, reuse=True)
+        met = medium.met_by(light, of_light, size)
         launcher.run_windows(
             kernel,
             (0, 0, size, size),
-            steps,
+            steps + met.longest,
             {
-                **medium.arguments,
+                **met.arguments,
                 "light": of_light,
                 "clip": launcher.upload(
                     "the solids' distances", np.zeros(1, np.float32) if clip is None else clip
@@ -172,9 +173,10 @@ class LightProbe:
             self._kernel("light_curves", light, medium),
             (-(-len(rays) // launcher.lanes),),
             {
-                **medium.arguments,
+                **medium.met_by(light, of_light, size).arguments,
                 "light": of_light,
                 "rays": launcher.upload("the light's rays", rays),
+                "size": size,
                 "curves": out,
                 "count": len(rays),
             },

@@ -42,7 +42,7 @@ class TransmittanceMap:
     """What was decided before it was built."""
     requested: MapSettings
     """The scene's own."""
-    grids: tuple[Volume, ...]
+    bodies: tuple[MarchedBody, ...]
     """Whose density it holds; bodies of constant density need no map."""
     fields: Fields
     """How their densities make fields."""
@@ -173,18 +173,18 @@ class TransmittanceMap:
             When the ray misses the medium.
         """
         origins, directions = self.light.rays(np.array([[u, v]]))
-        parts = [grid.interval(origins[0], directions[0]) for grid in self.grids]
+        parts = [body.interval(origins[0], directions[0]) for body in self.bodies]
         met = [(low, high) for low, high in parts if low < high]
         if not met:
             raise SceneError(f"the light ray of map position {u:g}, {v:g} misses the medium")
         begin, end = min(low for low, _ in met), max(high for _, high in met)
-        distance = begin + (np.arange(count) + 0.5) * (end - begin) / count
+        edges = np.linspace(begin, end, count + 1)
+        distance = (edges[:-1] + edges[1:]) / 2
         points = origins[0] + distance[:, None] * directions[0]
-        density = sum(
-            grid.densities_at(points) @ weights
-            for grid, weights in zip(self.grids, self.fields.weights[:, :, self.field_index], strict=True)
-        )
-        depth = self.extinction * np.asarray(density) * (end - begin) / count
+        depth = np.zeros(count)
+        for body, weights in zip(self.bodies, self.fields.weights[:, :, self.field_index], strict=True):
+            channels = body.depths_along(origins[0], directions[0], edges)
+            depth += self.extinction * (channels @ weights[: channels.shape[1]])
         exact = np.exp(-(np.cumsum(depth) - 0.5 * depth))
         return distance, exact, self.evaluate(points, self.extinction).astype(np.float64)
 
@@ -226,12 +226,12 @@ class TransmittanceMap:
 
     def check_serves(self, scene: Scene, light: Light, fields: Fields, field: int) -> None:
         """Raise `SceneError` unless this map is right for a fitted light of a scene and one of its fields."""
-        same_grids = len(self.grids) == len(scene.grids) and all(
-            one.same_density(other) for one, other in zip(self.grids, scene.grids, strict=False)
+        same_bodies = len(self.bodies) == len(scene.marched) and all(
+            one.same_density(other) for one, other in zip(self.bodies, scene.marched, strict=False)
         )
-        changed = self.fields.first_change(fields) if same_grids else None
+        changed = self.fields.first_change(fields) if same_bodies else None
         for what, same in (
-            ("volume", same_grids),
+            ("volume", same_bodies),
             (f"colour of {_name(scene, changed)}: its share of what maps hold has changed", changed is None),
             ("field of density", self.field_index == field),
             ("set of solids", self.solids == scene.solids),
@@ -244,11 +244,9 @@ class TransmittanceMap:
                 raise SceneError(f"was built for another {what}; build the maps again")
 
 
-def _name(scene: Scene, grid: int | None) -> str:
-    """Return what messages call a grid of a scene."""
-    if grid is None:
+def _name(scene: Scene, marched: int | None) -> str:
+    """Return what messages call a body that is marched."""
+    if marched is None:
         return ""
-    number = scene.bodies.index(scene.grids[grid])
-    return (
-        f"volume.{number} ({scene.grids[grid].label})" if len(scene.bodies) > 1 else scene.grids[grid].label
-    )
+    body = scene.marched[marched]
+    return f"volume.{scene.bodies.index(body)} ({body.label})" if len(scene.bodies) > 1 else body.label

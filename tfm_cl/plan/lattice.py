@@ -69,6 +69,8 @@ def why_not(scene: Scene) -> str:
     """Tell what keeps every light of a scene from a lattice; empty where nothing does."""
     if not scene.grids:
         return "no grid has voxels to look light up at"
+    if scene.primitives:
+        return "primitives have no voxels"
     if scene.homogeneous:
         return "bodies of constant density have no voxels"
     if scene.solids:
@@ -118,7 +120,7 @@ def choice(scene: Scene) -> Choice:
         return Choice(is_lattice=False, why=f"only {len(smooth)} lights are smooth in the grids")
     if _pixel(scene.camera, grids) > (WIDEST_PIXEL if many else WIDEST_PIXEL_OF_FEW) * finest_voxel(grids):
         return Choice(is_lattice=False, why="the picture has fewer samples than the grids have voxels")
-    error = (ERROR_PER_DEPTH if many else ERROR_PER_DEPTH_OF_FEW) * depth_of_voxels(grids) + max(smooth)
+    error = (ERROR_PER_DEPTH if many else ERROR_PER_DEPTH_OF_FEW) * depth_of_voxels(scene) + max(smooth)
     tolerated = TOLERATED if asked is None else OF_ASKED * asked
     lights = f"{len(smooth)} light{'s' * (len(smooth) > 1)}"
     held = f"{lights} once a voxel; its error in the picture is about {error:.1g}"
@@ -141,8 +143,8 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
     if why_not(scene):
         return []
     grids = marched(scene)
-    bounds, edge = occupied_bounds(grids), _longest_edge(grids)
-    phase = scene.medium_of(grids[0].grid).phase
+    bounds, edge = occupied_bounds(grids), _longest_edge(scene)
+    phase = scene.medium_of(scene.grids[0]).phase
     to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
     found = []
     for number, light in enumerate(scene.lights):
@@ -174,11 +176,11 @@ def _pixel(camera: Camera, grids: Sequence[Marched]) -> float:
     return camera.pixel_width * (near + far) / 2
 
 
-def _longest_edge(grids: Sequence[Marched]) -> float:
+def _longest_edge(scene: Scene) -> float:
     """Longest edge of any grid's voxels, world units."""
-    return max(float(grid.voxel_size.max()) for grid, _ in grids)
+    return max(float(grid.voxel_size.max()) for grid in scene.grids)
 
 
-def depth_of_voxels(grids: Sequence[Marched]) -> float:
+def depth_of_voxels(scene: Scene) -> float:
     """Optical depth along the longest edge of what is densest: grids may shade each other's voxels."""
-    return _longest_edge(grids) * max(sigma_t * grid.typical_density for grid, sigma_t in grids)
+    return _longest_edge(scene) * max(sigma_t * body.typical_density for body, sigma_t in marched(scene))

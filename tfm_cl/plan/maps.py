@@ -173,7 +173,7 @@ class Fitted:
 def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:
     """All that one field's density depends on, and where the device has it; with the solids among it."""
     return (
-        tuple(grid.density_key for grid in scene.grids),
+        tuple(body.density_key for body in scene.marched),
         media.fields.weights[:, :, field].tobytes(),
         world_from_device(scene).tobytes(),
         scene.march.voxels,

@@ -1,4 +1,4 @@
-"""What is marched: the grids of a scene, each with the extinction of its medium."""
+"""What is marched: the grids and primitives of a scene, each with the extinction of its medium."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from tfm_cl.scene.bodies.base import around
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.bodies.base import MarchedBody
     from tfm_cl.scene.scene import Scene
 
 
 class Marched(NamedTuple):
-    """A grid, and the extinction at density 1 of the colour that sees least far into its medium."""
+    """A body, and the extinction at density 1 of the colour that sees least far into its medium."""
 
-    grid: Volume
+    body: MarchedBody
     sigma_t: float
 
 
 def marched(scene: Scene) -> tuple[Marched, ...]:
-    """Return a scene's grids, each with the extinction of its own medium."""
-    return tuple(Marched(grid, float(scene.medium_of(grid).sigma_t.max())) for grid in scene.grids)
+    """Return a scene's bodies that are marched, each with the extinction of its own medium."""
+    return tuple(Marched(body, float(scene.medium_of(body).sigma_t.max())) for body in scene.marched)
 
 
-def finest_voxel(grids: Sequence[Marched]) -> float:
-    """Return the smallest edge of any grid's voxels, world units."""
-    return min(float(grid.voxel_size.min()) for grid, _ in grids)
+def finest_voxel(bodies: Sequence[Marched]) -> float:
+    """Return the smallest edge of any grid's voxels, or what is as small elsewhere, world units."""
+    return min(body.detail for body, _ in bodies)
 
 
-def voxel_depth(grids: Sequence[Marched]) -> float:
-    """Optical depth along the smallest edge of a typical voxel of the grid where that is largest."""
-    return max(sigma_t * grid.typical_density * float(grid.voxel_size.min()) for grid, sigma_t in grids)
+def voxel_depth(bodies: Sequence[Marched]) -> float:
+    """Optical depth along the smallest edge of a typical voxel of the body where that is largest."""
+    return max(sigma_t * body.typical_density * body.detail for body, sigma_t in bodies)
 
 
-def occupied_bounds(grids: Sequence[Marched]) -> NDArray[np.float64]:
+def occupied_bounds(bodies: Sequence[Marched]) -> NDArray[np.float64]:
     """World box around what has density, [2, 3]."""
-    return around([grid.occupied_bounds for grid, _ in grids])
+    return around([body.occupied_bounds for body, _ in bodies])
 
 
 def distances(bounds: NDArray[np.float64], point: NDArray[np.float64]) -> tuple[float, float]:

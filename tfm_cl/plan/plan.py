@@ -122,7 +122,7 @@ def plan(
         ``map.bytes`` that are too few, or a blur that its basis does not take.
     """
     decisions = {} if file is None else dict(_placed(scene, file))
-    has_maps = (method or scene.march.method) == "tfm" and bool(scene.grids and scene.lights)
+    has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.lights)
     if scene.map.max_error is not None:
         if has_maps:
             chosen, why = _looked_up(scene)
@@ -200,7 +200,7 @@ def _to_measure(scene: Scene, *, has_maps: bool) -> Iterator[tuple[str, Decision
     """Yield what ``max_error`` chooses."""
     why = f"the cheapest found that keeps map.max_error = {scene.map.max_error:g}"
     of_map = {"map.res": scene.map.res, "map.coeffs": scene.map.coeffs} if has_maps else {}
-    of_light = {"map.steps": scene.map.steps} if scene.grids and scene.lights else {}
+    of_light = {"map.steps": scene.map.steps} if scene.marched and scene.lights else {}
     for key, asked in (of_map | of_light | {"march.steps": scene.march.steps}).items():
         if asked == "auto":
             yield key, Decision(None, why)

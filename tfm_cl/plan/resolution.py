@@ -28,7 +28,6 @@ Most of the remaining error is due to the 8 coefficients; that of the camera's s
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -218,16 +217,13 @@ def _wanted_res(scene: Scene, grids: Sequence[Marched], *, on_lattice: bool | No
     return Wanted(_whole(asked[most], TEXELS, TEXELS_MULTIPLE), asked[most], why)
 
 
-def _diagonal(grids: Sequence[Marched]) -> float:
-    """Length of the longest ray through the grids."""
-    if len(grids) > 1:
-        low, high = around([grid.bounds for grid, _ in grids])
+def _diagonal(bodies: Sequence[Marched]) -> float:
+    """Length of the longest ray through the bodies."""
+    if len(bodies) > 1:
+        low, high = around([body.bounds for body, _ in bodies])
         return float(np.linalg.norm(high - low))
-    ((grid, _),) = grids
-    z, y, x = grid.shape
-    edges = grid.world_from_index[:3, :3] * (x + 1, y + 1, z + 1)  # from border to border
-    ends = (edges @ np.array([1, *signs]) for signs in itertools.product((1, -1), repeat=2))
-    return max(float(np.linalg.norm(end)) for end in ends)
+    ((body, _),) = bodies
+    return body.longest_ray
 
 
 def _whole(number: float, limits: tuple[int, int], multiple: int) -> int:

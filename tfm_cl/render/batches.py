@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import NUMBERS_UNIT, STORAGE_BITS
 from tfm_cl.device import launch
+from tfm_cl.device.primitives import BINS_OF_LIGHT, Eye, join_lists
+from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
@@ -241,6 +243,7 @@ class Batches:
         shadow, texture, lit = self._shadows(indices), self._textures(indices), self._lit(indices)
         fields = self._media.fields.count
         self._structs["first_map"][indices] = fields * np.arange(len(indices))
+        lists_of_lights = self._primitives(indices)
         lists = block_lists(rectangles, window, BLOCK)
         return Batch(
             of=variant,
@@ -253,6 +256,7 @@ class Batches:
                 "shadow": upload("the shadow maps", shadow),
                 "texture": upload("the lights' textures", texture),
                 **(self._maps(maps) if maps else {}),
+                **lists_of_lights,
             },
             blocks={
                 "starts": upload("the lists of lights", lists.starts),
@@ -313,6 +317,21 @@ class Batches:
             "ranges": upload("the ranges of the rays", ranges),
             "modes": upload("the basis's functions", modes),
         }
+
+    def _primitives(self, batch: list[int]) -> dict[str, Any]:
+        """List the primitives that each light's rays meet, where they are followed to any point."""
+        media = self._media
+        if not self._is_dual or media.primitives is None or media.sets is None:
+            return {}
+        launcher, lights = self._launcher, [self._scene.lights[index] for index in batch]
+        found = []
+        for light in lights:
+            of_light = launcher.upload("the light", light_structs(self._scene, [light]))
+            eye = Eye.of_light(light, of_light, media.primitives.origin, BINS_OF_LIGHT, widens=False)
+            found.append(media.primitives.listed(media.sets, eye, finest=1))
+        joined = join_lists(launcher, found)
+        self._structs["first_bin"][batch] = joined.first_bins
+        return {f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()}
 
     def _textures(self, batch: list[int]) -> NDArray[np.float32]:
         """Put the textures of a batch one after the other, [texels, 4]; each image once."""

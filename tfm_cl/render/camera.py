@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.buffers import FrameBuffers
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 def see(
     launcher: Launcher,
     media: MediaOnDevice,
+    met: Met,
     view: Any,
     crop: Rectangle,
     steps: int,
@@ -25,6 +27,8 @@ def see(
 
     Parameters
     ----------
+    met
+        What its rays meet.
     view
         The struct, on the device.
     steps
@@ -35,8 +39,8 @@ def see(
     return launcher.run_windows(
         kernel,
         crop,
-        steps,
+        steps + met.longest,
         {"view": view}
-        | media.arguments
+        | met.arguments
         | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),
     )

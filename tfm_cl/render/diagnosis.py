@@ -375,7 +375,7 @@ class _Finder:
         """Tell why nothing is seen of what the lights reach."""
         if self._result.lit:
             return ""
-        causes = ["has no density"] if self._scene.grids else []
+        causes = ["has no density"] if self._scene.marched else []
         if self._ends_within():
             causes.append(f"lies behind more of it (lower {_thickest(self._parts).density_key})")
         if self._scene.solids:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
+    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -50,6 +51,8 @@ class _Work:
     """One frame under way."""
 
     view: cl.Buffer
+    met: Met
+    """On the camera's rays."""
     gbuffer: GBuffer | None
     frame: buffers.FrameBuffers
     errors: buffers.FrameBuffers | None
@@ -114,8 +117,10 @@ class Frame:
         reads_maps = method == "tfm" and self.media.fields.count > 0
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
+        view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
         work = _Work(
-            view=launcher.upload("the view", view_struct(scene, self.media.fields, crop)),
+            view=view,
+            met=self.media.met_by_camera(scene, view),
             gbuffer=gbuffer,
             frame=buffers.allocate(launcher, crop, gbuffer),
             errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if "map_error" in asked else None,
@@ -144,7 +149,7 @@ class Frame:
             self._light_lattice(work, lattice)
         self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
         if not work.camera_is_seen:
-            work.seconds += self._see(work.view, work.frame, has_solids=gbuffer is not None)
+            work.seconds += self._see(work, work.frame, has_solids=gbuffer is not None)
         self.stats.seconds["view_pass"] += work.seconds
         sums = buffers.read(launcher, work.frame, gbuffer, work.errors, work.lattice_change)
         return sums, (*work.warnings,)
@@ -153,7 +158,7 @@ class Frame:
         """Look lights up on a lattice, and march the camera's rays through it."""
         steps, without = decided(self.scene.march.steps), work.without_lattice
         if without is not None:
-            self._see(work.view, without, has_solids=False)
+            self._see(work, without, has_solids=False)
         for variant, members in work.batches.groups(lattice.lights):
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
@@ -179,11 +184,21 @@ class Frame:
                 batch = work.batches.batch(variant, indices, maps, whole=not work.camera_is_seen)
                 done = _reporter(self.progress, f"view pass, {batch.name}")
                 work.seconds += scatter(
-                    launcher, media, view, batch, samples, frame, done, sees_camera=not work.camera_is_seen
+                    launcher,
+                    media,
+                    work.met,
+                    view,
+                    batch,
+                    samples,
+                    frame,
+                    done,
+                    sees_camera=not work.camera_is_seen,
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
-                    work.seconds += reflect(launcher, media, view, batch, work.light_steps, frame, done)
+                    work.seconds += reflect(
+                        launcher, media, work.met, view, batch, work.light_steps, frame, done
+                    )
                 self._sum_errors(work, batch, maps)
 
     def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
@@ -205,7 +220,7 @@ class Frame:
     def _add(self, work: _Work, batch: Batch, frame: buffers.FrameBuffers) -> None:
         """Add to a frame beside the picture's; what that takes is not counted."""
         steps, done = decided(self.scene.march.steps), _reporter(self.progress, f"view pass, {batch.name}")
-        scatter(self.launcher, self.media, work.view, batch, steps, frame, done)
+        scatter(self.launcher, self.media, work.met, work.view, batch, steps, frame, done)
 
     def _lattice(self, work: _Work) -> Lattice | None:
         """Return the lattice of the lights that are looked up there; None without any."""
@@ -222,9 +237,11 @@ class Frame:
         work.warnings[message] = None
         return None
 
-    def _see(self, view: object, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
+    def _see(self, work: _Work, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
         steps = decided(self.scene.march.steps)
-        return see(self.launcher, self.media, view, self.crop, steps, frame, has_solids=has_solids)
+        return see(
+            self.launcher, self.media, work.met, work.view, self.crop, steps, frame, has_solids=has_solids
+        )
 
     def _touched(self, gbuffer: GBuffer | None) -> NDArray[np.int64]:
         """Pixels of the crop that each light may change, [lights, 4]."""

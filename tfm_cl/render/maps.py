@@ -155,7 +155,7 @@ class MapBuilder:
             light=light,
             plan=plan,
             requested=scene.map,
-            grids=scene.grids,
+            bodies=scene.marched,
             fields=sources.media.fields,
             field_index=field,
             solids=scene.solids,

@@ -18,6 +18,7 @@ from tfm_cl.device.frame import check_distances, world_from_device
 from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.media import media_on_device
+from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
@@ -153,18 +154,28 @@ class Renderer:
                 lambda built: built.nbytes,
                 held=True,
             )
+        primitives = self._primitives(scene) if scene.primitives else None
         key = (
             scene.bodies,
-            tuple(grid.density_key for grid in grids),
+            tuple(body.density_key for body in scene.marched),
             scene.medium,
             scene.march.skip_empty,
             world_from_device(scene).tobytes(),
         )
         kept, media = self._last_media or (None, None)
-        if media is None or kept != key or media.bricks is not bricks:
-            media = media_on_device(self._launcher, scene, bricks)
+        if media is None or kept != key or media.bricks is not bricks or media.primitives is not primitives:
+            media = media_on_device(self._launcher, scene, bricks, primitives)
             self._last_media = key, media
         return media
+
+    def _primitives(self, scene: Scene) -> PrimitivesOnDevice:
+        """Put the primitives of a scene on the device; those of the last frames are there."""
+        return self._cache.get(
+            "primitives",
+            (tuple(body.density_key for body in scene.primitives), world_from_device(scene).tobytes()),
+            lambda: PrimitivesOnDevice(self._launcher, scene),
+            lambda made: made.nbytes,
+        )
 
     def _build_bricks(self, grids: Sequence[Volume], voxels: VoxelType) -> BrickGrid:
         self._last_media = None  # gives back its voxels first
@@ -335,12 +346,12 @@ def _single_lights(scene: Scene) -> Scene:
                     'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
                 )
     lights = list(chain.from_iterable(light.parts() for light in scene.lights))
-    # Maps show where grids have density; what shadows solids cast is asked for in all media. Bodies of
+    # Maps show where what is marched has density; what shadows solids cast is asked for in all media. Bodies of
     # constant density need neither, and may have thousands of lights.
     bounds = occupied = scene.occupied_bounds
-    if scene.grids and not scene.solids:
-        bounds = around([grid.occupied_bounds for grid in scene.grids])
-    fits = bool(scene.solids or scene.grids)
+    if scene.marched and not scene.solids:
+        bounds = around([body.occupied_bounds for body in scene.marched])
+    fits = bool(scene.solids or scene.marched)
     return scene.replace(
         lights=[light.fitted(bounds, occupied) if fits or light.needs_fitting else light for light in lights]
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.batches import Batch
@@ -22,6 +23,7 @@ def scatter_variant(batch: Batch, media: MediaOnDevice) -> tuple[tuple[str, ...]
 def scatter(
     launcher: Launcher,
     media: MediaOnDevice,
+    met: Met,
     view: Any,
     batch: Batch,
     samples: int,
@@ -34,6 +36,8 @@ def scatter(
 
     Parameters
     ----------
+    met
+        What its camera rays meet.
     view
         The struct, on the device.
     samples
@@ -47,9 +51,9 @@ def scatter(
     return launcher.run_windows(
         kernel,
         batch.window,
-        samples * batch.most_in_a_block,
+        samples * batch.most_in_a_block + met.longest,
         {"view": view, "sees_camera": int(sees_camera)}
-        | media.arguments
+        | met.arguments
         | batch.arguments
         | batch.blocks
         | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.batches import Batch
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 def reflect(
     launcher: Launcher,
     media: MediaOnDevice,
+    met: Met,
     view: Any,
     batch: Batch,
     samples: int,
@@ -31,9 +33,9 @@ def reflect(
     return launcher.run_windows(
         kernel,
         batch.window,
-        samples * batch.most_in_a_block,
+        samples * batch.most_in_a_block + met.longest,
         {"view": view, "lit": batch.lit}
-        | media.arguments
+        | met.arguments
         | batch.arguments
         | batch.blocks
         | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples"),

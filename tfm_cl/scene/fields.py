@@ -9,7 +9,7 @@ fields' optical depths:
 One medium makes one field, with A = σ_t (TFM eq. 13-14), so that changing its colour needs no new map. A grid
 with a colour in each voxel, or more ratios than two, make three: red, green and blue themselves.
 
-Only grids take part: what is homogeneous is known in closed form.
+Only bodies that are marched take part, grids and primitives: what is homogeneous is known in closed form.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ SAME_RATIO = 1e-6
 
 @dataclass(frozen=True)
 class Fields:
-    """How the extinction of a scene's grids is put together from scalar fields.
+    """How the extinction of a scene's marched bodies, grids first, is put together from scalar fields.
 
     Attributes
     ----------
     rgb_from_field
         float64 [3, K], A: extinction, per world unit, of a density of 1 of each field.
     weights
-        float64 [grids, 3, K]: what a density of 1 of channel c of a grid adds to each field. A grid without
+        float64 [bodies, 3, K]: what a density of 1 of channel c of a body adds to each field. A body without
         colour has one channel, the first; its other rows are 0.
     sigma_t
-        float64 [grids, 3]: extinction of each grid's medium at density 1, RGB, per world unit.
+        float64 [bodies, 3]: extinction of each body's medium at density 1, RGB, per world unit.
     """
 
     rgb_from_field: NDArray[np.float64]
@@ -49,7 +49,7 @@ class Fields:
 
     @property
     def count(self) -> int:
-        """K, 1 to `MOST_FIELDS`; 0 without grids."""
+        """K, 1 to `MOST_FIELDS`; 0 without any."""
         return int(self.rgb_from_field.shape[1])
 
     @property
@@ -60,7 +60,7 @@ class Fields:
         return extinctions
 
     def first_change(self, other: Fields) -> int | None:
-        """Return the number of the first grid whose part in fields is another; None where all are the same.
+        """Return the number of the first body whose part in fields is another; None where all are the same.
 
         Maps of these fields then serve the others, whatever A.
         """
@@ -81,12 +81,12 @@ def _ratios(sigma_t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def fields_of(scene: Scene) -> Fields:
-    """Group the extinctions of a scene's grids by their colour."""
-    extinctions = np.array([scene.medium_of(grid).sigma_t for grid in scene.grids]).reshape(-1, 3)
-    if len(scene.grids) == 0:
+    """Group the extinctions of a scene's marched bodies by their colour."""
+    extinctions = np.array([scene.medium_of(body).sigma_t for body in scene.marched]).reshape(-1, 3)
+    if len(scene.marched) == 0:
         return Fields(np.zeros((3, 0)), np.zeros((0, 3, 0)), extinctions)
-    coloured = np.array([grid.colour is not None for grid in scene.grids])
-    media = [scene.medium_of(grid) for grid in scene.grids]
+    coloured = np.array([body.colour is not None for body in scene.marched])
+    media = [scene.medium_of(body) for body in scene.marched]
     weights: NDArray[np.float64]
     if not coloured.any() and all(medium == media[0] for medium in media):
         weights = np.zeros((len(media), 3, 1))

@@ -14,8 +14,9 @@ from tfm_cl.errors import SceneError, VolumeError
 from tfm_cl.files.paths import source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies.base import MOST_BODIES, Body, around
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body, MarchedBody, around
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
@@ -116,8 +117,18 @@ class Scene:
 
     @property
     def grids(self) -> tuple[Volume, ...]:
-        """The bodies whose density is a grid's, in order: those that are marched."""
+        """The bodies whose density is a grid's, in order."""
         return tuple(body for body in self.bodies if isinstance(body, Volume))
+
+    @property
+    def primitives(self) -> tuple[Primitives, ...]:
+        """The bodies made of many small things, in order."""
+        return tuple(body for body in self.bodies if isinstance(body, Primitives))
+
+    @property
+    def marched(self) -> tuple[MarchedBody, ...]:
+        """The bodies that rays are marched through: grids, then primitives."""
+        return (*self.grids, *self.primitives)
 
     @property
     def homogeneous(self) -> tuple[Homogeneous, ...]:

@@ -9,11 +9,21 @@ import functools
 
 from tfm_cl.constants import c_definitions
 from tfm_cl.device.structs.base import Field, Struct
-from tfm_cl.device.structs.declared import BODY, GRID, LIGHT, MAP, MEDIUM, VIEW
+from tfm_cl.device.structs.declared import (
+    BODY,
+    GRID,
+    LIGHT,
+    MAP,
+    MEDIUM,
+    PRIMITIVE,
+    SET,
+    SOURCE,
+    VIEW,
+)
 
-STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP)
+STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP, SOURCE, SET, PRIMITIVE)
 
-__all__ = ["BODY", "GRID", "LIGHT", "MAP", "MEDIUM", "STRUCTS", "VIEW", "Field", "Struct", "c_text"]
+__all__ = ["BODY", "GRID", "LIGHT", "MAP", "MEDIUM", "PRIMITIVE", "SET", "SOURCE", "STRUCTS", "VIEW", "Field", "Struct", "c_text"]
 
 
 @functools.cache

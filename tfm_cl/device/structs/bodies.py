@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import BODY, GRID
+from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid
     from tfm_cl.scene.scene import Scene
+
+
+BOX_MARGIN = 1e-5
+"""Of the longest edge: how far the box around primitives is from them, so that float32 keeps them inside."""
 
 
 def body_structs(scene: Scene) -> NDArray[Any]:
@@ -31,7 +36,9 @@ def body_structs(scene: Scene) -> NDArray[Any]:
 def grid_structs(
     scene: Scene, bricks: BrickGrid | None, weights: NDArray[np.float64] | None = None
 ) -> NDArray[Any]:
-    """Return the structs of the grids; one of no meaning where there are none.
+    """Return the structs of the boxes that are marched; one of no meaning where there are none.
+
+    The grids come first, then the box around all primitives.
 
     Parameters
     ----------
@@ -41,8 +48,10 @@ def grid_structs(
         float [grids, 3]: what densities of each channel are multiplied by, 1 for all by default.
     """
     grids = scene.grids
-    structs = np.zeros(max(1, len(grids)), GRID.dtype)
+    structs = np.zeros(max(1, len(grids) + bool(scene.primitives)), GRID.dtype)
     moved = world_from_device(scene)
+    if scene.primitives:
+        structs[-1:] = _box_struct(scene, moved)
     first = 0
     for i, grid in enumerate(grids):
         struct = structs[i]
@@ -63,6 +72,22 @@ def grid_structs(
         struct["density_scale"] = scales if weights is None else scales * weights[i]
         first += math.prod(bricks.brick_counts[i])
     return structs
+
+
+def _box_struct(scene: Scene, moved: NDArray[np.float64]) -> NDArray[Any]:
+    """Return the struct of the box around all primitives, whose index space is [0, 1]³."""
+    low, high = around([body.bounds for body in scene.primitives])
+    margin = BOX_MARGIN * float((high - low).max())
+    world_from_box = np.eye(4)
+    world_from_box[:3, :3] = np.diag(high - low + 2 * margin)
+    world_from_box[:3, 3] = low - margin
+    device_from_box = np.linalg.inv(moved) @ world_from_box
+    struct = np.zeros(1, GRID.dtype)
+    struct["index_from_world"] = np.linalg.inv(device_from_box)[:3].ravel()
+    struct["world_from_index"] = device_from_box[:3].ravel()
+    struct["size"] = 2
+    struct["skip_empty"] = scene.march.skip_empty
+    return struct
 
 
 def padded_from_index() -> NDArray[np.float64]:

@@ -84,6 +84,7 @@ LIGHT = Struct(
         Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
         Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
         Field("int", "first_map", 1, "number of its first field's map"),
+        Field("int", "first_bin", 1, "number of the first bin of its rays"),
         Field("int", "lit_pixels", 4, "x0, y0, x1, y1 of the pixels that the light may change"),
         Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
         Field("int", "shadow_res", 1, "texels along each side of the shadow map"),
@@ -112,5 +113,41 @@ MAP = Struct(
         Field("int", "first_limit", 1, "where their limits begin, for 8 bits"),
         Field("int", "first_range", 1, "where its ranges begin"),
         Field("int", "first_mode", 1, "where what its basis evaluates begins"),
+    ),
+)
+
+SOURCE = Struct(
+    "Source",
+    "A primitive: a small thing that holds density.",
+    (
+        Field("float", "a", 3, "from the device's origin"),
+        Field("float", "radius", 1, "world"),
+        Field("float", "amount", 1, "density at its middle"),
+        Field("float", "colour", 3, "extinction relative to the density, RGB"),
+        Field("int", "set", 1, "number of its body among those of primitives"),
+    ),
+)
+
+SET = Struct(
+    "Set",
+    "What the primitives of a body have in common.",
+    (
+        Field("int", "kind", 1, "number of their kind"),
+        Field("int", "medium", 1, "number of their medium; 0 where there is one field alone"),
+        Field("float", "mass", 1, "held by one of radius and density 1"),
+        Field("float", "weights", 9, "3x3 row major: what a density of 1 of each colour adds to each amount"),
+    ),
+)
+
+PRIMITIVE = Struct(
+    "Primitive",
+    "A primitive as it is seen from a camera or a light. World: from the device's origin.",
+    (
+        Field("float", "centre", 3, "of the ball around it"),
+        Field("float", "reach", 1, "radius of that"),
+        Field("float", "amount", 3, "optical depth that the unit of its profile stands for"),
+        Field("int", "kind", 1, "number of its kind"),
+        Field("int", "medium", 1, "number of its medium"),
+        Field("float", "shape", 3, "as its kind has it"),
     ),
 )

@@ -42,7 +42,7 @@ def view_struct(scene: Scene, fields: Fields, crop: tuple[int, int, int, int]) -
     view["crop"] = crop
     march = scene.march
     view["steps"] = march.steps
-    view["light_steps"] = scene.map.steps if scene.grids else 1
+    view["light_steps"] = scene.map.steps if scene.marched else 1
     view["projective"] = march.sampling == "projective"
     view["max_stretch"] = min(march.max_stretch, 1e30)
     view["paper_attenuation"] = march.attenuation == "paper"

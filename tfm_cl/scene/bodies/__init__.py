@@ -4,10 +4,12 @@ To add a shape of constant density, write a module with a `Homogeneous` subclass
 list the class here.
 """
 
-from tfm_cl.scene.bodies.base import MOST_BODIES, Body
+from tfm_cl.scene.bodies.base import MOST_BODIES, Body, MarchedBody
 from tfm_cl.scene.bodies.box import BoxVolume
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.bodies.homogeneous import SHAPES, Homogeneous, parse_homogeneous
+from tfm_cl.scene.bodies.points import Points
+from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.sphere import SphereVolume
 from tfm_cl.scene.bodies.volume import Volume
 
@@ -18,6 +20,9 @@ __all__ = [
     "BoxVolume",
     "EverywhereVolume",
     "Homogeneous",
+    "MarchedBody",
+    "Points",
+    "Primitives",
     "SphereVolume",
     "Volume",
     "parse_homogeneous",

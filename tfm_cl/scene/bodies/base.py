@@ -66,6 +66,52 @@ class Body:
         """Tell whether the density is the same everywhere, looking at what it was made from only."""
 
 
+class MarchedBody(Body):
+    """A body that rays are marched through, and whose part in the maps has a field."""
+
+    @property
+    @abstractmethod
+    def colour(self) -> NDArray[np.float32] | None:
+        """Extinction in red, green and blue relative to the density, everywhere in it; None: 1."""
+
+    @property
+    @abstractmethod
+    def density_key(self) -> tuple[Any, ...]:
+        """All that its density in space depends on."""
+
+    @property
+    @abstractmethod
+    def detail(self) -> float:
+        """World units: texels and steps follow what is as small as that."""
+
+    @property
+    @abstractmethod
+    def typical_density(self) -> float:
+        """Mean density weighted by itself: that of the body, not of the empty space around it."""
+
+    @property
+    @abstractmethod
+    def longest_ray(self) -> float:
+        """World units, of the rays through its bounds."""
+
+    @abstractmethod
+    def interval(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> tuple[float, float]:
+        """Part of a ray from ``origin`` within its bounds: begin ≥ 0, end; empty where begin ≥ end."""
+
+    @abstractmethod
+    def depths_along(
+        self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Integrate the density between distances ``edges`` [n + 1] along a ray with a unit direction.
+
+        Returns float64 [n, 1], or [n, RGB] where it has a colour.
+        """
+
+    @abstractmethod
+    def line_depths(self) -> list[NDArray[np.float64]]:
+        """Integrals of the density along lines of three directions, in any order; empty lines may be left out."""
+
+
 def around(boxes: list[NDArray[Any]]) -> NDArray[np.float64]:
     """World box around boxes, [2, 3]."""
     corners = np.stack(boxes)

@@ -20,11 +20,11 @@ from tfm_cl.files.volume_io.leaves import Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.scene.bodies.base import Body
+from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.medium import Medium, parse_medium
 
 
-class Volume(Body):
+class Volume(MarchedBody):
     """Density on a regular grid.
 
     Between voxel centres the density is trilinear; beyond the outermost centres it falls to 0 over one
@@ -317,6 +317,15 @@ class Volume(Body):
         begin, end = max(0.0, np.nanmin(sides, axis=0).max()), np.nanmax(sides, axis=0).min()
         return (float(begin), float(end)) if begin < end else (0.0, 0.0)
 
+    def depths_along(
+        self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """As `MarchedBody.depths_along`, by the midpoint rule."""
+        middles, lengths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        densities = self.densities_at(origin + middles[:, None] * direction)
+        depths: NDArray[np.float64] = densities * lengths[:, None]
+        return depths
+
     @property
     def voxel_size(self) -> NDArray[np.float64]:
         """Edge lengths (x, y, z) of a voxel, world units."""
@@ -369,6 +378,25 @@ class Volume(Body):
         if self._colour is None:
             return self.density_scale * self._voxels.typical
         return self.density_scale * max(voxels.typical for voxels in self._colour.products)
+
+    @property
+    def detail(self) -> float:
+        """The shortest edge of a voxel, world units."""
+        return float(self.voxel_size.min())
+
+    @property
+    def longest_ray(self) -> float:
+        """World units: the grid's longest diagonal, from border to border."""
+        z, y, x = self.shape
+        edges = self.world_from_index[:3, :3] * (x + 1, y + 1, z + 1)
+        ends = (edges @ np.array([1, *signs]) for signs in itertools.product((1, -1), repeat=2))
+        return max(float(np.linalg.norm(end)) for end in ends)
+
+    def line_depths(self) -> list[NDArray[np.float64]]:
+        """As `MarchedBody.line_depths`, before ``density_scale``: along x, y and z."""
+        return [
+            self.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), self.voxel_size, strict=True)
+        ]
 
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.

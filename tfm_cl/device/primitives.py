@@ -1,0 +1,271 @@
+"""Primitives on the device, and lists of those that each bin of texels or pixels may meet.
+
+A camera or a light sees primitives in a way of its own: what is narrower than its texels is widened. Bins of
+`BIN` texels along a side list what their rays may meet. Larger bins are listed first, and each looks through
+the list of the one around it, so that a list costs what it holds, and its order is always the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.structs.declared import PRIMITIVE, SET, SOURCE
+from tfm_cl.errors import DeviceMemoryError
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.scene.bodies.primitives import Primitives
+    from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.scene import Scene
+
+BIN = 16
+"""Texels along a side of the smallest bins: a multiple of every tile's."""
+REFINED = 3
+"""Bins are smaller by this power of two than those that they look through."""
+MOST_LISTED = 1 << 28
+"""Entries of all lists together: where smaller bins had more, they stay larger."""
+BENT = 0.5
+"""Of a cone's sine: how far rays between those looked at may lie outside of it, where a chart is folded."""
+BINS_OF_LIGHT = 128
+"""Along each side, of lights whose rays are followed to points between texels."""
+
+
+@dataclass(frozen=True)
+class Eye:
+    """Where rays come from, as kernels are told it."""
+
+    headers: tuple[str, ...]
+    defines: dict[str, int | str]
+    arguments: dict[str, Any]
+    size: tuple[int, int]
+    """Texels along x and y."""
+    origin: NDArray[np.float64]
+    """From the device's."""
+    footprint: tuple[float, float]
+    """Width of a texel at the origin, and what it gains per unit of distance; 0 to take primitives as they are."""
+    margin: float = 0.0
+
+    @classmethod
+    def of_camera(cls, scene: Scene, view: cl.Buffer) -> Eye:
+        """Return the camera's, whose struct is on the device."""
+        camera = scene.camera
+        origin = np.subtract(camera.from_, world_from_device(scene)[:3, 3])
+        return cls((), {"TFM_FROM_LIGHT": 0}, {"view": view}, camera.res, origin, (0.0, camera.pixel_width))
+
+    @classmethod
+    def of_light(
+        cls, light: Light, of_light: cl.Buffer, device_origin: NDArray[np.float64], res: int, *, widens: bool = True
+    ) -> Eye:
+        """Return the one of a fitted light's map; its struct is on the device."""
+        near, far = light.footprint(0.0) / res, light.footprint(1.0) / res
+        return cls(
+            light.headers,
+            {"TFM_FROM_LIGHT": 1, "TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")},
+            {"light": of_light},
+            (res, res),
+            light.frame().world_from_light[:3, 3] - device_origin,
+            (near, far - near) if widens else (0.0, 0.0),
+            0.0 if light.has_flat_chart else BENT,
+        )
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Lists of primitives, and these as the eye sees them."""
+
+    primitives: cl.Buffer
+    starts: cl.Buffer
+    """int [bins + 1]: where each list begins; the last is where all end."""
+    members: cl.Buffer
+    bins: tuple[int, int, int, int]
+    """Columns, rows, texels along a side of a bin as a power of two, 0."""
+    longest: int
+    """Primitives in the longest list."""
+    total: int
+    """Entries of all."""
+
+    def arguments(self) -> dict[str, Any]:
+        """Return what kernels whose rays have these bins take."""
+        return {
+            "primitives": self.primitives,
+            "bin_starts": self.starts,
+            "bin_members": self.members,
+            "bins": self.bins,
+        }
+
+
+class PrimitivesOnDevice:
+    """All primitives of a scene.
+
+    Parameters
+    ----------
+    scene
+        With some.
+    """
+
+    def __init__(self, launcher: Launcher, scene: Scene) -> None:
+        self._launcher, self._bodies = launcher, scene.primitives
+        self.origin = world_from_device(scene)[:3, 3]
+        sources = np.concatenate(
+            [_sources(body, number, self.origin) for number, body in enumerate(self._bodies)]
+        )
+        self.count = len(sources)
+        self._sources = launcher.upload("the primitives", sources)
+
+    @property
+    def nbytes(self) -> int:
+        """Size on the device."""
+        return self.count * SOURCE.dtype.itemsize
+
+    def sets(self, media: Sequence[int], weights: NDArray[np.float64]) -> cl.Buffer:
+        """Put on the device what the primitives of each body have in common.
+
+        Parameters
+        ----------
+        media
+            Number of each body's medium.
+        weights
+            [bodies, 3, 3]: what a density of 1 of each colour (last) adds to each amount.
+        """
+        structs = np.zeros(len(self._bodies), SET.dtype)
+        for struct, body, medium, weight in zip(structs, self._bodies, media, weights, strict=True):
+            struct["kind"], struct["mass"], struct["medium"] = body.kind, body.mass, medium
+            struct["weights"] = weight.ravel()
+        return self._launcher.upload("the kinds of primitives", structs)
+
+    def listed(self, sets: cl.Buffer, eye: Eye, finest: int = BIN) -> Listed:
+        """List what the rays of an eye may meet.
+
+        Parameters
+        ----------
+        sets
+            Of `sets`.
+        finest
+            Texels along a side of the smallest bins.
+
+        Raises
+        ------
+        DeviceMemoryError
+            Primitives or lists that the device cannot hold.
+        """
+        launcher, count = self._launcher, self.count
+        seen = launcher.empty("the primitives as they are seen", PRIMITIVE.dtype.itemsize * count, reuse=True)
+        launcher.run(
+            launcher.kernels.kernel("see_primitives", "primitives.cl", eye.headers, eye.defines),
+            (count,),
+            {
+                "sources": self._sources,
+                "sets": sets,
+                "origin": (*eye.origin.tolist(), 0.0),
+                "footprint": eye.footprint,
+                "seen": seen,
+                "count": count,
+            },
+        )
+        kernel = launcher.kernels.kernel("list_primitives", "primitives.cl", eye.headers, eye.defines)
+        none = launcher.upload("no list", np.zeros(2, np.int32))
+        found: Listed | None = None
+        parent_columns, parents, members = 1, none, none
+        for edge in _edges(eye.size, finest):
+            columns, rows = (-(-texels // edge) for texels in eye.size)
+            counts = launcher.empty("the lengths of lists", 4 * columns * rows, reuse=True)
+            arguments = {
+                **eye.arguments,
+                "primitives": seen,
+                "parent_starts": parents,
+                "parent_members": members,
+                "size": (*eye.size, 0, 0),
+                "bins": (columns, rows, edge, parent_columns),
+                "parent_shift": REFINED,
+                "margin": eye.margin,
+                "counts": counts,
+                "bin_starts": none,
+                "bin_members": none,
+                "whole": count if found is None else 0,
+                "writes": 0,
+            }
+            launcher.run(kernel, (columns, rows), arguments)
+            starts = np.zeros(columns * rows + 1, np.int64)
+            np.cumsum(launcher.download(counts, (columns * rows,), np.int32), out=starts[1:])
+            total = int(starts[-1])
+            if 4 * total > min(launcher.largest_buffer, 4 * MOST_LISTED):
+                if found is None:
+                    raise DeviceMemoryError(
+                        f"{count:,} primitives are in {total:,} lists of bins: more than the device holds"
+                    )
+                break
+            members = launcher.empty("the lists of primitives", 4 * max(total, 1), reuse=True)
+            parents = launcher.upload("where lists begin", starts.astype(np.int32))
+            launcher.run(
+                kernel,
+                (columns, rows),
+                arguments | {"bin_starts": parents, "bin_members": members, "writes": 1},
+            )
+            parent_columns = columns
+            shift = edge.bit_length() - 1
+            longest = int(np.diff(starts).max())
+            found = Listed(seen, parents, members, (columns, rows, shift, 0), longest, total)
+        assert found is not None
+        return found
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Lists of several eyes, all of which take primitives as they are."""
+
+    listed: Listed
+    first_bins: NDArray[np.int32]
+    """Of each eye, the number of its first bin."""
+
+
+def join_lists(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
+    """Put the lists of eyes with as many bins one after the other."""
+    first, bins = lists[0], lists[0].bins[0] * lists[0].bins[1]
+    numbers = bins * np.arange(len(lists), dtype=np.int32)
+    if len(lists) == 1:
+        return Joined(first, numbers)
+    ends = np.cumsum([0, *(one.total for one in lists)])
+    if ends[-1] > MOST_LISTED:
+        raise DeviceMemoryError(
+            f"{len(lists)} lights meet primitives in {ends[-1]:,} lists' entries: render fewer lights at once"
+        )
+    members = launcher.empty("the lights' lists of primitives", 4 * max(int(ends[-1]), 1), reuse=True)
+    starts = np.zeros(bins * len(lists) + 1, np.int32)
+    for i, one in enumerate(lists):
+        begins = launcher.download(one.starts, (bins + 1,), np.int32)
+        starts[i * bins : (i + 1) * bins + 1] = begins + ends[i]
+        if one.total:
+            launcher.copy(one.members, members, 4 * one.total, first=0, to=4 * int(ends[i]))
+    longest = max(one.longest for one in lists)
+    where = launcher.upload("where the lights' lists begin", starts)
+    return Joined(Listed(first.primitives, where, members, first.bins, longest, int(ends[-1])), numbers)
+
+
+FEW = 16
+"""Bins in all that may look through all primitives."""
+
+
+def _edges(size: tuple[int, int], finest: int) -> list[int]:
+    """Texels along a side of bins, from the largest to the smallest."""
+    edges = [finest]
+    while -(-size[0] // edges[0]) * -(-size[1] // edges[0]) > FEW:
+        edges.insert(0, edges[0] << REFINED)
+    return edges
+
+
+def _sources(body: Primitives, number: int, origin: NDArray[np.float64]) -> NDArray[Any]:
+    """Return the structs of a body's primitives."""
+    structs = np.zeros(len(body.positions), SOURCE.dtype)
+    structs["a"] = body.positions - origin
+    structs["radius"], structs["amount"] = body.radii, body.densities
+    structs["colour"] = 1.0 if body.colour is None else body.colour
+    structs["set"] = number
+    return structs

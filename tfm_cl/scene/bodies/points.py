@@ -1,0 +1,215 @@
+"""Points: particles, each a small ball of density."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erf, exp, pi, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.constants import POINT_KINDS
+from tfm_cl.errors import VolumeError, unknown_key
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.scene.bodies.primitives import MOST_OPACITY, Primitives, colours_of, numbers_of, positions_of
+from tfm_cl.scene.medium import parse_medium
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from tfm_cl.scene.medium import Medium
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How the density of a point falls with the distance r from its middle; both in units of the radius."""
+
+    mass: float
+    """∫ D 4π r² dr."""
+    through: float
+    """∫ D along a line through the middle."""
+    part: Callable[[Floats, Floats], Floats]
+    """∫ D from the middle to s of a line that passes the middle at a distance b, given s and x = 1 - b²."""
+
+
+def _of_ball(s: Floats, x: Floats) -> Floats:
+    del x
+    return s
+
+
+def _of_gaussian(s: Floats, x: Floats) -> Floats:
+    from scipy.special import erf  # noqa: PLC0415 - few ask
+
+    found: Floats = np.exp(-4.5 * (1 - x)) * sqrt(pi / 2) / 3 * erf(3 * s / sqrt(2))
+    return found
+
+
+def _of_smooth(s: Floats, x: Floats) -> Floats:
+    return x**3 * s - x**2 * s**3 + 0.6 * x * s**5 - s**7 / 7
+
+
+_ERF = erf(3 / sqrt(2))
+PROFILES = {
+    "ball": Profile(4 * pi / 3, 2.0, _of_ball),
+    # ∫₀¹ r² e^(-9r²/2) dr = (√(π/2) erf(3/√2) / 3 - e^(-9/2)) / 9
+    "gaussian": Profile(
+        4 * pi / 9 * (sqrt(pi / 2) * _ERF / 3 - exp(-4.5)), 2 * sqrt(pi / 2) / 3 * _ERF, _of_gaussian
+    ),
+    "smooth": Profile(64 * pi / 315, 32 / 35, _of_smooth),
+}
+"""By name: constant; exp(-9 r²/2), which ends at three standard deviations; and (1 - r²)³ (the "poly6" kernel of
+Müller, Charypar, Gross, "Particle-Based Fluid Simulation for Interactive Applications", SCA 2003)."""
+
+
+class Points(Primitives):
+    """Particles: each fills a ball around its position with density; where balls overlap it adds up.
+
+    Parameters
+    ----------
+    positions
+        [n, 3], world.
+    radius
+        Where each point's density ends, world units; one number, or [n].
+    density
+        At the middle of each point; extinction is density * sigma_t. One number, or [n]. 1 where neither
+        this nor ``opacity`` is given.
+    opacity
+        Instead: the part of light that one crossing through the middle takes at sigma_t = 1, from 0 to 1;
+        one number, or [n].
+    profile
+        How the density falls from the middle to the radius: ``"ball"`` not at all, ``"gaussian"`` with a
+        standard deviation of a third of the radius, ``"smooth"`` as (1 - r²)³.
+    colour
+        RGB, or [n, RGB]: extinction relative to the density, of scattering and absorption alike; None: 1.
+    velocity
+        [n, 3], world units per second, or None; kept for motion.
+    medium
+        What these points alone are made of; None: the scene's medium.
+    source
+        The file they came from, if any.
+
+    Raises
+    ------
+    VolumeError
+        Arrays of other shapes, numbers that are not finite or out of range, or both density and opacity.
+    """
+
+    KINDS = POINT_KINDS
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        radius: ArrayLike,
+        density: ArrayLike | None = None,
+        *,
+        opacity: ArrayLike | None = None,
+        profile: str = "smooth",
+        colour: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        medium: Medium | None = None,
+        source: Path | None = None,
+    ) -> None:
+        self.source = source
+        label = self.label
+        if profile not in PROFILES:
+            raise VolumeError(f"{label}: {unknown_key(str(profile), list(PROFILES)).replace('key', 'profile')}")
+        if density is not None and opacity is not None:
+            raise VolumeError(f"{label}: both density and opacity are given; keep one")
+        self.profile = profile
+        self.positions = positions_of(positions, "positions", label)
+        count = len(self.positions)
+        self.radii = numbers_of(radius, count, "radius", label, most=LARGEST_COORDINATE, above=True)
+        if opacity is None:
+            self.densities = numbers_of(1.0 if density is None else density, count, "density", label)
+        else:
+            taken = numbers_of(opacity, count, "opacity", label, most=1.0)
+            depths = -np.log1p(-np.minimum(taken, MOST_OPACITY))
+            self.densities = depths / (PROFILES[profile].through * self.radii)
+        self._colour = colours_of(colour, count, label)
+        self.velocity: NDArray[np.float64] | None = None
+        if velocity is not None:
+            self.velocity = positions_of(velocity, "velocity", label)
+            if len(self.velocity) != count:
+                raise VolumeError(f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them")
+        self.medium = parse_medium(medium)
+
+    @property
+    def kind(self) -> int:
+        """As `Primitives.kind`."""
+        return POINT_KINDS[self.profile]
+
+    @property
+    def mass(self) -> float:
+        """As `Primitives.mass`."""
+        return PROFILES[self.profile].mass
+
+    def depths_along(
+        self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """As `MarchedBody.depths_along`, in closed form."""
+        away = self.positions - origin
+        middle = away @ direction
+        beside = (away - middle[:, None] * direction) / self.radii[:, None]
+        x = 1 - (beside**2).sum(axis=1)
+        met = x > 0
+        x, radii = x[met, None], self.radii[met, None]
+        reached = np.clip((edges - middle[met, None]) / radii, -np.sqrt(x), np.sqrt(x))
+        parts = np.diff(PROFILES[self.profile].part(reached, x), axis=1) * radii * self.densities[met, None]
+        colour = np.ones((int(met.sum()), 1)) if self.colour is None else self.colour[met].astype(np.float64)
+        depths: NDArray[np.float64] = parts.T @ colour
+        return depths
+
+    def transformed(self, world_from_points: ArrayLike) -> Points:
+        """Return the points elsewhere: a 4×4 matrix of rotation, translation and one scale for all axes.
+
+        Raises
+        ------
+        VolumeError
+            Another matrix: balls would be balls no longer.
+        """
+        matrix = np.asarray(world_from_points, dtype=np.float64)
+        scale = rigid_scale(matrix, self.label)
+        return Points(
+            self.positions @ matrix[:3, :3].T + matrix[:3, 3],
+            self.radii * scale,
+            self.densities,
+            profile=self.profile,
+            colour=self.colour,
+            velocity=None if self.velocity is None else self.velocity @ matrix[:3, :3].T,
+            medium=self.medium,
+            source=self.source,
+        )
+
+    def with_density(self, factor: float) -> Points:
+        """Return the points with their densities times a factor."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("colour", "velocity", "medium", "source")}
+        return Points(self.positions, self.radii, self.densities * factor, profile=self.profile, **values)
+
+    def __repr__(self) -> str:
+        coloured = "" if self.colour is None else "coloured, "
+        return f"Points({self.label}, {len(self.positions)} of profile {self.profile}, {coloured}density up to {self.density:g})"
+
+
+def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:
+    """Return the one scale of a 4×4 matrix that keeps angles.
+
+    Raises
+    ------
+    VolumeError
+        It does not.
+    """
+    linear = matrix[:3, :3] if matrix.shape == (4, 4) else np.zeros((3, 3))
+    square = linear @ linear.T
+    scale = square[0, 0]
+    is_rigid = scale > 0 and np.allclose(square, scale * np.eye(3), rtol=1e-6, atol=1e-6 * scale)
+    if not is_rigid or not np.allclose(matrix[3], (0, 0, 0, 1)):
+        raise VolumeError(
+            f"{label}: transform should be a rotation, a translation and one scale for all axes: balls stay balls"
+        )
+    return float(np.sqrt(scale))

@@ -1,0 +1,266 @@
+"""Bodies made of many small things: what they are to the rest of the project."""
+
+from __future__ import annotations
+
+import itertools
+from abc import abstractmethod
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.scene.bodies.base import MarchedBody
+from tfm_cl.scene.medium import parse_medium
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike
+
+    from tfm_cl.scene.medium import Medium
+
+DETAIL = 0.5
+"""Of the radius of a typical primitive: what a voxel's edge is to a grid."""
+LINES = 64
+"""Along each side of the pictures of a body, from three sides, that tell its optical depth."""
+MOST_OPACITY = 1 - 1e-7
+"""Opaque: an optical depth of 16, of which e⁻¹⁶ is lost in any picture's float32."""
+
+_NUMBERS = itertools.count()
+
+
+class Primitives(MarchedBody):
+    """Many points, strands or polygons, each of which holds some density; where they overlap it adds up.
+
+    What a ray meets of each is known in closed form.
+
+    Attributes
+    ----------
+    positions
+        float64 [n, 3], where each is, world.
+    radii
+        float64 [n], how far each reaches from there, world.
+    densities
+        float64 [n], at the middle of each.
+    """
+
+    DENSITY_KEY: ClassVar[str] = "density"
+    KINDS: ClassVar[dict[str, int]]
+    positions: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    densities: NDArray[np.float64]
+    _colour: NDArray[np.float32] | None
+    medium: Medium | None
+    source: Path | None
+
+    @property
+    def colour(self) -> NDArray[np.float32] | None:
+        """Extinction of each relative to its density, [n, RGB]; None: 1."""
+        return self._colour
+
+    @property
+    def label(self) -> str:
+        """What messages call it: the file it came from."""
+        return type(self).__name__.lower() if self.source is None else str(self.source)
+
+    @property
+    @abstractmethod
+    def kind(self) -> int:
+        """As kernels know it."""
+
+    @property
+    @abstractmethod
+    def mass(self) -> float:
+        """Integral over space of the density of one of radius 1 whose density at the middle is 1."""
+
+    @cached_property
+    def number(self) -> int:
+        """Tells what it holds from all others of this process."""
+        return next(_NUMBERS)
+
+    @property
+    def density_key(self) -> tuple[Any, ...]:
+        """All that its density in space depends on."""
+        return type(self).__name__, self.number
+
+    @property
+    def density(self) -> float:
+        """The largest of any, at its middle."""
+        return float(self.densities.max())
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """World box around all of them, [2, 3]."""
+        reach = self.radii[:, None]
+        return np.stack([(self.positions - reach).min(axis=0), (self.positions + reach).max(axis=0)])
+
+    @cached_property
+    def occupied_bounds(self) -> NDArray[np.float64]:
+        """World box around those that have density, [2, 3]."""
+        held = self.densities > 0
+        if held.all() or not held.any():
+            return self.bounds
+        positions, reach = self.positions[held], self.radii[held][:, None]
+        return np.stack([(positions - reach).min(axis=0), (positions + reach).max(axis=0)])
+
+    @property
+    def largest_density(self) -> NDArray[np.float64]:
+        """What no density is greater than, [3]: as if all were at one place."""
+        if self.colour is None:
+            return np.full(3, self.densities.sum())
+        largest: NDArray[np.float64] = self.densities @ self.colour.astype(np.float64)
+        return largest
+
+    @property
+    def why_empty(self) -> str:
+        """Why it has no density at all; empty where it has some."""
+        if not self.densities.any():
+            return "all densities are 0"
+        if self.colour is not None and not self.largest_density.any():
+            return "all densities times their colours are 0"
+        return ""
+
+    @cached_property
+    def detail(self) -> float:
+        """World units, the size of what it shows; see `DETAIL`."""
+        return DETAIL * float(np.median(self.radii))
+
+    @cached_property
+    def typical_density(self) -> float:
+        """Of the whole body, weighted by itself: what lies along typical lines, over its extent."""
+        depths = np.concatenate(self.line_depths())
+        total = depths.sum()
+        extent = float(np.mean(self.bounds[1] - self.bounds[0]))
+        return float((depths**2).sum() / total / extent) if total > 0 else 0.0
+
+    @property
+    def longest_ray(self) -> float:
+        """World units, of the rays through its bounds."""
+        low, high = self.bounds
+        return float(np.linalg.norm(high - low))
+
+    def interval(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> tuple[float, float]:
+        """As `MarchedBody.interval`."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = (self.bounds - origin) / direction
+        along = np.isnan(sides).any(axis=0)
+        low = np.where(along, -np.inf, sides.min(axis=0)).max()
+        high = np.where(along, np.inf, sides.max(axis=0)).min()
+        return max(float(low), 0.0), float(high)
+
+    def line_depths(self) -> list[NDArray[np.float64]]:
+        """Integrals of the density along lines of three directions, estimated from what each cell holds."""
+        masses = self.mass * self.radii**3 * self.densities
+        if self.colour is not None:
+            masses = masses * self.colour.mean(axis=1)
+        low, high = self.bounds
+        found = []
+        for axis in range(3):
+            across = [other for other in range(3) if other != axis]
+            held, *_ = np.histogram2d(
+                *self.positions[:, across].T,
+                bins=LINES,
+                range=[(low[other], high[other]) for other in across],
+                weights=masses,
+            )
+            area = np.prod([(high[other] - low[other]) / LINES for other in across])
+            found.append(held.ravel() / area)
+        return found
+
+    def same_density(self, other: object) -> bool:
+        """Tell whether the density is the same everywhere."""
+        return isinstance(other, Primitives) and self.density_key == other.density_key
+
+    def with_medium(self, medium: Medium | None) -> Self:
+        """Return the same primitives of another medium; None: the scene's."""
+        number = self.number
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__ | {"medium": parse_medium(medium), "number": number})
+        return other
+
+    @property
+    def nbytes(self) -> int:
+        """Size in memory."""
+        arrays = (self.positions, self.radii, self.densities, self.colour)
+        return sum(array.nbytes for array in arrays if array is not None)
+
+
+def positions_of(values: ArrayLike, what: str, label: str) -> NDArray[np.float64]:
+    """Check positions [n, 3]; the result cannot be written to.
+
+    Raises
+    ------
+    VolumeError
+        Another shape, none, or a number that is not finite or too large.
+    """
+    array = _numbers(values, what, label)
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array):  # noqa: PLR2004 - x, y, z
+        raise VolumeError(f"{label}: {what} should be [n, 3] with n ≥ 1; got the shape {list(array.shape)}")
+    wrong = ~(np.abs(array) <= LARGEST_COORDINATE).all(axis=1)
+    if wrong.any():
+        first = int(wrong.argmax())
+        raise VolumeError(
+            f"{label}: {what}[{first}] = {array[first].tolist()}: should be finite, up to {LARGEST_COORDINATE:g}"
+        )
+    array.flags.writeable = False
+    return array
+
+
+def numbers_of(
+    values: ArrayLike, count: int, what: str, label: str, *, most: float = LARGEST_COLOUR, above: bool = False
+) -> NDArray[np.float64]:
+    """Check one number for all, or one for each of ``count``; returns [count], not to be written to.
+
+    Raises
+    ------
+    VolumeError
+        Another shape, or a number below 0 (at 0 too where it has to be ``above``), above ``most`` or not finite.
+    """
+    array = _numbers(values, what, label)
+    if array.shape not in ((), (count,)):
+        raise VolumeError(
+            f"{label}: {what} should be one number or one for each of {count}; got the shape {list(array.shape)}"
+        )
+    wrong = ~((array > 0 if above else array >= 0) & (array <= most))
+    if wrong.any():
+        first = int(np.atleast_1d(wrong).argmax())
+        name = what if array.ndim == 0 else f"{what}[{first}]"
+        bound = "above 0" if above else "0 or more"
+        raise VolumeError(
+            f"{label}: {name} = {np.atleast_1d(array)[first]:g}: should be {bound}, up to {most:g}"
+        )
+    full = np.array(np.broadcast_to(array, (count,)))
+    full.flags.writeable = False
+    return full
+
+
+def colours_of(values: ArrayLike | None, count: int, label: str) -> NDArray[np.float32] | None:
+    """Check one colour for all, or one for each of ``count``; returns [count, 3], not to be written to.
+
+    Raises
+    ------
+    VolumeError
+        As `numbers_of`.
+    """
+    if values is None:
+        return None
+    array = _numbers(values, "colour", label)
+    if array.shape not in ((3,), (count, 3)):
+        raise VolumeError(
+            f"{label}: colour should be RGB, one or one for each of {count}; got the shape {list(array.shape)}"
+        )
+    if not ((array >= 0) & (array <= LARGEST_COLOUR)).all():
+        raise VolumeError(f"{label}: colour should be finite and 0 or more")
+    full = np.array(np.broadcast_to(array, (count, 3)), dtype=np.float32)
+    full.flags.writeable = False
+    return full
+
+
+def _numbers(values: ArrayLike, what: str, label: str) -> NDArray[np.float64]:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise VolumeError(f"{label}: {what} should be numbers") from None
