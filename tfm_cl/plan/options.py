@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tfm_cl.scene import placement
+from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
 
@@ -48,9 +49,9 @@ def table(file: SceneFile, scene: Scene) -> Values:
         Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
     """
     volumes = [
-        settings.written(file.path.parent, body)
-        if isinstance(settings, VolumeSettings) and isinstance(body, Volume)
-        else settings.to_dict()
+        settings.to_dict()
+        if isinstance(settings, Homogeneous)
+        else settings.written(file.path.parent, body)  # type: ignore[arg-type] - it made that body
         for settings, body in zip(file.volumes, scene.bodies, strict=True)
     ]
     return {

@@ -164,8 +164,10 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     """Yield what the file leaves to `tfm_cl.scene.placement`."""
     for number, settings, volume in grids(file, scene):
         if settings.density_scale == "auto":
-            why = f"an optical depth of {placement.OPTICAL_DEPTH:g} along typical lines of sight at σ_t = 1"
-            yield f"volume.{number}density_scale", Decision(volume.density_scale, why)
+            yield f"volume.{number}density_scale", Decision(volume.density_scale, placement.WHY_DENSITY)
+    for number, body in enumerate(scene.bodies):
+        for key, (value, why) in getattr(body, "chosen", {}).items():
+            yield f"volume.{f'{number}.' * (len(scene.bodies) > 1)}{key}", Decision(value, why)
     camera = scene.camera.to_dict()
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
         if key not in file.camera:

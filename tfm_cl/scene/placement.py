@@ -33,15 +33,14 @@ OPTICAL_DEPTH = 7.0
 """τ along axis-aligned lines of sight, their mean weighted by itself."""
 
 
-class Voxels(Protocol):
-    """A grid, as far as its optical depth goes."""
+WHY_DENSITY = f"an optical depth of {OPTICAL_DEPTH:g} along typical lines of sight at σ_t = 1"
 
-    @property
-    def voxel_size(self) -> NDArray[np.float64]:
-        """Edge lengths (x, y, z) of a voxel, world units."""
 
-    def line_sums(self, axis: int) -> NDArray[np.float64]:
-        """Sum the voxels along the grid's lines of one direction: 0, 1 or 2 for z, y or x."""
+class HasLines(Protocol):
+    """A body, as far as its optical depth goes."""
+
+    def line_depths(self) -> list[NDArray[np.float64]]:
+        """Integrals of the density along lines of some directions, before any scale."""
 
 
 def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
@@ -99,14 +98,12 @@ def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Ligh
     return parse_light(given)
 
 
-def density_scale_for(volume: Voxels) -> float:
+def density_scale_for(body: HasLines) -> float:
     """Scale the density to an optical depth that shows both body and detail (`OPTICAL_DEPTH`).
 
     It is that of σ_t = 1, so that a medium given by hand does what its numbers say.
     """
-    depths = [
-        volume.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), volume.voxel_size, strict=True)
-    ]
+    depths = body.line_depths()
     lines = np.concatenate(depths)
     if lines.max(initial=0.0) <= 0:
         return 1.0

@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
-from tfm_cl.files import volume_io
+from tfm_cl.files import points_io, volume_io
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
@@ -27,6 +27,7 @@ from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.primitive_settings import PointsSettings, PrimitiveSettings
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -160,6 +161,14 @@ class VolumeSettings(Model):
         }
 
 
+BodySettings = VolumeSettings | PrimitiveSettings | Homogeneous
+BODIES: dict[str, Callable[[Values], BodySettings]] = {
+    "file": VolumeSettings.from_table,
+    "shape": parse_homogeneous,
+    **{cls.KEY: cls.from_table for cls in (PointsSettings,)},
+}
+"""Key of a body's table -> what makes a body of such a table: the key tells of what kind it is."""
+
 SECTIONS: dict[str, type[Model]] = {
     cls.SECTION: cls
     for cls in (
@@ -187,7 +196,7 @@ class SceneFile:
     """
 
     path: Path
-    volumes: tuple[VolumeSettings | Homogeneous, ...]
+    volumes: tuple[BodySettings, ...]
     medium: Medium
     solids: tuple[Solid, ...]
     ambient: Ambient
@@ -299,6 +308,8 @@ class SceneFile:
         for volume in self.volumes:
             if isinstance(volume, VolumeSettings):
                 named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
+            elif isinstance(volume, PrimitiveSettings):
+                named.append(getattr(volume, volume.KEY))
         named += [getattr(light, "texture", None) for light in self.light or ()]
         named += [getattr(solid, "mesh", None) for solid in self.solids]
         return [source_of(name, self.path.parent) for name in named if name]
@@ -351,14 +362,11 @@ def _without_none(value: Any) -> Any:
 
 
 def _values_of(path: Path) -> Values:
-    if path.suffix.lower() in volume_io.FORMATS:
-        return {
-            "volume": {"file": path.name, "density_scale": "auto"},
-            "map": {"res": "auto", "steps": "auto"},
-            "march": {"steps": "auto"},
-        }
+    body = _bare_body(path)
+    if body is not None:
+        return {"volume": body, "map": {"res": "auto", "steps": "auto"}, "march": {"steps": "auto"}}
     if path.suffix.lower() != ".toml":
-        known = " ".join([".toml", *sorted(volume_io.FORMATS)])
+        known = " ".join(sorted({".toml", *volume_io.FORMATS, *points_io.FORMATS}))
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
     if check_readable(path, SceneError) > MAX_BYTES:
         raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
@@ -369,6 +377,16 @@ def _values_of(path: Path) -> Values:
         raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SceneError(f"{path}: not TOML: {error}") from None
+
+
+def _bare_body(path: Path) -> Values | None:
+    """Return the table of the body that a file holds; None where it is none."""
+    suffix = path.suffix.lower()
+    if suffix in points_io.FORMATS and (suffix not in volume_io.FORMATS or points_io.holds_points(path)):
+        return {"points": path.name}
+    if suffix in volume_io.FORMATS:
+        return {"file": path.name, "density_scale": "auto"}
+    return None
 
 
 def _tables(values: Values, faults: Faults) -> Values:
@@ -452,7 +470,7 @@ def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, .
     return tuple(made)
 
 
-def _volumes(tables: Values | list[Any], medium: Values | None) -> tuple[VolumeSettings | Homogeneous, ...]:
+def _volumes(tables: Values | list[Any], medium: Values | None) -> tuple[BodySettings, ...]:
     """Make bodies; ``medium``: the scene's table, of which a body's own overrides some keys."""
     if isinstance(tables, dict):
         return (_volume(tables, medium),)
@@ -461,13 +479,16 @@ def _volumes(tables: Values | list[Any], medium: Values | None) -> tuple[VolumeS
     return _each("volume", tables, lambda table: _volume(table, medium))
 
 
-def _volume(table: Values, medium: Values | None) -> VolumeSettings | Homogeneous:
+def _volume(table: Values, medium: Values | None) -> BodySettings:
     own = table.get("medium")
     if isinstance(own, dict) and medium:
         with contextlib.suppress(SceneError):  # what is wrong with [medium] is told there
             Medium.from_table(medium)
             table = table | {"medium": medium | own}
-    return parse_homogeneous(table) if "shape" in table else VolumeSettings.from_table(table)
+    told = [key for key in BODIES if key in table]
+    if len(told) > 1:
+        raise SceneError(f"volume: {told[0]} and {told[1]} are two kinds of bodies; keep one")
+    return BODIES[told[0] if told else "file"](table)
 
 
 def _light(table: Values, folder: Path) -> Light:

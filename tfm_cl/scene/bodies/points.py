@@ -138,6 +138,7 @@ class Points(Primitives):
             if len(self.velocity) != count:
                 raise VolumeError(f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them")
         self.medium = parse_medium(medium)
+        self.chosen = {}
 
     @property
     def kind(self) -> int:
@@ -165,31 +166,24 @@ class Points(Primitives):
         depths: NDArray[np.float64] = parts.T @ colour
         return depths
 
-    def transformed(self, world_from_points: ArrayLike) -> Points:
-        """Return the points elsewhere: a 4×4 matrix of rotation, translation and one scale for all axes.
-
-        Raises
-        ------
-        VolumeError
-            Another matrix: balls would be balls no longer.
-        """
-        matrix = np.asarray(world_from_points, dtype=np.float64)
+    def transformed(self, world_from_body: ArrayLike) -> Points:
+        """As `Primitives.transformed`; velocities turn and grow with it."""
+        matrix = np.asarray(world_from_body, dtype=np.float64)
         scale = rigid_scale(matrix, self.label)
-        return Points(
-            self.positions @ matrix[:3, :3].T + matrix[:3, 3],
-            self.radii * scale,
-            self.densities,
-            profile=self.profile,
-            colour=self.colour,
-            velocity=None if self.velocity is None else self.velocity @ matrix[:3, :3].T,
-            medium=self.medium,
-            source=self.source,
+        velocity = None if self.velocity is None else self.velocity @ matrix[:3, :3].T
+        return self._with(
+            positions=self.positions @ matrix[:3, :3].T + matrix[:3, 3],
+            radius=self.radii * scale,
+            velocity=velocity,
         )
 
     def with_density(self, factor: float) -> Points:
-        """Return the points with their densities times a factor."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in ("colour", "velocity", "medium", "source")}
-        return Points(self.positions, self.radii, self.densities * factor, profile=self.profile, **values)
+        """As `Primitives.with_density`."""
+        return self._with(density=self.densities * factor)
+
+    def _with(self, **changes: Any) -> Points:
+        kept = {name: getattr(self, name) for name in ("positions", "profile", "colour", "velocity", "medium", "source")}
+        return Points(**{**kept, "radius": self.radii, "density": self.densities, **changes})
 
     def __repr__(self) -> str:
         coloured = "" if self.colour is None else "coloured, "

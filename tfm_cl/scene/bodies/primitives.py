@@ -55,6 +55,8 @@ class Primitives(MarchedBody):
     _colour: NDArray[np.float32] | None
     medium: Medium | None
     source: Path | None
+    chosen: dict[str, tuple[Any, str]]
+    """What its file left open: by key of the scene file what was chosen, and why."""
 
     @property
     def colour(self) -> NDArray[np.float32] | None:
@@ -65,6 +67,20 @@ class Primitives(MarchedBody):
     def label(self) -> str:
         """What messages call it: the file it came from."""
         return type(self).__name__.lower() if self.source is None else str(self.source)
+
+    @abstractmethod
+    def transformed(self, world_from_body: ArrayLike) -> Self:
+        """Return it elsewhere: a 4×4 matrix of rotation, translation and one scale for all axes.
+
+        Raises
+        ------
+        VolumeError
+            Another matrix: balls would be balls no longer.
+        """
+
+    @abstractmethod
+    def with_density(self, factor: float) -> Self:
+        """Return it with all densities times a factor."""
 
     @property
     @abstractmethod
