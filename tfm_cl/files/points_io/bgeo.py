@@ -38,7 +38,7 @@ MOST_ATTRIBUTES, MOST_NUMBERS, MOST_STRINGS = 256, 64, 1 << 16
 
 class _Attribute(NamedTuple):
     name: str
-    count: int
+    numbers: int
     kind: int
 
 
@@ -109,15 +109,15 @@ def _read(data: _Bytes, path: Path) -> StoredPoints:
     if not 0 <= attributes <= MOST_ATTRIBUTES:
         raise data.damaged(f"{attributes} attributes of points")
     found = [_attribute(data, path) for _ in range(attributes)]
-    row = 4 + sum(one.count for one in found)
+    row = 4 + sum(one.numbers for one in found)
     rows = np.frombuffer(data.take(4 * row * points, f"{points:,} points"), ">f4").reshape(points, row)
     values, at = {}, 4
     for one in found:
-        numbers = rows[:, at : at + one.count]
+        numbers = rows[:, at : at + one.numbers]
         if one.kind not in (FLOAT, VECTOR):
             numbers = np.ascontiguousarray(numbers).view(">i4")
-        values[one.name] = (numbers[:, 0] if one.count == 1 else numbers).astype(np.float32)
-        at += one.count
+        values[one.name] = (numbers[:, 0] if one.numbers == 1 else numbers).astype(np.float32)
+        at += one.numbers
     return StoredPoints(rows[:, :3].astype(np.float32), values)
 
 
