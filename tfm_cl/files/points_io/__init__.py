@@ -11,7 +11,9 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files.paths import check_readable
 from tfm_cl.files.points_io.stored import StoredPoints
 
-FORMATS: dict[str, str] = {".bgeo": "bgeo"}
+FORMATS: dict[str, str] = {
+    ".bgeo": "bgeo",
+}
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 
 __all__ = ["FORMATS", "StoredPoints", "read_points"]

@@ -25,13 +25,19 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.points_io.stored import MAX_POINTS, StoredPoints
+from tfm_cl.files.points_io.attributes import check_count, points_of
+from tfm_cl.files.points_io.stored import StoredPoints
 from tfm_cl.files.volume_io.binary import MAX_PACKING
 
 MAGIC, GZIP, VERSION = b"BgeoV", b"\x1f\x8b", 5
 FLOAT, INTEGER, INDEX, VECTOR = 0, 1, 4, 5
+POSITION = 4
+"""Numbers of a point before its attributes: x, y, z, w."""
+STEP = 1 << 20
+"""Bytes that are read at a time."""
 MOST_ATTRIBUTES, MOST_NUMBERS, MOST_STRINGS = 256, 64, 1 << 16
 """Of a file, of an attribute, of an index: those of real files are far fewer."""
 
@@ -43,27 +49,38 @@ class _Attribute(NamedTuple):
 
 
 class _Bytes:
-    """Big-endian numbers of a stream that may end too soon."""
+    """Big-endian numbers of a stream that may end too soon.
 
-    def __init__(self, stream: IO[bytes], path: Path) -> None:
-        self._stream, self._path = stream, path
+    Parameters
+    ----------
+    stream, path
+        The file, decompressed, and its name for messages.
+    largest
+        Bytes that the stream can have at most.
+    """
 
-    def take(self, size: int, what: str) -> bytes:
-        """Read some bytes.
+    def __init__(self, stream: IO[bytes], path: Path, largest: int) -> None:
+        self._stream, self._path, self._largest = stream, path, largest
+
+    def take(self, size: int, what: str) -> bytearray:
+        """Read some bytes; memory grows with what is really there.
 
         Raises
         ------
         VolumeError
             There are fewer, or they do not decompress.
         """
-        # Room for more than there can be is not even asked for.
-        size_of_all = MAX_PACKING * self._path.stat().st_size
-        try:
-            taken = self._stream.read(min(size, size_of_all))
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise self.damaged(f"{what} cannot be decompressed ({error})") from error
+        taken = bytearray()
+        while size <= self._largest and len(taken) < size:
+            try:
+                piece = self._stream.read(min(size - len(taken), STEP))
+            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+                raise self.damaged(f"{what} cannot be decompressed ({error})") from error
+            if not piece:
+                break
+            taken += piece
         if len(taken) < size:
-            raise self.damaged(f"{what} should take {size:,} bytes; {len(taken):,} are left")
+            raise self.damaged(f"{what} should take {size:,} bytes; there are fewer")
         return taken
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
@@ -92,7 +109,8 @@ def read(path: Path) -> StoredPoints:
         packed = file.read(len(GZIP)) == GZIP
         file.seek(0)
         stream: IO[bytes] = gzip.GzipFile(fileobj=file) if packed else file  # type: ignore[assignment]
-        return _read(_Bytes(stream, path), path)
+        largest = path.stat().st_size * (MAX_PACKING if packed else 1)
+        return _read(_Bytes(stream, path, largest), path)
 
 
 def _read(data: _Bytes, path: Path) -> StoredPoints:
@@ -104,37 +122,35 @@ def _read(data: _Bytes, path: Path) -> StoredPoints:
     version, points, _, _, _, attributes, _, _, _ = data.numbers("9i", "the header")
     if version != VERSION:
         raise VolumeError(f"{path}: .bgeo version {version}; expected {VERSION}")
-    if not 0 <= points <= MAX_POINTS:
-        raise VolumeError(f"{path}: {points:,} points; from 0 to {MAX_POINTS:,} can be read")
+    check_count(path, points)
     if not 0 <= attributes <= MOST_ATTRIBUTES:
         raise data.damaged(f"{attributes} attributes of points")
     found = [_attribute(data, path) for _ in range(attributes)]
-    row = 4 + sum(one.numbers for one in found)
+    row = POSITION + sum(one.numbers for one in found)
     rows = np.frombuffer(data.take(4 * row * points, f"{points:,} points"), ">f4").reshape(points, row)
-    values, at = {}, 4
+    values, at = {}, POSITION
     for one in found:
-        numbers = rows[:, at : at + one.numbers]
-        if one.kind not in (FLOAT, VECTOR):
-            numbers = np.ascontiguousarray(numbers).view(">i4")
-        values[one.name] = (numbers[:, 0] if one.numbers == 1 else numbers).astype(np.float32)
+        numbers: NDArray[Any] = rows[:, at : at + one.numbers]
+        values[one.name] = numbers if one.kind in (FLOAT, VECTOR) else numbers.view(">i4")
         at += one.numbers
-    return StoredPoints(rows[:, :3].astype(np.float32), values)
+    return points_of(path, rows[:, :3], values)
 
 
 def _attribute(data: _Bytes, path: Path) -> _Attribute:
     name = data.text("an attribute's name")
-    count, kind = data.numbers("Hi", f"attribute {name!r}")
+    what = f"attribute {name[:40]!r}"
+    count, kind = data.numbers("Hi", what)
     if kind not in (FLOAT, INTEGER, INDEX, VECTOR) or not 0 < count <= MOST_NUMBERS:
         raise VolumeError(
-            f"{path}: attribute {name!r} has {count} numbers of type {kind}; only numbers, up to "
+            f"{path}: {what} has {count} numbers of type {kind}; only numbers, up to "
             f"{MOST_NUMBERS} of them, can be read: export the points without it"
         )
     if kind == INDEX:
-        (strings,) = data.numbers("i", f"attribute {name!r}")
+        (strings,) = data.numbers("i", what)
         if not 0 <= strings <= MOST_STRINGS:
-            raise data.damaged(f"attribute {name!r} has {strings} strings")
+            raise data.damaged(f"{what} has {strings} strings")
         for _ in range(strings):
-            data.text(f"attribute {name!r}")
+            data.text(what)
     else:
-        data.take(4 * count, f"attribute {name!r}")
+        data.take(4 * count, what)
     return _Attribute(name, count, kind)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,17 @@ MAX_POINTS = 1 << 26
 
 @dataclass(frozen=True)
 class StoredPoints:
-    """Points as a file has them, with nothing left out."""
+    """Points with the values that the file has; None for what it does not say. All are finite."""
 
     positions: NDArray[np.float32]
     """[n, 3]: x, y, z in the file's units."""
-    attributes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    """By name, [n] or [n, numbers], what is said of each point."""
+    radii: NDArray[np.float32] | None = None
+    """[n]: 0 or more, in the file's units."""
+    densities: NDArray[np.float32] | None = None
+    """[n]"""
+    opacities: NDArray[np.float32] | None = None
+    """[n]: from 0 to 1 in a sound file."""
+    colours: NDArray[np.float32] | None = None
+    """[n, RGB]: from 0 to 1 in a sound file."""
+    velocities: NDArray[np.float32] | None = None
+    """[n, 3]: in the file's units a second."""
