@@ -30,7 +30,7 @@ def with_other_bytes(data, *, count=400, seed=0):
 
 
 def assert_read_or_refused(read, path, copies):
-    """Each copy is read as finite numbers, or refused in a line that names the file; at least one is refused."""
+    """Each copy is read as finite numbers or refused in a line that names the file; some are refused."""
     refused = 0
     for copy in copies:
         path.write_bytes(copy)

@@ -148,11 +148,11 @@ def test_too_many_points():
 
 @pytest.mark.parametrize("name", ["a.abc", "a", "a.vdb"])
 def test_unknown_formats(tmp_path, name):
-    with pytest.raises(VolumeError, match=r"not a known format of points '.*'; known: \.bgeo"):
+    with pytest.raises(VolumeError, match=r"not a known format of points '.*'; known: \.bgeo "):
         read_points(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["a.bgeo"])
+@pytest.mark.parametrize("name", ["a.bgeo", "a.npz", "a.ply", "a.vtk", "a.vtu", "a.vtp"])
 def test_files_that_cannot_be_read(tmp_path, name):
     with pytest.raises(VolumeError, match="no such file"):
         read_points(tmp_path / name)

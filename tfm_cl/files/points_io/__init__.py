@@ -13,6 +13,11 @@ from tfm_cl.files.points_io.stored import StoredPoints
 
 FORMATS: dict[str, str] = {
     ".bgeo": "bgeo",
+    ".npz": "numpy_arrays",
+    ".ply": "ply",
+    ".vtk": "vtk_legacy",
+    ".vtp": "vtk_xml",
+    ".vtu": "vtk_xml",
 }
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 
