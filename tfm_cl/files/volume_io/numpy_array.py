@@ -94,18 +94,41 @@ class ArrayHeader(NamedTuple):
         return cast("tuple[int, int, int]", found.pop()) if len(found) == 1 else None
 
 
-_Decode = Callable[[IO[bytes], ArrayHeader, Path], NDArray[np.float32]]
+_Decode = Callable[[IO[bytes], ArrayHeader, Path], NDArray[Any]]
 """Reads an array from a stream that is positioned at its data."""
 
 
-class StoredColour(NamedTuple):
-    """An array [z, y, x, 3] of a file that has not been read yet."""
+class StoredArray(NamedTuple):
+    """An array of a file that has not been read yet."""
 
     label: str
     """File and array, for messages."""
     header: ArrayHeader
-    read: Callable[[], NDArray[np.float32]]
-    """Reads it as a new array, float32, C order; call it only if the shape is the expected one."""
+    read: Callable[[], NDArray[Any]]
+    """Reads it; call it only if the shape is the expected one."""
+
+    def rows_of_three(self) -> int:
+        """Return the number of rows of an array [n, 3]; raises `VolumeError` if it is none."""
+        shape = self.header.shape
+        if len(shape) != 2 or shape[1] != 3:  # noqa: PLR2004 - rows of x, y, z
+            got = "×".join(map(str, shape[:_MOST_AXES])) or "one number"
+            raise VolumeError(f"{self.label} is {got}; expected [n, 3]")
+        return shape[0]
+
+    def read_up_to(self, most: int) -> NDArray[Any]:
+        """Read it if it holds at most so many numbers.
+
+        Raises
+        ------
+        VolumeError
+            It holds more, no real numbers, or cannot be read.
+        """
+        count = math.prod(self.header.shape)
+        if count > most:
+            raise VolumeError(f"{self.label} holds {count:,} numbers; at most {most:,} are expected")
+        if self.header.not_real:
+            raise VolumeError(f"{self.label} holds {self.header.not_real}")
+        return self.read()
 
 
 def read_header(stream: IO[bytes]) -> ArrayHeader:
@@ -187,7 +210,7 @@ def has_colour(path: Path) -> bool:
     return header is not None and len(header.shape) == _AXES + 1
 
 
-def open_colour(path: Path, name: str | None = None) -> StoredColour:
+def open_colour(path: Path, name: str | None = None) -> StoredArray:
     """Find an array [z, y, x, 3] in a ``.npy`` or ``.npz`` file.
 
     Parameters
@@ -222,7 +245,23 @@ def open_colour(path: Path, name: str | None = None) -> StoredColour:
         read = partial(_read_member, path, name, header, _read_channels)
     if header.not_real:
         raise VolumeError(f"{label} holds {header.not_real}")
-    return StoredColour(label, header, read)
+    return StoredArray(label, header, read)
+
+
+def open_arrays(path: Path) -> dict[str, StoredArray]:
+    """Describe the arrays of an ``.npz`` archive by their keys; they are read as they are stored.
+
+    Raises
+    ------
+    VolumeError
+        Damaged archive.
+    """
+    return {
+        name: StoredArray(
+            f"{path}: array {shown(name)}", header, partial(_read_member, path, name, header, _read_plain)
+        )
+        for name, header in _archive_headers(path).items()
+    }
 
 
 def _archive_headers(path: Path) -> dict[str, ArrayHeader]:
@@ -277,13 +316,13 @@ def _member_header(archive: zipfile.ZipFile, member: str, path: Path) -> ArrayHe
         return _checked_header(stream, info.file_size, label)
 
 
-def _read_npy(path: Path, header: ArrayHeader, decode: _Decode) -> NDArray[np.float32]:
+def _read_npy(path: Path, header: ArrayHeader, decode: _Decode) -> NDArray[Any]:
     with path.open("rb") as stream:
         stream.seek(header.header_bytes)
         return decode(stream, header, path)
 
 
-def _read_member(path: Path, name: str, header: ArrayHeader, decode: _Decode) -> NDArray[np.float32]:
+def _read_member(path: Path, name: str, header: ArrayHeader, decode: _Decode) -> NDArray[Any]:
     try:
         with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
             stream.read(header.header_bytes)
@@ -307,6 +346,14 @@ def _read_channels(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArra
         return np.ascontiguousarray(np.moveaxis(values.reshape(z, y, channels, x), 2, 3))
     values.resize(header.shape, refcheck=False)  # not a view: see `read_voxels`
     return values
+
+
+def _read_plain(stream: IO[bytes], header: ArrayHeader, path: Path) -> NDArray[Any]:
+    data = stream.read(header.data_bytes)
+    if len(data) < header.data_bytes:
+        raise VolumeError(f"{path}: an array of {header.data_bytes:,} bytes ends after {len(data):,}")
+    values = np.frombuffer(data, header.dtype)
+    return values.reshape(header.shape, order=header.order)
 
 
 def _placement(

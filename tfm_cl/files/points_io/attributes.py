@@ -1,0 +1,102 @@
+"""From the names that programs give attributes to what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.errors import VolumeError
+from tfm_cl.files.points_io.stored import MAX_POINTS, StoredPoints
+from tfm_cl.files.primitive_values import not_negative, rows_of, unit_levels
+
+POSITIONS = ("positions", "position", "points", "p")
+RADII = ("radius", "radii", "pscale")
+WIDTHS = ("width", "widths", "diameter")
+"""Twice a radius. ``size`` is either, depending on who wrote it, and is left alone."""
+DENSITIES = ("density", "densities")
+OPACITIES = ("opacity", "opacities", "alpha", "displayopacity", "primvars:displayopacity")
+COLOURS = ("cd", "color", "colour", "colors", "colours", "displaycolor", "primvars:displaycolor")
+COLOUR_PARTS = (("r", "g", "b"), ("red", "green", "blue"))
+VELOCITIES = ("v", "velocity", "velocities", "vel")
+VELOCITY_PARTS = (("vx", "vy", "vz"),)
+
+_KNOWN = frozenset(
+    name
+    for names in (RADII, WIDTHS, DENSITIES, OPACITIES, COLOURS, *COLOUR_PARTS, VELOCITIES, *VELOCITY_PARTS)
+    for name in names
+)
+
+
+def is_known(name: str) -> bool:
+    """Tell whether `points_of` has a use for an attribute of this name."""
+    return name.lower() in _KNOWN
+
+
+def check_count(path: Path, count: int) -> None:
+    """Refuse a number of points that cannot be read, before anything is allocated for them.
+
+    Raises
+    ------
+    VolumeError
+        A negative number, or more than `MAX_POINTS`.
+    """
+    if not 0 <= count <= MAX_POINTS:
+        raise VolumeError(f"{path}: {count:,} points; from 0 to {MAX_POINTS:,} can be read")
+
+
+def points_of(path: Path, positions: NDArray[Any], attributes: Mapping[str, NDArray[Any]]) -> StoredPoints:
+    """Find what is said of points among a file's attributes.
+
+    Names count in any case. Where a file has several of a kind, the first in this module's lists is taken.
+    Colours and opacities of unsigned integers become 0..1; all else stays as the file has it.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    positions
+        [n, 3].
+    attributes
+        [n] or [n, numbers], by the file's names.
+
+    Raises
+    ------
+    VolumeError
+        Too many points, a value that is not finite, a negative radius, or an attribute of another shape.
+    """
+    check_count(path, len(positions))
+    count, named = len(positions), {name.lower(): (name, values) for name, values in attributes.items()}
+
+    def first(
+        names: tuple[str, ...], width: int = 1, *, levels: bool = False, signed: bool = True
+    ) -> NDArray[np.float32] | None:
+        """Return the first of some attributes that there is."""
+        for name, values in (named[name] for name in names if name in named):
+            rows = rows_of(path, name, unit_levels(values) if levels else values, count, width)
+            return rows if signed else not_negative(path, name, rows)
+        return None
+
+    def of_parts(parts: tuple[tuple[str, ...], ...], *, levels: bool = False) -> NDArray[np.float32] | None:
+        """Join three attributes of a number each."""
+        for names in parts:
+            columns = [column for name in names if (column := first((name,), levels=levels)) is not None]
+            if len(columns) == len(names):
+                return np.stack(columns, axis=1)
+        return None
+
+    radii = first(RADII, signed=False)
+    if radii is None and (widths := first(WIDTHS, signed=False)) is not None:
+        radii = widths * np.float32(0.5)
+    colours, velocities = first(COLOURS, 3, levels=True), first(VELOCITIES, 3)
+    return StoredPoints(
+        positions=rows_of(path, "positions", positions, count, 3),
+        radii=radii,
+        densities=first(DENSITIES),
+        opacities=first(OPACITIES, levels=True),
+        colours=of_parts(COLOUR_PARTS, levels=True) if colours is None else colours,
+        velocities=of_parts(VELOCITY_PARTS) if velocities is None else velocities,
+    )
