@@ -52,8 +52,7 @@ class PrimitiveSettings(Model):
     density: Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COLOUR)] = Field(
         None,
         description="extinction at the middle of each is density * sigma_t; times the file's own, if any; "
-        "auto: a sensible optical depth, which is also taken where neither this, opacity nor the file says "
-        "more",
+        "auto: a sensible optical depth, which is also taken where neither this nor any opacity is given",
     )
     opacity: float | None = Field(
         None,
@@ -95,11 +94,11 @@ class PrimitiveSettings(Model):
             return None, _times(self.opacity, stored.opacities)
         return _times(None if self.density == "auto" else self.density, stored.densities), None
 
-    def _finished(self, body: P, amounts: tuple[Any, Any], chosen: dict[str, tuple[Any, str]]) -> P:
-        """Move the body, and choose the density that is left open."""
+    def _finished(self, body: P, chosen: dict[str, tuple[Any, str]], *, scales: bool) -> P:
+        """Move the body, and choose the density where it is left open and scales what the file says."""
         if self.transform is not None:
             body = body.transformed(np.reshape(self.transform, (4, 4)))
-        if self.density == "auto" or amounts == (None, None):
+        if scales and not isinstance(self.density, float):
             factor = placement.density_scale_for(body)
             body = body.with_density(factor)
             chosen["density"] = factor, placement.WHY_DENSITY
@@ -149,7 +148,7 @@ class PointsSettings(PrimitiveSettings):
             medium=self.medium,
             source=source,
         )
-        return self._finished(points, (density, opacity), chosen)
+        return self._finished(points, chosen, scales=opacity is None)
 
 
 def spacing_radius(positions: NDArray[np.floating]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tomllib
+import zipfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
 from tfm_cl.files import points_io, volume_io
+from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
@@ -382,11 +384,21 @@ def _values_of(path: Path) -> Values:
 def _bare_body(path: Path) -> Values | None:
     """Return the table of the body that a file holds; None where it is none."""
     suffix = path.suffix.lower()
-    if suffix in points_io.FORMATS and (suffix not in volume_io.FORMATS or points_io.holds_points(path)):
+    if suffix in points_io.FORMATS and (suffix not in volume_io.FORMATS or _has_positions(path)):
         return {"points": path.name}
     if suffix in volume_io.FORMATS:
         return {"file": path.name, "density_scale": "auto"}
     return None
+
+
+def _has_positions(path: Path) -> bool:
+    """Whether an archive of arrays is one of points; one that cannot be read is for its reader to refuse."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = {Path(name).stem.lower() for name in archive.namelist()}
+    except (OSError, zipfile.BadZipFile):
+        return False
+    return not names.isdisjoint(POSITIONS)
 
 
 def _tables(values: Values, faults: Faults) -> Values:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DETAIL = 0.5
 """Of the radius of a typical primitive: what a voxel's edge is to a grid."""
 LINES = 64
-"""Along each side of the pictures of a body, from three sides, that tell its optical depth."""
+"""Along each side, at most, of the pictures of a body, from three sides, that tell its optical depth."""
 MOST_OPACITY = 1 - 1e-7
 """Opaque: an optical depth of 16, of which e⁻¹⁶ is lost in any picture's float32."""
 
@@ -176,14 +176,12 @@ class Primitives(MarchedBody):
         found = []
         for axis in range(3):
             across = [other for other in range(3) if other != axis]
-            held, *_ = np.histogram2d(
-                *self.positions[:, across].T,
-                bins=LINES,
-                range=[(low[other], high[other]) for other in across],
-                weights=masses,
-            )
-            area = np.prod([(high[other] - low[other]) / LINES for other in across])
-            found.append(held.ravel() / area)
+            sides = (high - low)[across]
+            # Cells as wide as a primitive, which then is in about one.
+            cells = np.clip(sides / (2 * np.median(self.radii)), 1, LINES).astype(int)
+            ends = [(low[other], high[other]) for other in across]
+            held, *_ = np.histogram2d(*self.positions[:, across].T, bins=cells, range=ends, weights=masses)
+            found.append(held.ravel() / np.prod(sides / cells))
         return found
 
     def same_density(self, other: object) -> bool:
