@@ -43,7 +43,8 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   found->medium = set->medium;
   found->reach = across;
   found->shape[0] = 1.0f / (across * across);
-  found->shape[1] = 1.0f / radius;
+  found->shape[1] = radius;
+  found->shape[2] = 1.0f / radius;
 }
 
 /* The rays of a bin begin within a distance of its origin, and lie in the cone around its axis. */

@@ -31,8 +31,7 @@ typedef struct {
   int most;          /* steps of the longest */
   int skip;          /* 0: list the steps in empty bricks too */
 #if TFM_PRIMITIVES
-  int deposits;          /* 0: primitives are left out */
-  Floats ray_length;     /* of the direction */
+  int deposits;      /* 0: primitives are left out */
 #endif
 #if TFM_VOXEL_GRIDS
   Vec3 inverse[TFM_VOXEL_GRIDS]; /* 1 / direction */
@@ -134,8 +133,6 @@ TFM_INLINE Walk walk_from(const Grids *grid, const GridRay *ray, Floats begin, F
   walk.step = active ? length / TO_FLOATS(steps) : floats(0.0f);
 #if TFM_PRIMITIVES
   walk.deposits = 1;
-  const Floats square = dot3(ray->world.direction, ray->world.direction);
-  walk.ray_length = square * reciprocal_sqrt(square);
 #endif
 #if TFM_VOXEL_GRIDS
   for (int i = 0; i < TFM_VOXEL_GRIDS; ++i) {
@@ -244,7 +241,7 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
     for (int member = lists->starts[bin]; member < members; ++member) {
       PRIMITIVE primitive = lists->primitives + lists->members[member];
       Crossing crossing;
-      Ints crosses = here & point_crossing(primitive, walk->ray.world, walk->ray_length, &crossing);
+      Ints crosses = here & point_crossing(primitive, walk->ray.world, &crossing);
       const Floats enters = crossing.t - crossing.reach, leaves = crossing.t + crossing.reach;
       crosses &= (leaves > begins) & (enters < ends);
       if (!any_lane(crosses))
@@ -259,24 +256,27 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
 /* The density that makes up what lies in a step. */
 TFM_INLINE void add_deposits(const Walk *walk, const Deposits *deposits, int n, Amounts *density)
 {
-  const Floats length = place_of(walk, n).length * walk->ray_length;
+  const Floats length = place_of(walk, n).length;
   const Floats inverse = length > 0.0f ? 1.0f / length : floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       density->of[m][c] += inverse * deposits->of[n - deposits->first][m][c];
 }
 
-/* What primitives hold between two ray parameters, of the rays that are active. */
+/* What primitives hold between two ray parameters, of the rays that are active, whose directions are of any length. */
 TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats end, Ints active, Amounts *amounts)
 {
-  const Floats square = dot3(ray.direction, ray.direction), length = square * reciprocal_sqrt(square);
+  const Floats square = dot3(ray.direction, ray.direction), inverse = reciprocal_sqrt(square), length = square * inverse;
+  ray.direction = scale3(inverse, ray.direction);
+  begin *= length;
+  end *= length;
   Ints left = active & (lists->bin >= 0), here;
   for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
     const int members = lists->starts[bin + 1];
     for (int member = lists->starts[bin]; member < members; ++member) {
       PRIMITIVE primitive = lists->primitives + lists->members[member];
       Crossing crossing;
-      const Ints crosses = here & point_crossing(primitive, ray, length, &crossing);
+      const Ints crosses = here & point_crossing(primitive, ray, &crossing);
       if (!any_lane(crosses))
         continue;
       const Floats between = point_part(primitive, &crossing, end) - point_part(primitive, &crossing, begin);

@@ -31,19 +31,19 @@ TFM_INLINE Floats gaussian_integral(Floats s)
          s2 * (-1.27568722f + s2 * (0.658780722f + s2 * (-0.222966895f + s2 * 0.0360892089f))))))));
 }
 
-/* The lanes whose ray crosses the point. shape: 1 / the square of its radius across the ray, 1 / that along it.
-   length: of the ray's direction. */
-TFM_INLINE Ints point_crossing(PRIMITIVE point, Ray ray, Floats length, Crossing *crossing)
+/* The lanes whose ray, of a unit direction, crosses the point. shape: 1 / the square of its radius across the ray, its
+   radius along it, and 1 / that. */
+TFM_INLINE Ints point_crossing(PRIMITIVE point, Ray ray, Crossing *crossing)
 {
   const Vec3 to_centre = vec3(point->centre[0] - ray.origin.x, point->centre[1] - ray.origin.y,
                               point->centre[2] - ray.origin.z);
-  crossing->t = dot3(to_centre, ray.direction) / (length * length);
+  crossing->t = dot3(to_centre, ray.direction);
   const Vec3 beside = vec3(to_centre.x - crossing->t * ray.direction.x, to_centre.y - crossing->t * ray.direction.y,
                            to_centre.z - crossing->t * ray.direction.z);
   crossing->x = 1.0f - point->shape[0] * dot3(beside, beside);
   crossing->root = crossing->x * reciprocal_sqrt(greatest(crossing->x, floats(FLT_MIN)));
-  crossing->inverse = point->shape[1] * length;
-  crossing->reach = crossing->root / crossing->inverse;
+  crossing->inverse = floats(point->shape[2]);
+  crossing->reach = crossing->root * point->shape[1];
   crossing->weight = point->kind == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);
   return crossing->x > 0.0f;
 }

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
-BIN = 16
+BIN = 8
 """Texels along a side of the smallest bins: a multiple of every tile's."""
 REFINED = 3
 """Bins are smaller by this power of two than those that they look through."""
