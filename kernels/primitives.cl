@@ -1,6 +1,7 @@
 /* Which primitives the rays of a camera or a light may meet: lists for the bins of its pixels or texels. A bin's rays lie in
    a cone; it looks through the list of the larger bin around it, so that lists come in order, whatever runs first.
-   Requires: TFM_FROM_LIGHT, 1 with a light header included before, 0 for the camera. */
+   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_SEEN(source, set, eye, seen), one
+   of theirs; TFM_FROM_LIGHT, 1 with a light header included before, 0 for the camera. */
 #if TFM_FROM_LIGHT
 #include "light/sample.h"
 #define ORIGIN LIGHT light
@@ -10,8 +11,7 @@
 #endif
 #include "core/store.h"
 
-/* Primitives as they are seen from somewhere. What is narrower than twice a texel becomes a smooth point of that radius
-   that holds as much: maps of any resolution have the same mean optical depth. Its depth stays.
+/* Primitives as they are seen from somewhere.
    sets       of which body a primitive is
    footprint  width of a texel: at the origin, and what it gains per unit of distance
    seen       out */
@@ -23,28 +23,14 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   SOURCE source = sources + i;
   SET set = sets + source->set;
   __global Primitive *found = seen + i;
-  float square = 0.0f;
-  for (int axis = 0; axis < 3; ++axis) {
-    const float away = source->a[axis] - (axis == 0 ? origin.x : axis == 1 ? origin.y : origin.z);
-    found->centre[axis] = source->a[axis];
-    square += away * away;
-  }
-  const float least_radius = 2.0f * (footprint.x + footprint.y * sqrt(square)), radius = source->radius;
-  const int is_small = radius < least_radius;
-  const float across = is_small ? least_radius : radius;
-  /* The line through the middle of a smooth point of that mass. */
-  const float held = set->mass * radius * radius * radius * source->amount;
-  const float amount = is_small ? held / (SMOOTH_MASS * across * across) : radius * source->amount;
+  const Eye eye = {{origin.x, origin.y, origin.z}, footprint.x, footprint.y};
+  const float amount = TFM_PRIMITIVE_SEEN(source, set, &eye, found);
   for (int k = 0; k < 3; ++k) {
     __global const float *row = set->weights + 3 * k;
     found->amount[k] = amount * (row[0] * source->colour[0] + row[1] * source->colour[1] + row[2] * source->colour[2]);
   }
-  found->kind = is_small ? POINT_SMOOTH : set->kind;
+  found->kind = set->kind;
   found->medium = set->medium;
-  found->reach = across;
-  found->shape[0] = 1.0f / (across * across);
-  found->shape[1] = radius;
-  found->shape[2] = 1.0f / radius;
 }
 
 /* The rays of a bin begin within a distance of its origin, and lie in the cone around its axis. */

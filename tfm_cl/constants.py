@@ -31,8 +31,10 @@ SUMS_BLOCK = 12
 """Sums over a ray's steps that registers hold at once."""
 RIDGE = 1e-6
 """Added to the diagonal of normal equations, as a part of its mean: float32 solves what is left."""
-POINT_KINDS = {"ball": 0, "gaussian": 1, "smooth": 2}
+POINT_PROFILES = {"ball": 0, "gaussian": 1, "smooth": 2}
 """Profile of a point -> its number in the kernels, ``POINT_BALL`` and so on."""
+MOST_OPACITY = 1 - 2.0**-23
+"""Opaque: an optical depth of 16, of which less is left than float32 sees beside 1."""
 SMOOTH_MASS = 64 * pi / 315
 """What a smooth point of radius and density 1 holds."""
 EDGE_MARGIN = 1e-3
@@ -57,7 +59,8 @@ def c_definitions() -> str:
         "TFM_RIDGE": f"{RIDGE}f",
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
         "SMOOTH_MASS": f"{SMOOTH_MASS:.9g}f",
-        **{f"POINT_{name.upper()}": number for name, number in POINT_KINDS.items()},
+        "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
+        **{f"POINT_{name.upper()}": number for name, number in POINT_PROFILES.items()},
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
     }
     lines = [f"#define {name} {value}" for name, value in macros.items()]

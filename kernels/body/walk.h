@@ -241,7 +241,7 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
     for (int member = lists->starts[bin]; member < members; ++member) {
       PRIMITIVE primitive = lists->primitives + lists->members[member];
       Crossing crossing;
-      Ints crosses = here & point_crossing(primitive, walk->ray.world, &crossing);
+      Ints crosses = here & TFM_PRIMITIVE_CROSSING(primitive, walk->ray.world, &crossing);
       const Floats enters = crossing.t - crossing.reach, leaves = crossing.t + crossing.reach;
       crosses &= (leaves > begins) & (enters < ends);
       if (!any_lane(crosses))
@@ -276,10 +276,10 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
     for (int member = lists->starts[bin]; member < members; ++member) {
       PRIMITIVE primitive = lists->primitives + lists->members[member];
       Crossing crossing;
-      const Ints crosses = here & point_crossing(primitive, ray, &crossing);
+      const Ints crosses = here & TFM_PRIMITIVE_CROSSING(primitive, ray, &crossing);
       if (!any_lane(crosses))
         continue;
-      const Floats between = point_part(primitive, &crossing, end) - point_part(primitive, &crossing, begin);
+      const Floats between = TFM_PRIMITIVE_PART(primitive, &crossing, end) - TFM_PRIMITIVE_PART(primitive, &crossing, begin);
       const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
       for (int c = 0; c < TFM_AMOUNTS; ++c)
         amounts->of[medium][c] += crosses ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);

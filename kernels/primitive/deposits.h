@@ -1,10 +1,12 @@
 /* What primitives leave along the rays of a march: the optical depth of their density goes to the steps that they lie in,
-   by its exact integral between the steps' ends (of an opacity FOM eq. 4), before anything else sees the steps. */
+   by its exact integral between the steps' ends (of an opacity FOM eq. 4), before anything else sees the steps.
+   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ray,
+   crossing) and TFM_PRIMITIVE_PART(primitive, crossing, t), each one of theirs. */
 #ifndef TFM_DEPOSITS_H
 #define TFM_DEPOSITS_H
 
 #include "primitive/lists.h"
-#include "primitive/point.h"
+#include "primitive/crossing.h"
 
 /* Steps that one look through the lists serves. */
 #define DEPOSIT_STEPS 128
@@ -34,10 +36,10 @@ TFM_INLINE int next_marked(const Deposits *deposits, int n, int until)
 TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints crosses, int low, int high, Deposits *deposits)
 {
   const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
-  Floats before = point_part(primitive, crossing, deposits->edge[low - deposits->first]);
+  Floats before = TFM_PRIMITIVE_PART(primitive, crossing, deposits->edge[low - deposits->first]);
   for (int n = low; n <= high; ++n) {
     const int i = n - deposits->first;
-    const Floats behind = point_part(primitive, crossing, deposits->edge[i + 1]);
+    const Floats behind = TFM_PRIMITIVE_PART(primitive, crossing, deposits->edge[i + 1]);
     const Floats part = crosses ? greatest(behind - before, floats(0.0f)) : floats(0.0f);
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       deposits->of[i][medium][c] += primitive->amount[c] * part;

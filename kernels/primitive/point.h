@@ -12,16 +12,7 @@
 #ifndef TFM_POINT_H
 #define TFM_POINT_H
 
-#include "core/ray.h"
-
-/* How rays cross a primitive. */
-typedef struct {
-  Floats t;        /* ray parameter at the middle */
-  Floats reach;    /* ray parameter from there to either end */
-  Floats inverse;  /* from the ray parameter to s */
-  Floats x, root;  /* above; the square root of x */
-  Floats weight;
-} Crossing;
+#include "primitive/crossing.h"
 
 /* The integral of exp(-9/2 s^2) from 0 to s, for s in [-1, 1]: least squares of the relative error, 2e-7. */
 TFM_INLINE Floats gaussian_integral(Floats s)
@@ -44,20 +35,38 @@ TFM_INLINE Ints point_crossing(PRIMITIVE point, Ray ray, Crossing *crossing)
   crossing->root = crossing->x * reciprocal_sqrt(greatest(crossing->x, floats(FLT_MIN)));
   crossing->inverse = floats(point->shape[2]);
   crossing->reach = crossing->root * point->shape[1];
-  crossing->weight = point->kind == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);
+  crossing->weight = point->profile == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);
   return crossing->x > 0.0f;
 }
 
 /* What lies between the middle and a ray parameter; times the point's amount it is the optical depth. */
 TFM_INLINE Floats point_part(PRIMITIVE point, const Crossing *crossing, Floats t)
 {
-  const Floats x = crossing->x, root = crossing->root;
-  const Floats s = least(greatest((t - crossing->t) * crossing->inverse, -root), root), s2 = s * s;
-  if (point->kind == POINT_BALL)
+  const Floats x = crossing->x, s = place_in(crossing, t), s2 = s * s;
+  if (point->profile == POINT_BALL)
     return s;
-  if (point->kind == POINT_SMOOTH)
+  if (point->profile == POINT_SMOOTH)
     return s * (x * x * x - s2 * (x * x - s2 * (0.6f * x - s2 * (1.0f / 7.0f))));
   return crossing->weight * gaussian_integral(s);
+}
+
+/* What is narrower than a few texels becomes a smooth point that holds as much: maps of any resolution have the same mean
+   optical depth. Its depth stays. Returns the optical depth that the unit of its profile stands for. */
+TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
+{
+  const float place[3] = {source->a[0], source->a[1], source->a[2]};
+  const float narrowest = LEAST_TEXELS * texel_at(eye, place), radius = source->radius[0];
+  const int is_small = radius < narrowest;
+  const float across = is_small ? narrowest : radius;
+  for (int axis = 0; axis < 3; ++axis)
+    seen->centre[axis] = place[axis];
+  seen->reach = across;
+  seen->profile = is_small ? POINT_SMOOTH : set->profile;
+  seen->shape[0] = 1.0f / (across * across);
+  seen->shape[1] = radius;
+  seen->shape[2] = 1.0f / radius;
+  const float held = set->mass * radius * radius * radius * source->amount;
+  return is_small ? held / (SMOOTH_MASS * across * across) : radius * source->amount;
 }
 
 #endif

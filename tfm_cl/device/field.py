@@ -31,6 +31,11 @@ class FieldOnDevice:
     sets: cl.Buffer | None
     """What those of each body add to this field."""
 
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Of the kinds of primitives."""
+        return () if self.primitives is None else self.primitives.headers
+
     def met_by(self, light: Light, of_light: cl.Buffer, res: int) -> Met:
         """Return what kernels are told of the density that the rays of a light's map meet.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.device.bricks import ONE_FIELD
 from tfm_cl.device.field import FieldOnDevice, Met
-from tfm_cl.device.primitives import Eye
+from tfm_cl.device.primitives import Eye, choice
 from tfm_cl.device.structs.bodies import body_structs, grid_structs
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.scene.bodies.homogeneous import SHAPES
@@ -86,7 +86,7 @@ def media_on_device(
     grids, bodies = scene.grids, scene.homogeneous
     channels = 3 if any(body.colour is not None for body in scene.marched) else 1
     of_grids = {} if bricks is None else bricks.arguments
-    of_bricks = _of_boxes(bricks, has_primitives=primitives is not None)
+    of_bricks = _of_boxes(bricks, primitives)
     if bricks is not None:
         of_bricks["TFM_VOXEL_CHANNELS"] = channels
     numbers_of_media = [media.index(scene.medium_of(body)) for body in scene.primitives]
@@ -109,7 +109,9 @@ def media_on_device(
             sets=None
             if primitives is None
             else primitives.sets(
-                [0] * len(scene.primitives), _in_field(fields.weights[len(grids) :, :, k])
+                [0] * len(scene.primitives),
+                _in_field(fields.weights[len(grids) :, :, k]),
+                [float(fields.extinctions[k])] * len(scene.primitives),
             ),
         )
         for k in range(fields.count)
@@ -120,8 +122,16 @@ def media_on_device(
         primitives=primitives,
         sets=None
         if primitives is None
-        else primitives.sets(numbers_of_media, np.broadcast_to(of_amounts, (len(numbers_of_media), 3, 3))),
-        headers=(*(phase.HEADER for phase in phases), *(kind.HEADER for kind in kinds)),
+        else primitives.sets(
+            numbers_of_media,
+            np.broadcast_to(of_amounts, (len(numbers_of_media), 3, 3)),
+            [float(scene.medium_of(body).sigma_t.mean()) for body in scene.primitives],
+        ),
+        headers=(
+            *(() if primitives is None else primitives.headers),
+            *(phase.HEADER for phase in phases),
+            *(kind.HEADER for kind in kinds),
+        ),
         defines=of_bricks
         | {
             "TFM_MEDIA": len(media),
@@ -130,12 +140,12 @@ def media_on_device(
             "TFM_FIELDS": fields.count,
             "TFM_MEDIUM_OF_GRID(i)": _number_of(grids, scene, media),
             "TFM_MEDIUM_OF_BODY(i)": _number_of(bodies, scene, media),
-            "TFM_PHASE(medium, mu)": _choice(
+            "TFM_PHASE(medium, mu)": choice(
                 "(medium)->phase_kind",
                 ((numbers.index(phase), f"{PurePath(phase.HEADER).stem}(medium, mu)") for phase in phases),
             ),
             **{
-                f"TFM_BODY_{function.upper()}{arguments}": _choice(
+                f"TFM_BODY_{function.upper()}{arguments}": choice(
                     "(body)->kind",
                     (
                         (kind.KIND, f"{PurePath(kind.HEADER).stem}_body_{function}{arguments}")
@@ -156,10 +166,14 @@ def media_on_device(
     )
 
 
-def _of_boxes(bricks: BrickGrid | None, *, has_primitives: bool) -> dict[str, int | str]:
-    """Macros that say what boxes are marched: the grids', and the one around all primitives."""
-    defines: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1, **(bricks.defines if bricks else {})}
-    return defines | {"TFM_GRIDS": int(defines["TFM_GRIDS"]) + has_primitives, "TFM_PRIMITIVES": int(has_primitives)}
+def _of_boxes(bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None) -> dict[str, int | str]:
+    """Macros that say what is marched: the grids' boxes, and the one around all primitives."""
+    defines: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1}
+    if bricks is not None:
+        defines |= bricks.defines
+    if primitives is None:
+        return defines
+    return defines | primitives.defines | {"TFM_GRIDS": int(defines["TFM_GRIDS"]) + 1, "TFM_PRIMITIVES": 1}
 
 
 def _in_field(weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -172,10 +186,4 @@ def _in_field(weights: NDArray[np.float64]) -> NDArray[np.float64]:
 def _number_of(bodies: Sequence[Any], scene: Scene, media: list[Medium]) -> str:
     """Return a C expression: the number of body i's medium."""
     numbers = [media.index(scene.medium_of(body)) for body in bodies]
-    return _choice("(i)", ((i, str(number)) for i, number in enumerate(numbers)))
-
-
-def _choice(by: str, cases: Iterator[tuple[int, str]]) -> str:
-    """Return a C expression that is one of some, by a number; the last one for all others."""
-    *first, last = [*cases] or [(0, "0")]
-    return "(" + "".join(f"{by} == {number} ? {value} : " for number, value in first) + f"{last[1]})"
+    return choice("(i)", ((i, str(number)) for i, number in enumerate(numbers)))

@@ -7,8 +7,9 @@ the list of the one around it, so that a list costs what it holds, and its order
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +37,20 @@ BENT = 0.5
 """Of a cone's sine: how far rays between those looked at may lie outside of it, where a chart is folded."""
 BINS_OF_LIGHT = 128
 """Along each side, of lights whose rays are followed to points between texels."""
+
+
+FUNCTIONS = {
+    "seen": ("(set)->kind", "(source, set, eye, seen)"),
+    "crossing": ("(primitive)->kind", "(primitive, ray, crossing)"),
+    "part": ("(primitive)->kind", "(primitive, crossing, t)"),
+}
+"""What the header of each kind of primitive has: by what the kind is told, and the arguments."""
+
+
+def choice(by: str, cases: Iterable[tuple[int, str]]) -> str:
+    """Return a C expression that is one of some, by a number; the last one for all others."""
+    *first, last = [*cases] or [(0, "0")]
+    return "(" + "".join(f"{by} == {number} ? {value} : " for number, value in first) + f"{last[1]})"
 
 
 @dataclass(frozen=True)
@@ -113,6 +128,7 @@ class PrimitivesOnDevice:
 
     def __init__(self, launcher: Launcher, scene: Scene) -> None:
         self._launcher, self._bodies = launcher, scene.primitives
+        self.kinds = tuple(dict.fromkeys(type(body) for body in self._bodies))
         self.origin = world_from_device(scene)[:3, 3]
         sources = np.concatenate(
             [_sources(body, number, self.origin) for number, body in enumerate(self._bodies)]
@@ -121,11 +137,29 @@ class PrimitivesOnDevice:
         self._sources = launcher.upload("the primitives", sources)
 
     @property
+    def headers(self) -> tuple[str, ...]:
+        """Of the kinds of primitives."""
+        return tuple(kind.HEADER for kind in self.kinds)
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """Macros that choose among the functions of the kinds' headers."""
+        names = [PurePath(header).stem for header in self.headers]
+        return {
+            f"TFM_PRIMITIVE_{function.upper()}{arguments}": choice(
+                by, ((number, f"{name}_{function}{arguments}") for number, name in enumerate(names))
+            )
+            for function, (by, arguments) in FUNCTIONS.items()
+        }
+
+    @property
     def nbytes(self) -> int:
         """Size on the device."""
         return self.count * SOURCE.dtype.itemsize
 
-    def sets(self, media: Sequence[int], weights: NDArray[np.float64]) -> cl.Buffer:
+    def sets(
+        self, media: Sequence[int], weights: NDArray[np.float64], extinctions: Sequence[float]
+    ) -> cl.Buffer:
         """Put on the device what the primitives of each body have in common.
 
         Parameters
@@ -134,10 +168,17 @@ class PrimitivesOnDevice:
             Number of each body's medium.
         weights
             [bodies, 3, 3]: what a density of 1 of each colour (last) adds to each amount.
+        extinctions
+            At density 1, that opacities of each are meant for.
         """
         structs = np.zeros(len(self._bodies), SET.dtype)
-        for struct, body, medium, weight in zip(structs, self._bodies, media, weights, strict=True):
-            struct["kind"], struct["mass"], struct["medium"] = body.kind, body.mass, medium
+        for struct, body, medium, weight, extinction in zip(
+            structs, self._bodies, media, weights, extinctions, strict=True
+        ):
+            struct["kind"], struct["profile"], struct["mass"] = (
+                self.kinds.index(type(body)), body.profile_number, body.unit_mass,
+            )
+            struct["medium"], struct["extinction"] = medium, extinction
             struct["weights"] = weight.ravel()
         return self._launcher.upload("the kinds of primitives", structs)
 
@@ -157,9 +198,10 @@ class PrimitivesOnDevice:
             Primitives or lists that the device cannot hold.
         """
         launcher, count = self._launcher, self.count
+        headers, defines = (*self.headers, *eye.headers), eye.defines | self.defines
         seen = launcher.empty("the primitives as they are seen", PRIMITIVE.dtype.itemsize * count, reuse=True)
         launcher.run(
-            launcher.kernels.kernel("see_primitives", "primitives.cl", eye.headers, eye.defines),
+            launcher.kernels.kernel("see_primitives", "primitives.cl", headers, defines),
             (count,),
             {
                 "sources": self._sources,
@@ -170,7 +212,7 @@ class PrimitivesOnDevice:
                 "count": count,
             },
         )
-        kernel = launcher.kernels.kernel("list_primitives", "primitives.cl", eye.headers, eye.defines)
+        kernel = launcher.kernels.kernel("list_primitives", "primitives.cl", headers, defines)
         none = launcher.upload("no list", np.zeros(2, np.int32))
         found: Listed | None = None
         parent_columns, parents, members = 1, none, none
@@ -264,8 +306,7 @@ def _edges(size: tuple[int, int], finest: int) -> list[int]:
 def _sources(body: Primitives, number: int, origin: NDArray[np.float64]) -> NDArray[Any]:
     """Return the structs of a body's primitives."""
     structs = np.zeros(len(body.positions), SOURCE.dtype)
-    structs["a"] = body.positions - origin
-    structs["radius"], structs["amount"] = body.radii, body.densities
+    body.fill_sources(structs, origin)
     structs["colour"] = 1.0 if body.colour is None else body.colour
     structs["set"] = number
     return structs

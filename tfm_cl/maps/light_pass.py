@@ -330,7 +330,7 @@ class LightPass:
         return self._launcher.kernels.kernel(
             name,
             "light_pass.cl",
-            (header, *light.headers),
+            (*medium.headers, header, *light.headers),
             defines | light_defines(light) | medium.defines | {"TFM_SHADOW": int(clipped)},
         )
 

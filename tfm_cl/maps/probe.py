@@ -186,7 +186,7 @@ class LightProbe:
 
     def _kernel(self, name: str, light: Light, medium: FieldOnDevice, *, clipped: bool = False) -> Kernel:
         defines = light_defines(light) | {"TFM_SHADOW": int(clipped)} | medium.defines
-        return self._launcher.kernels.kernel(name, "probe.cl", light.headers, defines)
+        return self._launcher.kernels.kernel(name, "probe.cl", (*medium.headers, *light.headers), defines)
 
 
 def light_defines(light: Light) -> dict[str, int | str]:

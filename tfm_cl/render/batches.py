@@ -107,7 +107,7 @@ class Batch:
         if self.settings is not None:
             header, of_map = map_variant(self.settings)
             headers, defines = (RESIDUAL_HEADER if self.shows_residual else header,), defines | of_map
-        return (*headers, *self.of.headers, *media.headers), defines | media.channels(
+        return (*media.headers, *headers, *self.of.headers), defines | media.channels(
             textured=self.of.is_textured
         ) | {
             "TFM_METHOD_DUAL": int(self.is_dual),

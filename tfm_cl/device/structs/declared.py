@@ -118,11 +118,13 @@ MAP = Struct(
 
 SOURCE = Struct(
     "Source",
-    "A primitive: a small thing that holds density.",
+    "A primitive: a small thing that holds density. World: from the device's origin.",
     (
-        Field("float", "a", 3, "from the device's origin"),
-        Field("float", "radius", 1, "world"),
-        Field("float", "amount", 1, "density at its middle"),
+        Field("float", "a", 3, "centre, end or corner"),
+        Field("float", "b", 3, "the other end, or the next corner"),
+        Field("float", "c", 3, "the last corner"),
+        Field("float", "radius", 2, "world, at either end"),
+        Field("float", "amount", 1, "density at its middle, or opacity"),
         Field("float", "colour", 3, "extinction relative to the density, RGB"),
         Field("int", "set", 1, "number of its body among those of primitives"),
     ),
@@ -133,8 +135,10 @@ SET = Struct(
     "What the primitives of a body have in common.",
     (
         Field("int", "kind", 1, "number of their kind"),
+        Field("int", "profile", 1, "as their kind has it"),
         Field("int", "medium", 1, "number of their medium; 0 where there is one field alone"),
         Field("float", "mass", 1, "held by one of radius and density 1"),
+        Field("float", "extinction", 1, "at density 1, that opacities are meant for"),
         Field("float", "weights", 9, "3x3 row major: what a density of 1 of each colour adds to each amount"),
     ),
 )
@@ -147,7 +151,8 @@ PRIMITIVE = Struct(
         Field("float", "reach", 1, "radius of that"),
         Field("float", "amount", 3, "optical depth that the unit of its profile stands for"),
         Field("int", "kind", 1, "number of its kind"),
+        Field("int", "profile", 1, "as its kind has it"),
         Field("int", "medium", 1, "number of its medium"),
-        Field("float", "shape", 3, "as its kind has it"),
+        Field("float", "shape", 8, "as its kind has it"),
     ),
 )

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import POINT_KINDS
+from tfm_cl.constants import MOST_OPACITY, POINT_PROFILES
 from tfm_cl.errors import VolumeError, unknown_key
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.scene.bodies.primitives import MOST_OPACITY, Primitives, colours_of, numbers_of, positions_of
+from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of
 from tfm_cl.scene.medium import parse_medium
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Points(Primitives):
         Arrays of other shapes, numbers that are not finite or out of range, or both density and opacity.
     """
 
-    KINDS = POINT_KINDS
+    HEADER: ClassVar[str] = "primitive/point.h"
 
     def __init__(
         self,
@@ -141,14 +141,24 @@ class Points(Primitives):
         self.chosen = {}
 
     @property
-    def kind(self) -> int:
-        """As `Primitives.kind`."""
-        return POINT_KINDS[self.profile]
+    def profile_number(self) -> int:
+        """As `Primitives.profile_number`."""
+        return POINT_PROFILES[self.profile]
 
     @property
-    def mass(self) -> float:
-        """As `Primitives.mass`."""
+    def unit_mass(self) -> float:
+        """As `Primitives.unit_mass`."""
         return PROFILES[self.profile].mass
+
+    @property
+    def masses(self) -> Floats:
+        """As `Primitives.masses`."""
+        return self.unit_mass * self.radii**3 * self.densities
+
+    def fill_sources(self, structs: NDArray[Any], origin: Floats) -> None:
+        """As `Primitives.fill_sources`."""
+        structs["a"] = self.positions - origin
+        structs["radius"][:, 0], structs["amount"] = self.radii, self.densities
 
     def depths_along(
         self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]

@@ -26,8 +26,6 @@ DETAIL = 0.5
 """Of the radius of a typical primitive: what a voxel's edge is to a grid."""
 LINES = 64
 """Along each side, at most, of the pictures of a body, from three sides, that tell its optical depth."""
-MOST_OPACITY = 1 - 1e-7
-"""Opaque: an optical depth of 16, of which e⁻¹⁶ is lost in any picture's float32."""
 
 _NUMBERS = itertools.count()
 
@@ -48,7 +46,8 @@ class Primitives(MarchedBody):
     """
 
     DENSITY_KEY: ClassVar[str] = "density"
-    KINDS: ClassVar[dict[str, int]]
+    HEADER: ClassVar[str]
+    """Kernel header, below ``kernels/``, named after the kind, with its functions."""
     positions: NDArray[np.float64]
     radii: NDArray[np.float64]
     densities: NDArray[np.float64]
@@ -83,14 +82,31 @@ class Primitives(MarchedBody):
         """Return it with all densities times a factor."""
 
     @property
-    @abstractmethod
-    def kind(self) -> int:
-        """As kernels know it."""
+    def profile_number(self) -> int:
+        """How kernels know of its profile, if its kind has several."""
+        return 0
+
+    @property
+    def unit_mass(self) -> float:
+        """Integral over space of the density of one of radius 1 and density 1, if that is all that tells it."""
+        return 0.0
 
     @property
     @abstractmethod
-    def mass(self) -> float:
-        """Integral over space of the density of one of radius 1 whose density at the middle is 1."""
+    def masses(self) -> NDArray[np.float64]:
+        """Integral over space of the density of each, [n]."""
+
+    @abstractmethod
+    def fill_sources(self, structs: NDArray[Any], origin: NDArray[np.float64]) -> None:
+        """Fill in what kernels are told of each, but for its body and its colour.
+
+        Parameters
+        ----------
+        structs
+            [n] of `tfm_cl.device.structs.declared.SOURCE`.
+        origin
+            Of the device, world.
+        """
 
     @cached_property
     def number(self) -> int:
@@ -169,7 +185,7 @@ class Primitives(MarchedBody):
 
     def line_depths(self) -> list[NDArray[np.float64]]:
         """Integrals of the density along lines of three directions, estimated from what each cell holds."""
-        masses = self.mass * self.radii**3 * self.densities
+        masses = self.masses
         if self.colour is not None:
             masses = masses * self.colour.mean(axis=1)
         low, high = self.bounds
