@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.ambient import Ambient
-    from tfm_cl.scene.bodies import BoxVolume, EverywhereVolume, Points, SphereVolume, Volume
+    from tfm_cl.scene.bodies import (
+        BoxVolume,
+        Curves,
+        EverywhereVolume,
+        Points,
+        Polygons,
+        SphereVolume,
+        Volume,
+    )
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
     from tfm_cl.scene.medium import Medium
@@ -45,6 +53,8 @@ _HOME = {
     "PlaneSolid": "scene.solids",
     "PointLight": "scene.lights",
     "Points": "scene.bodies",
+    "Polygons": "scene.bodies",
+    "Curves": "scene.bodies",
     "RenderResult": "render.result",
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
@@ -80,6 +90,8 @@ __all__ = [
     "PlaneSolid",
     "PointLight",
     "Points",
+    "Polygons",
+    "Curves",
     "RenderResult",
     "Renderer",
     "Scene",

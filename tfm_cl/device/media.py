@@ -125,7 +125,7 @@ def media_on_device(
         else primitives.sets(
             numbers_of_media,
             np.broadcast_to(of_amounts, (len(numbers_of_media), 3, 3)),
-            [float(scene.medium_of(body).sigma_t.mean()) for body in scene.primitives],
+            [float(scene.medium_of(body).sigma_t.mean()) or 1.0 for body in scene.primitives],
         ),
         headers=(
             *(() if primitives is None else primitives.headers),

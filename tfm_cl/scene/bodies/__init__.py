@@ -6,9 +6,11 @@ list the class here.
 
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body, MarchedBody
 from tfm_cl.scene.bodies.box import BoxVolume
+from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.bodies.homogeneous import SHAPES, Homogeneous, parse_homogeneous
 from tfm_cl.scene.bodies.points import Points
+from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.sphere import SphereVolume
 from tfm_cl.scene.bodies.volume import Volume
@@ -18,10 +20,12 @@ __all__ = [
     "SHAPES",
     "Body",
     "BoxVolume",
+    "Curves",
     "EverywhereVolume",
     "Homogeneous",
     "MarchedBody",
     "Points",
+    "Polygons",
     "Primitives",
     "SphereVolume",
     "Volume",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tfm_cl.constants import MOST_OPACITY, POINT_PROFILES
 from tfm_cl.errors import VolumeError, unknown_key
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of
+from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of, rigid_scale
 from tfm_cl.scene.medium import parse_medium
 
 if TYPE_CHECKING:
@@ -198,22 +198,3 @@ class Points(Primitives):
     def __repr__(self) -> str:
         coloured = "" if self.colour is None else "coloured, "
         return f"Points({self.label}, {len(self.positions)} of profile {self.profile}, {coloured}density up to {self.density:g})"
-
-
-def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:
-    """Return the one scale of a 4×4 matrix that keeps angles.
-
-    Raises
-    ------
-    VolumeError
-        It does not.
-    """
-    linear = matrix[:3, :3] if matrix.shape == (4, 4) else np.zeros((3, 3))
-    square = linear @ linear.T
-    scale = square[0, 0]
-    is_rigid = scale > 0 and np.allclose(square, scale * np.eye(3), rtol=1e-6, atol=1e-6 * scale)
-    if not is_rigid or not np.allclose(matrix[3], (0, 0, 0, 1)):
-        raise VolumeError(
-            f"{label}: transform should be a rotation, a translation and one scale for all axes: balls stay balls"
-        )
-    return float(np.sqrt(scale))

@@ -155,7 +155,7 @@ class Primitives(MarchedBody):
             return "all densities times their colours are 0"
         return ""
 
-    @cached_property
+    @property
     def detail(self) -> float:
         """World units, the size of what it shows; see `DETAIL`."""
         return DETAIL * float(np.median(self.radii))
@@ -294,3 +294,22 @@ def _numbers(values: ArrayLike, what: str, label: str) -> NDArray[np.float64]:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise VolumeError(f"{label}: {what} should be numbers") from None
+
+
+def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:
+    """Return the one scale of a 4×4 matrix that keeps angles.
+
+    Raises
+    ------
+    VolumeError
+        It does not.
+    """
+    linear = matrix[:3, :3] if matrix.shape == (4, 4) else np.zeros((3, 3))
+    square = linear @ linear.T
+    scale = square[0, 0]
+    is_rigid = scale > 0 and np.allclose(square, scale * np.eye(3), rtol=1e-6, atol=1e-6 * scale)
+    if not is_rigid or not np.allclose(matrix[3], (0, 0, 0, 1)):
+        raise VolumeError(
+            f"{label}: transform should be a rotation, a translation and one scale for all axes: shapes stay what they are"
+        )
+    return float(np.sqrt(scale))

@@ -1,0 +1,74 @@
+/* Segments of strands: hair, fur, lines. A strand is a ribbon that faces every ray, of one opacity across its width. Where
+   it is narrower than a few texels it covers a part of them: a strand of width w and opacity a that crosses a texel of
+   width 1 takes w a of its light, T = 1 - w a, and lets it pass in proportion as (1 - b^2)^2 falls with the distance b
+   from its axis. Segments meet at the plane through their common end, so that a polyline has neither gaps nor overlaps
+   but where it bends.
+   shape: from one end to the other, radius at the first end, what it gains to the other, opacity, least radius,
+   1 / the extinction that the opacity is meant for. */
+#ifndef TFM_SEGMENT_H
+#define TFM_SEGMENT_H
+
+#include "primitive/crossing.h"
+
+/* Radius, in texels, of a strand that is widened: sums over texels then differ by 1 %. */
+#define LEAST_STRAND 1.5f
+/* Sine of the angle between a ray and a strand, squared, below which it looks along it. */
+#define ALONG_STRAND 1e-8f
+
+/* The lanes whose ray, of a unit direction, crosses the segment. */
+TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
+{
+  const Vec3 along = uniform_vec3(segment->shape);
+  const Vec3 from = vec3(segment->centre[0] - ray.origin.x, segment->centre[1] - ray.origin.y,
+                         segment->centre[2] - ray.origin.z);
+  const Vec3 d = ray.direction;
+  const Floats away = dot3(from, d), slope = dot3(along, d);
+  /* Across the ray: the axis is beside + u across, for u from -1/2 to 1/2. */
+  const Vec3 beside = vec3(from.x - away * d.x, from.y - away * d.y, from.z - away * d.z);
+  const Vec3 across = vec3(along.x - slope * d.x, along.y - slope * d.y, along.z - slope * d.z);
+  const Floats square = dot3(across, across);
+  const Ints is_along = square <= ALONG_STRAND * dot3(along, along);
+  const Floats u = -dot3(beside, across) / (is_along ? floats(1.0f) : square);
+  const Vec3 nearest = vec3(beside.x + u * across.x, beside.y + u * across.y, beside.z + u * across.z);
+  const Floats distance = dot3(nearest, nearest);
+  const Floats radius = segment->shape[3] + (u + 0.5f) * segment->shape[4], least_radius = floats(segment->shape[6]);
+  const Ints is_narrow = radius < least_radius;
+  const Floats reach = is_narrow ? least_radius : radius;
+  const Floats x = 1.0f - distance / (reach * reach);
+  /* The integral over b of (15 / 16) (1 - b^2)^2 is 1. */
+  const Floats covered = is_narrow ? (0.9375f * 2.0f) * radius / reach * x * x : floats(1.0f);
+  cross_at(away + u * slope, segment->reach * 0.01f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
+           crossing);
+  return (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
+}
+
+TFM_INLINE Floats segment_part(PRIMITIVE segment, const Crossing *crossing, Floats t)
+{
+  (void)segment;
+  return crossing->weight * place_in(crossing, t);
+}
+
+/* As of point_seen. */
+TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
+{
+  float middle[3], square = 0.0f;
+  for (int axis = 0; axis < 3; ++axis) {
+    const float along = source->b[axis] - source->a[axis];
+    middle[axis] = 0.5f * (source->a[axis] + source->b[axis]);
+    seen->centre[axis] = middle[axis];
+    seen->shape[axis] = along;
+    square += along * along;
+  }
+  const float narrowest = LEAST_STRAND * texel_at(eye, middle);
+  const float widest = source->radius[0] > source->radius[1] ? source->radius[0] : source->radius[1];
+  seen->shape[3] = source->radius[0];
+  seen->shape[4] = source->radius[1] - source->radius[0];
+  seen->shape[5] = 1.0f - exp(-set->extinction * source->amount);
+  seen->shape[6] = narrowest;
+  seen->shape[7] = 1.0f / set->extinction;
+  seen->reach = 0.5f * sqrt(square) + (widest > narrowest ? widest : narrowest);
+  seen->profile = 0;
+  return 1.0f;
+}
+
+#endif
