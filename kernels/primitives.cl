@@ -1,5 +1,4 @@
-/* Which primitives the rays of a camera or a light may meet: lists for the bins of its pixels or texels. A bin's rays lie in
-   a cone; it looks through the list of the larger bin around it, so that lists come in order, whatever runs first.
+/* Which primitives the rays of a camera or a light may meet: lists for the bins of its pixels or texels (count, sum, fill).
    Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_SEEN(source, set, eye, seen), one
    of theirs; TFM_FROM_LIGHT, 1 with a light header included before, 0 for the camera. */
 #if TFM_FROM_LIGHT
@@ -10,6 +9,8 @@
 #define ORIGIN VIEW view
 #endif
 #include "core/store.h"
+
+#define TEXEL_MARGIN 1e-3f
 
 /* Primitives as they are seen from somewhere.
    sets       of which body a primitive is
@@ -33,125 +34,65 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   found->medium = set->medium;
 }
 
-/* The rays of a bin begin within a distance of its origin, and lie in the cone around its axis. */
-typedef struct {
-  Vec3 origin, axis;
-  float radius, cosine, sine;
-} Bundle;
-
-/* x, y: positions between texels. */
-TFM_INLINE Ray ray_between(ORIGIN, int4 size, float x, float y)
+/* Part of the map or the image that the rays which meet a ball may belong to, in texels; empty where low > high. */
+#if TFM_FROM_LIGHT
+#define TEXELS_OF(centre, reach, low, high) texels_of(light, size, centre, reach, low, high)
+TFM_INLINE void texels_of(LIGHT light, int4 size, Vec3 centre, Floats reach, Floats *low, Floats *high)
 {
-#if TFM_FROM_LIGHT
-  return light_texel_ray(light, floats(x / (float)size.x), floats(y / (float)size.y));
-#else
-  (void)size;
-  return ray_through(view, floats(x), floats(y));
-#endif
+  light_bounds(light, point_in_light(light, centre), reach, low, high);
+  for (int axis = 0; axis < 2; ++axis) {
+    low[axis] *= (float)size.x;
+    high[axis] *= (float)size.x;
+  }
 }
-#if TFM_FROM_LIGHT
-#define RAY_BETWEEN(size, x, y) ray_between(light, size, x, y)
 #else
-#define RAY_BETWEEN(size, x, y) ray_between(view, size, x, y)
+#define TEXELS_OF(centre, reach, low, high) image_bounds(view, centre, reach, low, high)
 #endif
 
-#define SIDE 3 /* rays along a side that tell where those of a bin lie */
-
-/* margin: of a cone's sine, where rays between those that are looked at may lie outside of their cone. */
-TFM_INLINE Bundle bundle_of(ORIGIN, int4 size, int x0, int y0, int edge, float margin)
+/* Lists the primitives of each bin, or only counts them. A work-item sees to a run of them, so that lists come in order,
+   whatever runs first.
+   primitives   as seen from the origin of the rays
+   size         texels along x and y
+   bins         columns, rows, texels along a side of a bin, primitives of a run
+   places       [runs, bins]: how many of a run each bin has, out where nothing is written; else where the next one goes
+   bin_members  out, where writes is not 0 */
+__kernel void list_primitives(ORIGIN, PRIMITIVE primitives, int4 size, int4 bins, __global int *places,
+                              __global int *bin_members, int count, int writes)
 {
-  Ray rays[SIDE * SIDE];
-  Vec3 origins = vec3(floats(0.0f), floats(0.0f), floats(0.0f)), axes = origins;
-  for (int i = 0; i < SIDE * SIDE; ++i) {
-    const float x = (float)x0 + (float)(i % SIDE * edge) / (float)(SIDE - 1);
-    const float y = (float)y0 + (float)(i / SIDE * edge) / (float)(SIDE - 1);
-    rays[i] = RAY_BETWEEN(size, x < (float)size.x ? x : (float)size.x, y < (float)size.y ? y : (float)size.y);
-    const Vec3 o = rays[i].origin, d = rays[i].direction;
-    origins = vec3(origins.x + o.x, origins.y + o.y, origins.z + o.z);
-    axes = vec3(axes.x + d.x, axes.y + d.y, axes.z + d.z);
-  }
-  Bundle bundle;
-  bundle.origin = scale3(floats(1.0f / (SIDE * SIDE)), origins);
-  const Floats square = dot3(axes, axes);
-  bundle.axis = scale3(reciprocal_sqrt(square), axes);
-  float widest = 0.0f, least_cosine = 1.0f;
-  for (int i = 0; i < SIDE * SIDE; ++i) {
-    const Vec3 o = rays[i].origin, away = vec3(o.x - bundle.origin.x, o.y - bundle.origin.y, o.z - bundle.origin.z);
-    const float square_away = greatest_float(dot3(away, away));
-    const float cosine = least_float(dot3(rays[i].direction, bundle.axis));
-    widest = square_away > widest ? square_away : widest;
-    least_cosine = cosine < least_cosine ? cosine : least_cosine;
-  }
-  const float sine = least_cosine < 0.0f ? 1.0f : sqrt(least_cosine > 1.0f ? 0.0f : 1.0f - least_cosine * least_cosine);
-  bundle.sine = (1.0f + margin) * sine + 1e-4f;
-  bundle.sine = bundle.sine < 1.0f ? bundle.sine : 1.0f;
-  bundle.cosine = sqrt(1.0f - bundle.sine * bundle.sine);
-  bundle.radius = 1.0001f * sqrt(widest);
-  return bundle;
-}
-
-/* Flatter than that, a cone takes everything. */
-#define FLATTEST 0.2f
-
-/* The lanes whose sphere the rays of a bundle may meet. */
-TFM_INLINE Ints may_meet(const Bundle *bundle, Vec3 centre, Floats reach)
-{
-  const Vec3 v = vec3(centre.x - bundle->origin.x, centre.y - bundle->origin.y, centre.z - bundle->origin.z);
-  const Floats along = dot3(v, bundle->axis);
-  const Vec3 beside = vec3(v.x - along * bundle->axis.x, v.y - along * bundle->axis.y, v.z - along * bundle->axis.z);
-  const Floats square = dot3(beside, beside), distance = square * reciprocal_sqrt(square);
-  const Floats within = 1.0001f * reach + bundle->radius;
-  const Ints near = (distance * bundle->cosine - along * bundle->sine <= within) & (along >= -within);
-  return bundle->cosine < FLATTEST ? ints(-1) : near;
-}
-
-/* Lists the primitives of each bin, or only counts them.
-   primitives      as seen from the origin of the rays
-   parent_starts   [parents + 1], parent_members: lists of bins 2^parent_shift times as wide
-   size            texels along x and y
-   bins            columns, rows, texels along a side of a bin, columns of the parents
-   counts          out, [bins]: where bin_members is not written
-   bin_starts      where each list goes, bin_members out: where writes is not 0
-   whole           primitives that the one parent has, all of them; 0: it has a list */
-__kernel void list_primitives(ORIGIN, PRIMITIVE primitives, __global const int *parent_starts,
-                              __global const int *parent_members, int4 size, int4 bins, int parent_shift, float margin,
-                              __global int *counts, __global const int *bin_starts, __global int *bin_members, int whole,
-                              int writes)
-{
-  const int x = (int)get_global_id(0), y = (int)get_global_id(1);
-  if (x >= bins.x || y >= bins.y)
+  const int run = (int)get_global_id(0), first = run * bins.w;
+  if (first >= count)
     return;
-#if TFM_FROM_LIGHT
-  const Bundle bundle = bundle_of(light, size, x * bins.z, y * bins.z, bins.z, margin);
-#else
-  const Bundle bundle = bundle_of(view, size, x * bins.z, y * bins.z, bins.z, margin);
-#endif
-  const int bin = y * bins.x + x, parent = (y >> parent_shift) * bins.w + (x >> parent_shift);
-  const int first = whole ? 0 : parent_starts[parent], end = whole ? whole : parent_starts[parent + 1];
-  int found = writes ? bin_starts[bin] : 0;
+  const int end = first + bins.w < count ? first + bins.w : count;
+  __global int *of_run = places + (size_t)run * (size_t)(bins.x * bins.y);
+  if (!writes)
+    for (int bin = 0; bin < bins.x * bins.y; ++bin)
+      of_run[bin] = 0;
+  const float scale = 1.0f / (float)bins.z;
   for (int start = first; start < end; start += TFM_LANES) {
     FloatArray place[3], reach;
-    IntArray number;
     for (int lane = 0; lane < TFM_LANES; ++lane) {
-      const int i = start + lane < end ? start + lane : end - 1;
-      number.lane[lane] = whole ? i : parent_members[i];
-      PRIMITIVE one = primitives + number.lane[lane];
+      PRIMITIVE one = primitives + (start + lane < end ? start + lane : end - 1);
       for (int axis = 0; axis < 3; ++axis)
         place[axis].lane[lane] = one->centre[axis];
-      reach.lane[lane] = start + lane < end ? one->reach : -INFINITY;
+      reach.lane[lane] = one->reach;
     }
-    IntArray meets;
-    meets.lanes = may_meet(&bundle, vec3(place[0].lanes, place[1].lanes, place[2].lanes), reach.lanes) &
-                  (reach.lanes > 0.0f);
-    if (!any_lane(meets.lanes))
-      continue;
-    for (int lane = 0; lane < TFM_LANES; ++lane)
-      if (meets.lane[lane]) {
-        if (writes)
-          bin_members[found] = number.lane[lane];
-        ++found;
-      }
+    Floats low[2], high[2];
+    TEXELS_OF(vec3(place[0].lanes, place[1].lanes, place[2].lanes), reach.lanes, low, high);
+    IntArray from[2], to[2];
+    for (int axis = 0; axis < 2; ++axis) {
+      /* Rounded outwards: a thousandth of a texel is more than float32 errs by. */
+      const float most = (float)((axis == 0 ? bins.x : bins.y) - 1);
+      const Ints is_beside = (low[axis] > (most + 1.0f) * (float)bins.z) | !(high[axis] >= 0.0f) | !(low[axis] <= high[axis]);
+      from[axis].lanes = is_beside ? ints(1) : TO_INTS(clamp_to((low[axis] - TEXEL_MARGIN) * scale, most));
+      to[axis].lanes = is_beside ? ints(0) : TO_INTS(clamp_to((high[axis] + TEXEL_MARGIN) * scale, most));
+    }
+    for (int lane = 0; lane < TFM_LANES && start + lane < end; ++lane)
+      for (int y = from[1].lane[lane]; y <= to[1].lane[lane]; ++y)
+        for (int x = from[0].lane[lane]; x <= to[0].lane[lane]; ++x) {
+          __global int *next = of_run + y * bins.x + x;
+          if (writes)
+            bin_members[*next] = start + lane;
+          ++*next;
+        }
   }
-  if (!writes)
-    counts[bin] = found;
 }

@@ -111,4 +111,15 @@ TFM_INLINE Ints box_clip(Ray ray, const float *upper, Interval *interval)
   return interval->begin < interval->end;
 }
 
+/* Bounds of x / z over a ball around (x, z) of a plane, for what lies in front, z > 0; everything where it is partly behind,
+   nothing, low > high, where it is all behind. */
+TFM_INLINE void slope_bounds(Floats x, Floats z, Floats reach, Floats *low, Floats *high)
+{
+  const Ints ahead = z > reach, behind = z <= -reach;
+  const Floats inverse = 1.0f / (ahead ? (z - reach) * (z + reach) : floats(1.0f));
+  const Floats root = reach * sqrt(greatest(x * x + (z - reach) * (z + reach), floats(0.0f)));
+  *low = ahead ? (x * z - root) * inverse : behind ? floats(INFINITY) : floats(-INFINITY);
+  *high = ahead ? (x * z + root) * inverse : behind ? floats(-INFINITY) : floats(INFINITY);
+}
+
 #endif

@@ -68,6 +68,12 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   return sample;
 }
 
+/* Bounds of u and v over the rays that meet a ball in light space. */
+TFM_INLINE void light_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
+{
+  chart_bounds(light, p, reach, low, high);
+}
+
 TFM_INLINE Floats light_square(Vec3 p)
 {
   return dot3(p, p);

@@ -45,6 +45,18 @@ TFM_INLINE Floats nearest_to_origin(Ray ray, Interval part)
   return dot3(p, p);
 }
 
+/* How far positions in the plane of an octahedron move when a direction turns, at most: of n / (|x| + |y| + |z|) it is less
+   than 1 + sqrt(3). */
+#define CHART_TURN 2.74f
+
+/* More than the angle at which a ball is seen from the light, radians; infinite from within it. square: its distance. */
+TFM_INLINE Floats angle_of_ball(Floats square, Floats reach)
+{
+  const Ints outside = square > reach * reach;
+  const Floats away = outside ? square - reach * reach : floats(1.0f);
+  return outside ? reach * reciprocal_sqrt(away) : floats(INFINITY);
+}
+
 /* The value of u for points outside the map. */
 #define CHART_OUTSIDE -1.0f
 /* How far positions in the plane of a chart move per unit of length at distance 1, at most, where it is straight. */

@@ -66,6 +66,17 @@ TFM_INLINE LightSample light_at(LIGHT light, Vec3 p)
   return sample;
 }
 
+/* Bounds of u and v over the rays that meet a ball in light space. */
+TFM_INLINE void light_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
+{
+  const Floats at[2] = {p.x, p.y};
+  for (int axis = 0; axis < 2; ++axis) {
+    const float scale = 0.5f / light->shape[axis];
+    low[axis] = 0.5f + scale * (at[axis] - reach);
+    high[axis] = 0.5f + scale * (at[axis] + reach);
+  }
+}
+
 TFM_INLINE Floats light_square(Vec3 p)
 {
   return p.z * p.z;

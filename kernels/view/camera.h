@@ -24,11 +24,11 @@ TFM_INLINE Pixels tile_pixels(VIEW view, int4 window)
   return pixels;
 }
 
-/* World rays through points of the image, in pixels from its top left corner. */
-TFM_INLINE Ray ray_through(VIEW view, Floats x_pixels, Floats y_pixels)
+/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
+TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
 {
-  const Floats x = 2.0f * x_pixels / (float)view->image_size[0] - 1.0f;
-  const Floats y = 1.0f - 2.0f * y_pixels / (float)view->image_size[1];
+  const Floats x = 2.0f * (TO_FLOATS(pixels.x) + 0.5f) / (float)view->image_size[0] - 1.0f;
+  const Floats y = 1.0f - 2.0f * (TO_FLOATS(pixels.y) + 0.5f) / (float)view->image_size[1];
   const Vec3 forward = uniform_vec3(view->forward);
   const Vec3 right = uniform_vec3(view->right);
   const Vec3 up = uniform_vec3(view->up);
@@ -39,10 +39,21 @@ TFM_INLINE Ray ray_through(VIEW view, Floats x_pixels, Floats y_pixels)
   return ray;
 }
 
-/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
-TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
+/* Bounds, in pixels, of where the image shows a ball. */
+TFM_INLINE void image_bounds(VIEW view, Vec3 centre, Floats reach, Floats *low, Floats *high)
 {
-  return ray_through(view, TO_FLOATS(pixels.x) + 0.5f, TO_FLOATS(pixels.y) + 0.5f);
+  const Vec3 p = vec3(centre.x - view->position[0], centre.y - view->position[1], centre.z - view->position[2]);
+  const Vec3 right = uniform_vec3(view->right), up = uniform_vec3(view->up);
+  const Floats wide = dot3(right, right), high_up = dot3(up, up), z = dot3(p, uniform_vec3(view->forward));
+  const Floats per_right = reciprocal_sqrt(wide), per_up = reciprocal_sqrt(high_up);
+  Floats lowest, highest;
+  slope_bounds(dot3(p, right) * per_right, z, reach, &lowest, &highest);
+  const Floats half_width = 0.5f * (float)view->image_size[0], half_height = 0.5f * (float)view->image_size[1];
+  low[0] = half_width * (1.0f + lowest * per_right);
+  high[0] = half_width * (1.0f + highest * per_right);
+  slope_bounds(dot3(p, up) * per_up, z, reach, &lowest, &highest);
+  low[1] = half_height * (1.0f - highest * per_up);
+  high[1] = half_height * (1.0f - lowest * per_up);
 }
 
 /* Positions in buffers that hold the crop, of the pixels that are wanted. */

@@ -1,8 +1,8 @@
 """Primitives on the device, and lists of those that each bin of texels or pixels may meet.
 
 A camera or a light sees primitives in a way of its own: what is narrower than its texels is widened. Bins of
-`BIN` texels along a side list what their rays may meet. Larger bins are listed first, and each looks through
-the list of the one around it, so that a list costs what it holds, and its order is always the same.
+`BIN` texels along a side list what their rays may meet: counted, summed up and filled in, run by run, so that
+their order is always the same.
 """
 
 from __future__ import annotations
@@ -28,13 +28,16 @@ if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
 BIN = 8
-"""Texels along a side of the smallest bins: a multiple of every tile's."""
-REFINED = 3
-"""Bins are smaller by this power of two than those that they look through."""
+"""Texels along a side of bins: a multiple of every tile's."""
+SMALLEST_BIN = 4
+"""Of maps with fewer than `LEAST_BINS` such bins along a side."""
+LEAST_BINS = 32
+MOST_RUNS = 64
+"""Runs of primitives that are listed side by side."""
+LEAST_RUN = 256
+"""Primitives of a run, if there are several."""
 MOST_LISTED = 1 << 28
-"""Entries of all lists together: where smaller bins had more, they stay larger."""
-BENT = 0.5
-"""Of a cone's sine: how far rays between those looked at may lie outside of it, where a chart is folded."""
+"""Entries of all lists together: where there are more, bins grow."""
 BINS_OF_LIGHT = 128
 """Along each side, of lights whose rays are followed to points between texels."""
 
@@ -66,7 +69,6 @@ class Eye:
     """From the device's."""
     footprint: tuple[float, float]
     """Width of a texel at the origin, and what it gains per unit of distance; 0 to take primitives as they are."""
-    margin: float = 0.0
 
     @classmethod
     def of_camera(cls, scene: Scene, view: cl.Buffer) -> Eye:
@@ -88,7 +90,6 @@ class Eye:
             (res, res),
             light.frame().world_from_light[:3, 3] - device_origin,
             (near, far - near) if widens else (0.0, 0.0),
-            0.0 if light.has_flat_chart else BENT,
         )
 
 
@@ -182,7 +183,7 @@ class PrimitivesOnDevice:
             struct["weights"] = weight.ravel()
         return self._launcher.upload("the kinds of primitives", structs)
 
-    def listed(self, sets: cl.Buffer, eye: Eye, finest: int = BIN) -> Listed:
+    def listed(self, sets: cl.Buffer, eye: Eye, finest: int | None = None) -> Listed:
         """List what the rays of an eye may meet.
 
         Parameters
@@ -190,7 +191,7 @@ class PrimitivesOnDevice:
         sets
             Of `sets`.
         finest
-            Texels along a side of the smallest bins.
+            Texels along a side of the smallest bins; by default as `BIN` and `LEAST_BINS` have it.
 
         Raises
         ------
@@ -213,50 +214,40 @@ class PrimitivesOnDevice:
             },
         )
         kernel = launcher.kernels.kernel("list_primitives", "primitives.cl", headers, defines)
-        none = launcher.upload("no list", np.zeros(2, np.int32))
-        found: Listed | None = None
-        parent_columns, parents, members = 1, none, none
-        for edge in _edges(eye.size, finest):
+        runs = min(MOST_RUNS, -(-count // LEAST_RUN))
+        run = -(-count // runs)
+        edge = finest or _finest(eye.size)
+        while True:
             columns, rows = (-(-texels // edge) for texels in eye.size)
-            counts = launcher.empty("the lengths of lists", 4 * columns * rows, reuse=True)
+            places = launcher.empty("the lengths of lists", 4 * runs * columns * rows, reuse=True)
             arguments = {
                 **eye.arguments,
                 "primitives": seen,
-                "parent_starts": parents,
-                "parent_members": members,
                 "size": (*eye.size, 0, 0),
-                "bins": (columns, rows, edge, parent_columns),
-                "parent_shift": REFINED,
-                "margin": eye.margin,
-                "counts": counts,
-                "bin_starts": none,
-                "bin_members": none,
-                "whole": count if found is None else 0,
+                "bins": (columns, rows, edge, run),
+                "places": places,
+                "bin_members": places,
+                "count": count,
                 "writes": 0,
             }
-            launcher.run(kernel, (columns, rows), arguments)
-            starts = np.zeros(columns * rows + 1, np.int64)
-            np.cumsum(launcher.download(counts, (columns * rows,), np.int32), out=starts[1:])
-            total = int(starts[-1])
-            if 4 * total > min(launcher.largest_buffer, 4 * MOST_LISTED):
-                if found is None:
-                    raise DeviceMemoryError(
-                        f"{count:,} primitives are in {total:,} lists of bins: more than the device holds"
-                    )
+            launcher.run(kernel, (runs,), arguments)
+            counts = launcher.download(places, (runs, columns * rows), np.int32)
+            lengths = counts.sum(axis=0, dtype=np.int64)
+            total = int(lengths.sum())
+            if 4 * total <= min(launcher.largest_buffer, 4 * MOST_LISTED):
                 break
-            members = launcher.empty("the lists of primitives", 4 * max(total, 1), reuse=True)
-            parents = launcher.upload("where lists begin", starts.astype(np.int32))
-            launcher.run(
-                kernel,
-                (columns, rows),
-                arguments | {"bin_starts": parents, "bin_members": members, "writes": 1},
-            )
-            parent_columns = columns
-            shift = edge.bit_length() - 1
-            longest = int(np.diff(starts).max())
-            found = Listed(seen, parents, members, (columns, rows, shift, 0), longest, total)
-        assert found is not None
-        return found
+            if columns * rows == 1:
+                raise DeviceMemoryError(f"{count:,} primitives are more than a list of the device holds")
+            edge *= 2
+        starts = np.zeros(columns * rows + 1, np.int64)
+        np.cumsum(lengths, out=starts[1:])
+        begins = np.cumsum(counts, axis=0, dtype=np.int64) - counts + starts[:-1]
+        launcher.write(places, begins.astype(np.int32))
+        members = launcher.empty("the lists of primitives", 4 * max(total, 1), reuse=True)
+        launcher.run(kernel, (runs,), arguments | {"bin_members": members, "writes": 1})
+        where = launcher.upload("where lists begin", starts.astype(np.int32))
+        bins = columns, rows, edge.bit_length() - 1, 0
+        return Listed(seen, where, members, bins, int(lengths.max(initial=0)), total)
 
 
 @dataclass(frozen=True)
@@ -291,16 +282,11 @@ def join_lists(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
     return Joined(Listed(first.primitives, where, members, first.bins, longest, int(ends[-1])), numbers)
 
 
-FEW = 16
-"""Bins in all that may look through all primitives."""
-
-
-def _edges(size: tuple[int, int], finest: int) -> list[int]:
-    """Texels along a side of bins, from the largest to the smallest."""
-    edges = [finest]
-    while -(-size[0] // edges[0]) * -(-size[1] // edges[0]) > FEW:
-        edges.insert(0, edges[0] << REFINED)
-    return edges
+def _finest(size: tuple[int, int]) -> int:
+    edge = BIN
+    while edge > SMALLEST_BIN and max(size) // edge < LEAST_BINS:
+        edge //= 2
+    return edge
 
 
 def _sources(body: Primitives, number: int, origin: NDArray[np.float64]) -> NDArray[Any]:

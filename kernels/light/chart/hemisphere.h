@@ -24,6 +24,21 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * ((p.x - p.y) * shrink);
 }
 
+/* Bounds of u and v over the rays that meet a ball. A position moves at most CHART_TURN times as far as the direction. */
+TFM_INLINE void chart_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
+{
+  const Floats square = dot3(p, p), angle = CHART_TURN * angle_of_ball(square, reach);
+  const Floats z = greatest(p.z, floats(0.0f)), size = magnitude_of(p.x) + magnitude_of(p.y) + z;
+  const Floats shrink = 1.0f / (size > 0.0f ? size : floats(1.0f));
+  const Floats at[2] = {(p.x + p.y) * shrink, (p.x - p.y) * shrink};
+  const Ints behind = p.z < -reach;
+  for (int axis = 0; axis < 2; ++axis) {
+    const float scale = light->chart[axis], offset = light->chart[2 + axis];
+    low[axis] = behind ? floats(INFINITY) : offset + scale * (at[axis] - 1.5f * angle);
+    high[axis] = behind ? floats(-INFINITY) : offset + scale * (at[axis] + 1.5f * angle);
+  }
+}
+
 /* Within a face. */
 TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
 {

@@ -49,6 +49,27 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * y;
 }
 
+/* Bounds of u and v over the rays that meet a ball; all where it may lie across the seam. A position moves at most
+   CHART_TURN times as far as the direction. */
+TFM_INLINE void chart_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
+{
+  Floats at[2];
+  chart_position(light, p, at, at + 1);
+  const Floats angle = CHART_TURN * angle_of_ball(dot3(p, p), reach);
+  Ints near_seam = ints(0);
+  for (int axis = 0; axis < 2; ++axis) {
+    const float scale = light->chart[axis], offset = light->chart[2 + axis];
+    /* The border repeats rays from across the seam. */
+    near_seam |= magnitude_of(at[axis] - offset) + scale * angle > 2.0f * scale - 0.5f;
+    low[axis] = at[axis] - scale * angle;
+    high[axis] = at[axis] + scale * angle;
+  }
+  for (int axis = 0; axis < 2; ++axis) {
+    low[axis] = near_seam ? floats(-INFINITY) : low[axis];
+    high[axis] = near_seam ? floats(INFINITY) : high[axis];
+  }
+}
+
 /* Within a face. */
 TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
 {

@@ -20,6 +20,17 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * (p.y * away);
 }
 
+/* Bounds of u and v over the rays that meet a ball. */
+TFM_INLINE void chart_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
+{
+  slope_bounds(p.x, p.z, reach, low, high);
+  slope_bounds(p.y, p.z, reach, low + 1, high + 1);
+  for (int axis = 0; axis < 2; ++axis) {
+    low[axis] = light->chart[2 + axis] + light->chart[axis] * low[axis];
+    high[axis] = light->chart[2 + axis] + light->chart[axis] * high[axis];
+  }
+}
+
 /* Less than 76 degrees off the axis. */
 TFM_INLINE Ints chart_is_straight(Vec3 a, Vec3 b, float rounding)
 {

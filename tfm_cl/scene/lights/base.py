@@ -98,11 +98,6 @@ class Light(Model):
             When the map has to be `fitted` first, or only the `parts` of the light have maps.
         """
 
-    @property
-    def has_flat_chart(self) -> bool:
-        """Whether the rays of a rectangle of its map lie between those of the corners."""
-        return True
-
     @abstractmethod
     def footprint(self, distance: float) -> float:
         """Width of the map at a distance from the light's origin, if all texels were as wide as the widest.

@@ -10,7 +10,6 @@ from pydantic import Field, PrivateAttr
 
 from tfm_cl.model import Vec3
 from tfm_cl.scene.lights.base import Floats, Light, LightFrame, Reach
-from tfm_cl.scene.lights.charts import Perspective
 from tfm_cl.scene.lights.fitting import Cone, View, fitted_view, whole_view
 from tfm_cl.scene.transform import turned
 
@@ -82,11 +81,6 @@ class PlacedLight(Light):
         if self.nearest(bounds) < NEAR * np.linalg.norm(bounds[1] - bounds[0]):
             return False
         return self.reach is None and not self.is_textured
-
-    @property
-    def has_flat_chart(self) -> bool:
-        """As `Light.has_flat_chart`."""
-        return isinstance(self.view.chart, Perspective)
 
     def footprint(self, distance: float) -> float:
         """As `Light.footprint`."""
