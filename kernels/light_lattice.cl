@@ -4,6 +4,7 @@
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/lattice.h"
+#include "phase/phase.h"
 
 /* Voxels of a record that no other has: those of its block. The ones after, for cells at the block's end, are the first
    of the blocks that follow, where these have a record. */
@@ -98,7 +99,10 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
   Floats depth[TFM_CHANNELS];
   Ints samples = ints(0);
   light_optical_depths(&scene, light, &buffers, &path, wanted, &samples, depth);
-  const Floats source = TFM_PHASE(media, -dot3(sample.direction, in_light.direction)) * sample.strength;
+#if TFM_TANGENTS
+  const FibreAngles fibres = no_strands(); /* voxels have none */
+#endif
+  const Floats source = PHASE_OF(media, -dot3(sample.direction, in_light.direction), &fibres) * sample.strength;
   LatticeValue sum;
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sum.of[TFM_LATTICE_COLOURS + c] = transmittance_of(depth[c]);

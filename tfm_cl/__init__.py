@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
     from tfm_cl.scene.medium import Medium
-    from tfm_cl.scene.phases import HenyeyGreenstein, Isotropic
+    from tfm_cl.scene.phases import HenyeyGreenstein, Isotropic, KajiyaKay
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
     from tfm_cl.scene.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
@@ -46,6 +46,7 @@ _HOME = {
     "HenyeyGreenstein": "scene.phases",
     "InputError": "errors",
     "Isotropic": "scene.phases",
+    "KajiyaKay": "scene.phases",
     "MapSettings": "scene.settings",
     "MarchSettings": "scene.settings",
     "Medium": "scene.medium",
@@ -83,6 +84,7 @@ __all__ = [
     "HenyeyGreenstein",
     "InputError",
     "Isotropic",
+    "KajiyaKay",
     "MapSettings",
     "MarchSettings",
     "Medium",

@@ -2,13 +2,17 @@
    Media are told apart, since each has a colour and a phase function of its own; so are red, green and blue where voxels
    have a colour. Light passes march one field of density at a time, and know of no media: there it is one number.
    Requires: TFM_MEDIA, at least 1; TFM_AMOUNTS, 1 or 3, that are kept of each; TFM_VOXEL_CHANNELS, 1 or 3, that a grid
-   has; TFM_MEDIUM_OF_GRID(i) and TFM_MEDIUM_OF_BODY(i), constants; TFM_PRIMITIVES, 1 where there are any. */
+   has; TFM_MEDIUM_OF_GRID(i) and TFM_MEDIUM_OF_BODY(i), constants; TFM_PRIMITIVES, 1 where there are any;
+   TFM_TANGENTS, 1 where a phase function asks how strands lie. */
 #ifndef TFM_AMOUNTS_H
 #define TFM_AMOUNTS_H
 
 #include "core/ray.h"
 #ifndef TFM_PRIMITIVES
 #define TFM_PRIMITIVES 0
+#endif
+#ifndef TFM_TANGENTS
+#define TFM_TANGENTS 0
 #endif
 
 /* Kernels take the same without grids. */

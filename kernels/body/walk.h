@@ -234,6 +234,11 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
     for (int m = 0; m < TFM_MEDIA; ++m)
       for (int c = 0; c < TFM_AMOUNTS; ++c)
         deposits->of[i][m][c] = floats(0.0f);
+#if TFM_TANGENTS
+  for (int i = 0; i < end - first; ++i)
+    for (int k = 0; k < TANGENTS; ++k)
+      deposits->tangents[i][k] = floats(0.0f);
+#endif
   const Floats begins = deposits->edge[0], ends = deposits->edge[end - first];
   Ints left = active & (lists->bin >= 0) & (walk->steps > first), here;
   for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
@@ -289,6 +294,12 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
 #define IS_MARKED(steps, n) is_marked(&(steps)->deposits, n)
 #else
 #define IS_MARKED(steps, n) 0
+#endif
+/* Sums of the tangents of the strands in a step. */
+#if TFM_PRIMITIVES && TFM_TANGENTS
+#define TANGENTS_OF(steps, n) (steps)->deposits.tangents[(n) - (steps)->deposits.first]
+#else
+#define TANGENTS_OF(steps, n) 0
 #endif
 
 /* Where the search goes on after step n, when all before `empty` have no voxel to be read. */

@@ -7,6 +7,9 @@
 
 #include "primitive/lists.h"
 #include "primitive/crossing.h"
+#if TFM_TANGENTS
+#include "phase/fibres.h"
+#endif
 
 /* Steps that one look through the lists serves. */
 #define DEPOSIT_STEPS 128
@@ -16,6 +19,9 @@ typedef struct {
   uint marks[DEPOSIT_STEPS / 32];                   /* bits: steps in which anything lies */
   Floats edge[DEPOSIT_STEPS + 1];                   /* ray parameters of the steps' ends */
   Floats of[DEPOSIT_STEPS][TFM_MEDIA][TFM_AMOUNTS]; /* optical depth of the density in each */
+#if TFM_TANGENTS
+  Floats tangents[DEPOSIT_STEPS][TANGENTS]; /* of the strands, weighted by that */
+#endif
 } Deposits;
 
 TFM_INLINE int is_marked(const Deposits *deposits, int n)
@@ -43,6 +49,12 @@ TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints cros
     const Floats part = crosses ? greatest(behind - before, floats(0.0f)) : floats(0.0f);
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       deposits->of[i][medium][c] += primitive->amount[c] * part;
+#if TFM_TANGENTS
+    const float x = primitive->tangent[0], y = primitive->tangent[1], z = primitive->tangent[2];
+    const float products[TANGENTS] = {x * x, y * y, z * z, x * y, x * z, y * z};
+    for (int k = 0; k < TANGENTS; ++k)
+      deposits->tangents[i][k] += products[k] * part;
+#endif
     deposits->marks[i >> 5] |= 1u << (i & 31);
     before = behind;
   }

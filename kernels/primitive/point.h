@@ -63,6 +63,8 @@ TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Pri
   seen->reach = across;
   seen->profile = is_small ? POINT_SMOOTH : set->profile;
   seen->shape[0] = 1.0f / (across * across);
+  for (int axis = 0; axis < 3; ++axis)
+    seen->tangent[axis] = 0.0f;
   seen->shape[1] = radius;
   seen->shape[2] = 1.0f / radius;
   const float held = set->mass * radius * radius * radius * source->amount;

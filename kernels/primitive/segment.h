@@ -68,6 +68,8 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   seen->shape[7] = 1.0f / set->extinction;
   seen->reach = 0.5f * sqrt(square) + (widest > narrowest ? widest : narrowest);
   seen->profile = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    seen->tangent[axis] = square > 0.0f ? seen->shape[axis] / sqrt(square) : 0.0f;
   return 1.0f;
 }
 

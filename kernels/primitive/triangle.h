@@ -76,6 +76,8 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   /* The ball around the first corner is larger than that around the middle. */
   seen->reach = is_small ? narrowest : 2.0f * farthest;
   seen->profile = is_small;
+  for (int axis = 0; axis < 3; ++axis)
+    seen->tangent[axis] = 0.0f;
   return 1.0f;
 }
 

@@ -1,8 +1,8 @@
 /* Single scattering of lights along camera rays: TFM algorithm 1 with section 4.2, eq. 4. With TFM_METHOD_DUAL the
    reduced intensity is marched instead of looked up: the reference; every other line is shared.
    Includes expected before: a light header, and those of the phase functions.
-   Requires: what reduced_intensity.h and camera_sums.h do; TFM_PHASE(medium, mu), the medium's phase function; TFM_SHARED
-   1 where lights reach all of every ray and are sampled in the world: they share the samples of the camera's rays. */
+   Requires: what reduced_intensity.h and camera_sums.h do; TFM_PHASE(medium, mu, fibres), the medium's phase function;
+   TFM_SHARED 1 where lights reach all of every ray and are sampled in the world: they share the samples of the camera's rays. */
 #ifndef TFM_SCATTER_H
 #define TFM_SCATTER_H
 
@@ -10,6 +10,7 @@
 #include "core/quadrature.h"
 #include "light/batch.h"
 #include "light/stretch.h"
+#include "phase/phase.h"
 #include "view/camera_sums.h"
 
 /* How a light arrives at a sample. */
@@ -19,6 +20,9 @@ typedef struct {
 #else
   Floats mu; /* cosine between its travel and the direction to the camera */
   Floats strength;
+#if TFM_TANGENTS
+  FibreAngles fibres;
+#endif
 #endif
   Floats visible; /* the part of it that no solid stops */
 #if TFM_TEXTURE
@@ -27,17 +31,37 @@ typedef struct {
   LightPath path;
 } LightArrival;
 
-/* inside: bits of the bodies that the sample is known to lie in. is_lit: no solid is in the way. */
+#if TFM_TANGENTS
+/* How strands whose tangents have these sums lie between a light's travel, in its space, and a camera ray. */
+TFM_INLINE FibreAngles angles_at(LIGHT light, Vec3 travel, Ray ray, const Floats *tangents)
+{
+  if (!tangents)
+    return no_strands();
+  return fibre_angles(tangents, transform_vector(light->world_from_light, travel),
+                      scale3(floats(-1.0f), ray.direction));
+}
+#endif
+
+/* tangents: sums of those of the strands there, 0 where there are none. inside: bits of the bodies that the sample is known
+   to lie in. is_lit: no solid is in the way. */
 TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, LIGHT light, Ray ray, Ray light_space_ray,
-                                      Floats t, int inside, int is_lit)
+                                      Floats t, const Floats *tangents, int inside, int is_lit)
 {
   const LightBuffers *buffers = lights->buffers;
   const LightSample sample = light_at(light, ray_at(light_space_ray, t));
   LightArrival arrival;
   const Floats mu = -dot3(sample.direction, light_space_ray.direction);
-#if TFM_MEDIA == 1
-  arrival.source = TFM_PHASE(scene->media, mu) * sample.strength;
+#if TFM_TANGENTS
+  const FibreAngles fibres = angles_at(light, sample.direction, ray, tangents);
 #else
+  (void)tangents;
+#endif
+#if TFM_MEDIA == 1
+  arrival.source = PHASE_OF(scene->media, mu, &fibres) * sample.strength;
+#else
+#if TFM_TANGENTS
+  arrival.fibres = fibres;
+#endif
   arrival.mu = mu;
   arrival.strength = sample.strength;
 #endif
@@ -61,7 +85,7 @@ TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArriva
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
-    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * TFM_PHASE(&media[m], arrival->mu);
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * PHASE_OF(&media[m], arrival->mu, &arrival->fibres);
   const Floats extinct = extinguished(media, step, colour);
   return extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
 #endif
@@ -171,7 +195,8 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       LightArrival arrival[MOST_STEPS];
       Floats arrives[MOST_STEPS][TFM_CHANNELS];
       for (int k = 0; k < count; ++k)
-        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t, 0, 0);
+        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t,
+                                   TANGENTS_OF(&list, list.n[k]), 0, 0);
       for (int k = 0; k < count; ++k) {
         if (any_lane(arrival[k].visible > 0.0f))
           light_optical_depths(scene, light, lights->buffers, &arrival[k].path, any_amount(&step[k]), &sums->samples,
@@ -330,7 +355,7 @@ TFM_INLINE StepLight light_of_step(const Scene *scene, const Lights *lights, LIG
   const Amounts step = amounts_in_bodies(scene, on_ray, steps, placed.begin, length);
   const Amounts until = amounts_in_bodies(scene, on_ray, steps, floats(0.0f), placed.begin);
   const LightArrival arrival = light_arrival(scene, lights, light, ray, light_space_ray,
-                                             steps->begin + steps->length * placed.middle, ALONE ? ~0 : 0, is_lit);
+                                             steps->begin + steps->length * placed.middle, 0, ALONE ? ~0 : 0, is_lit);
   StepLight found;
   light_optical_depths(scene, light, lights->buffers, &arrival.path, here, samples, found.way);
   found.visible = arrival.visible;

@@ -30,7 +30,7 @@ def test_phase_functions(launcher, phases):
     on_device = media_on_device(launcher, scene, None)
     mu = np.concatenate([np.linspace(-1, 1, 999), [1.0]]).astype(np.float32)
 
-    defines = {"TFM_PHASE(medium, mu)": on_device.defines["TFM_PHASE(medium, mu)"]}
+    defines = {name: on_device.defines[name] for name in ("TFM_PHASE(medium, mu, fibres)", "TFM_TANGENTS")}
     calls = Calls(
         launcher, "phase_functions.cl", on_device.headers, defines, {"media": medium_structs(media)}
     )

@@ -140,10 +140,14 @@ def media_on_device(
             "TFM_FIELDS": fields.count,
             "TFM_MEDIUM_OF_GRID(i)": _number_of(grids, scene, media),
             "TFM_MEDIUM_OF_BODY(i)": _number_of(bodies, scene, media),
-            "TFM_PHASE(medium, mu)": choice(
+            "TFM_PHASE(medium, mu, fibres)": choice(
                 "(medium)->phase_kind",
-                ((numbers.index(phase), f"{PurePath(phase.HEADER).stem}(medium, mu)") for phase in phases),
+                (
+                    (numbers.index(phase), PurePath(phase.HEADER).stem + phase.ARGUMENTS)
+                    for phase in phases
+                ),
             ),
+            "TFM_TANGENTS": int(any(phase.KNOWS_TANGENTS for phase in phases)),
             **{
                 f"TFM_BODY_{function.upper()}{arguments}": choice(
                     "(body)->kind",

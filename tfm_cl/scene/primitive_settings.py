@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from tfm_cl.errors import SceneError
-from tfm_cl.files import points_io
+from tfm_cl.errors import SceneError, VolumeError
+from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import Model, Vec3, number_or_auto, section_within
 from tfm_cl.scene import placement
+from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
+from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.transform import Transform
 
 if TYPE_CHECKING:
@@ -32,14 +35,10 @@ SEED = 20010702
 LONE_RADIUS = 1.0
 """Of points that have no neighbour elsewhere, world units."""
 
+THINNEST = 1e-3
+"""Width of strands whose file says none, of the diagonal of their bounds."""
+
 P = TypeVar("P", bound=Primitives)
-
-
-class Stored(Protocol):
-    """What a file says of how much its primitives hold."""
-
-    densities: NDArray[np.float32] | None
-    opacities: NDArray[np.float32] | None
 
 
 class PrimitiveSettings(Model):
@@ -49,17 +48,12 @@ class PrimitiveSettings(Model):
     KEY: ClassVar[str]
     """That names the file, and tells what kind it is."""
 
-    density: Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COLOUR)] = Field(
-        None,
-        description="extinction at the middle of each is density * sigma_t; times the file's own, if any; "
-        "auto: a sensible optical depth, which is also taken where neither this nor any opacity is given",
-    )
     opacity: float | None = Field(
         None,
         ge=0,
         le=1,
-        description="instead of density: part of the light that one crossing through the middle takes at "
-        "sigma_t = 1; times the file's own, if any",
+        description="part of the light that one crossing takes at sigma_t = 1, through the middle of a point; "
+        "times the file's own, if any",
     )
     colour: Vec3 | None = Field(
         None, description="extinction relative to the density, RGB, instead of the file's"
@@ -86,24 +80,13 @@ class PrimitiveSettings(Model):
         chosen = {key: value for key, (value, _) in body.chosen.items()}
         return self.to_dict() | chosen | {self.KEY: str(real_path(self.source(folder)))}
 
-    def _amounts(self, stored: Stored) -> tuple[Any, Any]:
-        """Return density and opacity of a file's primitives; one of them, or both, are None."""
-        if self.density is not None and self.opacity is not None:
-            raise SceneError("volume: both density and opacity are given; keep one")
-        if self.opacity is not None or (self.density is None and stored.opacities is not None):
-            return None, _times(self.opacity, stored.opacities)
-        return _times(None if self.density == "auto" else self.density, stored.densities), None
+    def _moved(self, body: P) -> P:
+        """Move the body to where it was asked for."""
+        return body if self.transform is None else body.transformed(np.reshape(self.transform, (4, 4)))
 
-    def _finished(self, body: P, chosen: dict[str, tuple[Any, str]], *, scales: bool) -> P:
-        """Move the body, and choose the density where it is left open and scales what the file says."""
-        if self.transform is not None:
-            body = body.transformed(np.reshape(self.transform, (4, 4)))
-        if scales and not isinstance(self.density, float):
-            factor = placement.density_scale_for(body)
-            body = body.with_density(factor)
-            chosen["density"] = factor, placement.WHY_DENSITY
-        body.chosen = chosen
-        return body
+
+Density = Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COLOUR)]
+Length = Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COORDINATE)]
 
 
 def _points_file(value: Any) -> str:
@@ -117,7 +100,13 @@ class PointsSettings(PrimitiveSettings):
     points: Annotated[str, PlainValidator(_points_file)] = Field(
         description="file of points (particles), relative to the scene file"
     )
-    radius: Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COORDINATE)] = Field(
+    density: Density = Field(
+        None,
+        description="instead of opacity: extinction at the middle of each is density * sigma_t; times the file's "
+        "own, if any; auto: a sensible optical depth, which is also taken where neither this nor any opacity is "
+        "given",
+    )
+    radius: Length = Field(
         None,
         description="where each point's density ends, in the file's units, instead of its own; auto: twice the "
         "median distance to the nearest neighbour, which is also taken where the file says none",
@@ -130,25 +119,118 @@ class PointsSettings(PrimitiveSettings):
 
     def load(self, folder: Path) -> Points:
         """As `PrimitiveSettings.load`."""
+        if self.density is not None and self.opacity is not None:
+            raise SceneError("volume: both density and opacity are given; keep one")
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = points_io.read_points(source)
         radius: Any = stored.radii if self.radius is None else self.radius
         if radius is None or isinstance(radius, str):
             radius = spacing_radius(stored.positions)
             chosen["radius"] = radius, f"{OVERLAP:g} median distances to the nearest neighbour"
-        density, opacity = self._amounts(stored)
-        points = Points(
-            stored.positions,
-            radius,
-            density,
-            opacity=opacity,
-            profile=self.profile,
-            colour=stored.colours if self.colour is None else self.colour,
-            velocity=stored.velocities,
-            medium=self.medium,
-            source=source,
+        opacity = None if self.density is not None else _times(self.opacity, stored.opacities)
+        has_factor = isinstance(self.density, float)
+        points = self._moved(
+            Points(
+                stored.positions,
+                radius,
+                None if opacity is not None else _times(self.density if has_factor else None, stored.densities),
+                opacity=opacity,
+                profile=self.profile,
+                colour=stored.colours if self.colour is None else self.colour,
+                velocity=stored.velocities,
+                medium=self.medium,
+                source=source,
+            )
         )
-        return self._finished(points, chosen, scales=opacity is None)
+        if opacity is None and not has_factor:
+            factor = placement.density_scale_for(points)
+            points = points.with_density(factor)
+            chosen["density"] = factor, placement.WHY_DENSITY
+        points.chosen = chosen
+        return points
+
+
+def _curves_file(value: Any) -> str:
+    return name_of(value, "a file of curves")
+
+
+class CurvesSettings(PrimitiveSettings):
+    """Strands of a file."""
+
+    KEY: ClassVar[str] = "curves"
+    curves: Annotated[str, PlainValidator(_curves_file)] = Field(
+        description="file of curves (hair, fur), relative to the scene file"
+    )
+    density: float | None = Field(
+        None,
+        ge=0,
+        le=LARGEST_COLOUR,
+        description="instead of opacity: a crossing of a strand has the optical depth density * width at "
+        "sigma_t = 1",
+    )
+    width: Length = Field(
+        None,
+        description="of all strands, from edge to edge, in the file's units, instead of the file's; auto: a "
+        "thousandth of the diagonal of their bounds, which is also taken where the file says none",
+    )
+
+    def load(self, folder: Path) -> Curves:
+        """As `PrimitiveSettings.load`."""
+        if self.density is not None and self.opacity is not None:
+            raise SceneError("volume: both density and opacity are given; keep one")
+        source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
+        stored = curves_io.read_curves(source)
+        width: Any = stored.widths if self.width is None else self.width
+        if width is None or isinstance(width, str):
+            extent = np.ptp(stored.positions.astype(np.float64), axis=0)
+            width = float(f"{THINNEST * float(np.linalg.norm(extent)):.2g}")
+            chosen["width"] = width, f"{THINNEST:g} of the diagonal of their bounds"
+        curves = self._moved(
+            Curves(
+                stored.positions,
+                stored.counts,
+                width,
+                self.density,
+                opacity=None if self.density is not None else _times(self.opacity, stored.opacities),
+                colour=stored.colours if self.colour is None else self.colour,
+                medium=self.medium,
+                source=source,
+            )
+        )
+        curves.chosen = chosen
+        return curves
+
+
+def _mesh_file(value: Any) -> str:
+    return name_of(value, "a mesh file")
+
+
+class PolygonsSettings(PrimitiveSettings):
+    """Triangles of a file."""
+
+    KEY: ClassVar[str] = "mesh"
+    mesh: Annotated[str, PlainValidator(_mesh_file)] = Field(
+        description="file of triangles, relative to the scene file, as of a [[solid]]; their colours are not read"
+    )
+
+    def load(self, folder: Path) -> Polygons:
+        """As `PrimitiveSettings.load`."""
+        source = self.source(folder)
+        solid = MeshSolid(mesh=str(source))
+        try:
+            triangles = solid.load()
+        except SceneError as error:
+            raise VolumeError(*error.args) from None
+        return self._moved(
+            Polygons(
+                triangles.vertices,
+                triangles.faces,
+                1.0 if self.opacity is None else self.opacity,
+                colour=self.colour,
+                medium=self.medium,
+                source=source,
+            )
+        )
 
 
 def spacing_radius(positions: NDArray[np.floating]) -> float:

@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
-from tfm_cl.files import points_io, volume_io
+from tfm_cl.files import curves_io, points_io, volume_io
 from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.volume_io import colour as colour_io
@@ -29,7 +29,12 @@ from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
-from tfm_cl.scene.primitive_settings import PointsSettings, PrimitiveSettings
+from tfm_cl.scene.primitive_settings import (
+    CurvesSettings,
+    PointsSettings,
+    PolygonsSettings,
+    PrimitiveSettings,
+)
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -167,7 +172,7 @@ BodySettings = VolumeSettings | PrimitiveSettings | Homogeneous
 BODIES: dict[str, Callable[[Values], BodySettings]] = {
     "file": VolumeSettings.from_table,
     "shape": parse_homogeneous,
-    **{cls.KEY: cls.from_table for cls in (PointsSettings,)},
+    **{cls.KEY: cls.from_table for cls in (PointsSettings, CurvesSettings, PolygonsSettings)},
 }
 """Key of a body's table -> what makes a body of such a table: the key tells of what kind it is."""
 
@@ -368,7 +373,7 @@ def _values_of(path: Path) -> Values:
     if body is not None:
         return {"volume": body, "map": {"res": "auto", "steps": "auto"}, "march": {"steps": "auto"}}
     if path.suffix.lower() != ".toml":
-        known = " ".join(sorted({".toml", *volume_io.FORMATS, *points_io.FORMATS}))
+        known = " ".join(sorted({".toml", *volume_io.FORMATS, *points_io.FORMATS, *curves_io.FORMATS}))
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
     if check_readable(path, SceneError) > MAX_BYTES:
         raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
@@ -384,21 +389,26 @@ def _values_of(path: Path) -> Values:
 def _bare_body(path: Path) -> Values | None:
     """Return the table of the body that a file holds; None where it is none."""
     suffix = path.suffix.lower()
-    if suffix in points_io.FORMATS and (suffix not in volume_io.FORMATS or _has_positions(path)):
-        return {"points": path.name}
+    if suffix == ".npz":
+        names = _arrays_of(path)
+        if "counts" in names:
+            return {"curves": path.name}
+        if not names.isdisjoint(POSITIONS):
+            return {"points": path.name}
     if suffix in volume_io.FORMATS:
         return {"file": path.name, "density_scale": "auto"}
-    return None
+    if suffix in points_io.FORMATS:
+        return {"points": path.name}
+    return {"curves": path.name} if suffix in curves_io.FORMATS else None
 
 
-def _has_positions(path: Path) -> bool:
-    """Whether an archive of arrays is one of points; one that cannot be read is for its reader to refuse."""
+def _arrays_of(path: Path) -> set[str]:
+    """Return the names in an archive of arrays; of one that cannot be read none: its reader refuses it."""
     try:
         with zipfile.ZipFile(path) as archive:
-            names = {Path(name).stem.lower() for name in archive.namelist()}
+            return {Path(name).stem.lower() for name in archive.namelist()}
     except (OSError, zipfile.BadZipFile):
-        return False
-    return not names.isdisjoint(POSITIONS)
+        return set()
 
 
 def _tables(values: Values, faults: Faults) -> Values:

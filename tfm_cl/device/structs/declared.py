@@ -154,5 +154,6 @@ PRIMITIVE = Struct(
         Field("int", "profile", 1, "as its kind has it"),
         Field("int", "medium", 1, "number of its medium"),
         Field("float", "shape", 8, "as its kind has it"),
+        Field("float", "tangent", 3, "unit vector along a strand, 0 without"),
     ),
 )

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.constants import MOST_OPACITY
-from tfm_cl.errors import SceneError, VolumeError
-from tfm_cl.files.mesh_io.triangles import checked
-from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, rigid_scale
+from tfm_cl.errors import VolumeError
+from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of, rigid_scale
 from tfm_cl.scene.medium import parse_medium
 
 if TYPE_CHECKING:
@@ -70,11 +69,8 @@ class Polygons(Primitives):
         source: Path | None = None,
     ) -> None:
         self.source, self.chosen = source, {}
-        try:
-            triangles = checked(self.label, vertices, faces)
-        except SceneError as error:
-            raise VolumeError(*error.args) from None
-        corners = np.asarray(triangles.vertices, dtype=np.float64)[triangles.faces]
+        places = positions_of(vertices, "vertices", self.label)
+        corners = places[_rows(faces, len(places), self.label)]
         taken = numbers_of(opacity, len(corners), "opacity", self.label, most=1.0)
         depths = -np.log1p(-np.minimum(taken, MOST_OPACITY))
         self._fill(corners, depths, colours_of(colour, len(corners), self.label), medium)
@@ -155,3 +151,19 @@ class Polygons(Primitives):
     def __repr__(self) -> str:
         coloured = "" if self._colour is None else "coloured, "
         return f"Polygons({self.label}, {len(self.corners)} triangles, {coloured}opacity up to {self.opacity:g})"
+
+
+def _rows(faces: ArrayLike, vertices: int, label: str) -> NDArray[np.integer]:
+    """Check faces [F, 3].
+
+    Raises
+    ------
+    VolumeError
+        Another shape, no integers, or rows that are not there.
+    """
+    array = np.asarray(faces)
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array) or array.dtype.kind not in "iu":  # noqa: PLR2004
+        raise VolumeError(f"{label}: faces should be integers [F, 3] with F ≥ 1; got the shape {list(array.shape)}")
+    if array.min() < 0 or array.max() >= vertices:
+        raise VolumeError(f"{label}: faces should be rows of the {vertices} vertices, from 0; got {array.min()} to {array.max()}")
+    return array

@@ -6,7 +6,8 @@ To add one, write a module with a `Phase` subclass and its kernel header, and li
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.phases.henyey_greenstein import HenyeyGreenstein
 from tfm_cl.scene.phases.isotropic import Isotropic
+from tfm_cl.scene.phases.kajiya_kay import KajiyaKay
 
-PHASES.update({cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein)})
+PHASES.update({cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein, KajiyaKay)})
 
-__all__ = ["PHASES", "HenyeyGreenstein", "Isotropic", "Phase", "parse_phase"]
+__all__ = ["PHASES", "HenyeyGreenstein", "Isotropic", "KajiyaKay", "Phase", "parse_phase"]

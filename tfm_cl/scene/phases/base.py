@@ -21,6 +21,9 @@ class Phase(Model):
     SECTION: ClassVar[str] = "medium.phase"
     HEADER: ClassVar[str]
     """Kernel header, below ``kernels/``, with a function of its name: ``Floats NAME(MEDIUM, Floats mu)``."""
+    ARGUMENTS: ClassVar[str] = "(medium, mu)"
+    """Of that function; one that knows how strands lie takes ``const FibreAngles *fibres`` instead."""
+    KNOWS_TANGENTS: ClassVar[bool] = False
 
     type: str = Field(description="name of the phase function")
 
