@@ -51,7 +51,7 @@ from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.model import decided
 from tfm_cl.plan.plan import plan
 from tfm_cl.render import buffers
-from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.optical_depth import density_scale_for
 
 SCRIPTS = Path(__file__).resolve().parent
 REPOSITORY = SCRIPTS.parent

@@ -31,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import bench
 
 import tfm_cl as tfm
-from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.optical_depth import density_scale_for
 
 CUMULUS = Path(__file__).resolve().parents[1] / "volumes" / "cumulus.npz"
 PAPER_CLOUD = (400, 200, 600)

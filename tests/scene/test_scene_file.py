@@ -19,7 +19,7 @@ from tfm_cl.errors import SceneError, TfmError
 from tfm_cl.plan import options, resolution
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.fields import fields_of
-from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SECTIONS, SceneFile, to_toml
 from tfm_cl.scene.settings import ImageSettings
 

@@ -17,7 +17,7 @@ from tfm_cl.files.volume_io.grid import shown as shown_name
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.plan import resolution
 from tfm_cl.scene.bodies.volume import Volume, bounds_of
-from tfm_cl.scene.placement import density_scale_for
+from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene import Scene
 
 LANES = 16

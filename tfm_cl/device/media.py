@@ -142,10 +142,7 @@ def media_on_device(
             "TFM_MEDIUM_OF_BODY(i)": _number_of(bodies, scene, media),
             "TFM_PHASE(medium, mu, fibres)": choice(
                 "(medium)->phase_kind",
-                (
-                    (numbers.index(phase), PurePath(phase.HEADER).stem + phase.ARGUMENTS)
-                    for phase in phases
-                ),
+                ((numbers.index(phase), PurePath(phase.HEADER).stem + phase.ARGUMENTS) for phase in phases),
             ),
             "TFM_TANGENTS": int(any(phase.KNOWS_TANGENTS for phase in phases)),
             **{

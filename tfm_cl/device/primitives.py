@@ -68,7 +68,7 @@ class Eye:
     origin: NDArray[np.float64]
     """From the device's."""
     footprint: tuple[float, float]
-    """Width of a texel at the origin, and what it gains per unit of distance; 0 to take primitives as they are."""
+    """Width of a texel at the origin, and what it gains per unit of distance; 0: they stay as they are."""
 
     @classmethod
     def of_camera(cls, scene: Scene, view: cl.Buffer) -> Eye:
@@ -79,7 +79,13 @@ class Eye:
 
     @classmethod
     def of_light(
-        cls, light: Light, of_light: cl.Buffer, device_origin: NDArray[np.float64], res: int, *, widens: bool = True
+        cls,
+        light: Light,
+        of_light: cl.Buffer,
+        device_origin: NDArray[np.float64],
+        res: int,
+        *,
+        widens: bool = True,
     ) -> Eye:
         """Return the one of a fitted light's map; its struct is on the device."""
         near, far = light.footprint(0.0) / res, light.footprint(1.0) / res
@@ -177,7 +183,9 @@ class PrimitivesOnDevice:
             structs, self._bodies, media, weights, extinctions, strict=True
         ):
             struct["kind"], struct["profile"], struct["mass"] = (
-                self.kinds.index(type(body)), body.profile_number, body.unit_mass,
+                self.kinds.index(type(body)),
+                body.profile_number,
+                body.unit_mass,
             )
             struct["medium"], struct["extinction"] = medium, extinction
             struct["weights"] = weight.ravel()

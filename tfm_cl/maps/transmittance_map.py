@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tfm_cl.maps.light_pass import LightPass, MapBuffers
     from tfm_cl.maps.planned import Planned
     from tfm_cl.maps.resolved import ResolvedMap
-    from tfm_cl.scene.bodies import Volume
+    from tfm_cl.scene.bodies import MarchedBody
     from tfm_cl.scene.fields import Fields
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene

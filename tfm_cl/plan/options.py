@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from tfm_cl.scene import placement
+from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
+from tfm_cl.scene.scene_file import BodySettings, SceneFile, Values, VolumeSettings
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -26,7 +27,7 @@ def warnings(file: SceneFile, scene: Scene) -> tuple[str, ...]:
         for number, settings, volume in grids(file, scene)
         if "density_scale" not in settings.model_fields_set
         and _is_far_from_one(
-            sensible := placement.density_scale_for(volume), float(scene.medium_of(volume).sigma_t.max())
+            sensible := optical_depth.density_scale_for(volume), float(scene.medium_of(volume).sigma_t.max())
         )
     )
 
@@ -49,9 +50,7 @@ def table(file: SceneFile, scene: Scene) -> Values:
         Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
     """
     volumes = [
-        settings.to_dict()
-        if isinstance(settings, Homogeneous)
-        else settings.written(file.path.parent, body)  # type: ignore[arg-type] - it made that body
+        _written(settings, file.path.parent, body)
         for settings, body in zip(file.volumes, scene.bodies, strict=True)
     ]
     return {
@@ -66,6 +65,11 @@ def table(file: SceneFile, scene: Scene) -> Values:
         "march": scene.march.to_dict(),
         "image": file.image.to_dict(),
     }
+
+
+def _written(settings: BodySettings, folder: Path, body: Any) -> Values:
+    """Return the section of a body, which was made of such settings."""
+    return settings.to_dict() if isinstance(settings, Homogeneous) else settings.written(folder, body)
 
 
 def _is_far_from_one(sensible: float, sigma_t: float) -> bool:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.options import grids
-from tfm_cl.scene import placement
+from tfm_cl.scene import optical_depth
+from tfm_cl.scene.bodies.primitives import Primitives
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -164,10 +165,8 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     """Yield what the file leaves to `tfm_cl.scene.placement`."""
     for number, settings, volume in grids(file, scene):
         if settings.density_scale == "auto":
-            yield f"volume.{number}density_scale", Decision(volume.density_scale, placement.WHY_DENSITY)
-    for number, body in enumerate(scene.bodies):
-        for key, (value, why) in getattr(body, "chosen", {}).items():
-            yield f"volume.{f'{number}.' * (len(scene.bodies) > 1)}{key}", Decision(value, why)
+            yield f"volume.{number}density_scale", Decision(volume.density_scale, optical_depth.WHY_DENSITY)
+    yield from _chosen(scene)
     camera = scene.camera.to_dict()
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
         if key not in file.camera:
@@ -177,6 +176,14 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
         for key, why in PLACED.items():
             if key in light and key not in file.placed_light:
                 yield f"light.{key}", Decision(light[key], why)
+
+
+def _chosen(scene: Scene) -> Iterator[tuple[str, Decision]]:
+    """Yield what was chosen for primitives whose file says too little."""
+    for i, body in enumerate(scene.bodies):
+        if isinstance(body, Primitives):
+            for key, (value, why) in body.chosen.items():
+                yield f"volume.{f'{i}.' if len(scene.bodies) > 1 else ''}{key}", Decision(value, why)
 
 
 def _of_map(asked: MapSettings, resolved: ResolvedMap) -> dict[str, Decision]:

@@ -331,7 +331,9 @@ class Batches:
             found.append(media.primitives.listed(media.sets, eye, finest=1))
         joined = join_lists(launcher, found)
         self._structs["first_bin"][batch] = joined.first_bins
-        return {f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()}
+        return {
+            f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()
+        }
 
     def _textures(self, batch: list[int]) -> NDArray[np.float32]:
         """Put the textures of a batch one after the other, [texels, 4]; each image once."""

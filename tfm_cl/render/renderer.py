@@ -346,8 +346,8 @@ def _single_lights(scene: Scene) -> Scene:
                     'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
                 )
     lights = list(chain.from_iterable(light.parts() for light in scene.lights))
-    # Maps show where what is marched has density; what shadows solids cast is asked for in all media. Bodies of
-    # constant density need neither, and may have thousands of lights.
+    # Maps show where what is marched has density; what shadows solids cast is asked for in all media. Bodies
+    # of constant density need neither, and may have thousands of lights.
     bounds = occupied = scene.occupied_bounds
     if scene.marched and not scene.solids:
         bounds = around([body.occupied_bounds for body in scene.marched])

@@ -21,7 +21,9 @@ class Medium(Model):
     sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
     sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
     phase: Annotated[Phase, section_within(parse_phase)] = Field(
-        "isotropic", validate_default=True, description="phase function: isotropic, hg:G or kajiya-kay:SPECULAR:EXPONENT"
+        "isotropic",
+        validate_default=True,
+        description="phase function: isotropic, hg:G or kajiya-kay:SPECULAR:EXPONENT",
     )
 
     @property

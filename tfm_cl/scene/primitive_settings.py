@@ -14,20 +14,19 @@ from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import Model, Vec3, number_or_auto, section_within
-from tfm_cl.scene import placement
+from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.medium import Medium, parse_medium
-from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.transform import Transform
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OVERLAP = 2.0
-"""Radius of points whose file says none, in median distances to the nearest neighbour: they form one medium."""
+"""Radius of points whose file says none, in median distances to the nearest neighbour: they overlap."""
 NEIGHBOURS = 10_000
 """Points whose nearest neighbours tell that distance."""
 SEED = 20010702
@@ -37,6 +36,9 @@ LONE_RADIUS = 1.0
 
 THINNEST = 1e-3
 """Width of strands whose file says none, of the diagonal of their bounds."""
+
+WHITE = (1.0, 1.0, 1.0)
+"""Colours of a mesh are not read."""
 
 P = TypeVar("P", bound=Primitives)
 
@@ -52,8 +54,8 @@ class PrimitiveSettings(Model):
         None,
         ge=0,
         le=1,
-        description="part of the light that one crossing takes at sigma_t = 1, through the middle of a point; "
-        "times the file's own, if any",
+        description="part of the light that one crossing takes at sigma_t = 1, through the middle of a "
+        "point; times the file's own, if any",
     )
     colour: Vec3 | None = Field(
         None, description="extinction relative to the density, RGB, instead of the file's"
@@ -102,14 +104,14 @@ class PointsSettings(PrimitiveSettings):
     )
     density: Density = Field(
         None,
-        description="instead of opacity: extinction at the middle of each is density * sigma_t; times the file's "
-        "own, if any; auto: a sensible optical depth, which is also taken where neither this nor any opacity is "
-        "given",
+        description="instead of opacity: extinction at the middle of each is density * sigma_t; times the "
+        "file's own, if any; auto: a sensible optical depth, which is also taken where neither this nor any "
+        "opacity is given",
     )
     radius: Length = Field(
         None,
-        description="where each point's density ends, in the file's units, instead of its own; auto: twice the "
-        "median distance to the nearest neighbour, which is also taken where the file says none",
+        description="where each point's density ends, in the file's units, instead of its own; auto: twice "
+        "the median distance to the nearest neighbour, which is also taken where the file says none",
     )
     profile: Literal["ball", "gaussian", "smooth"] = Field(
         "smooth",
@@ -128,12 +130,12 @@ class PointsSettings(PrimitiveSettings):
             radius = spacing_radius(stored.positions)
             chosen["radius"] = radius, f"{OVERLAP:g} median distances to the nearest neighbour"
         opacity = None if self.density is not None else _times(self.opacity, stored.opacities)
-        has_factor = isinstance(self.density, float)
+        factor = self.density if isinstance(self.density, float) else None
         points = self._moved(
             Points(
                 stored.positions,
                 radius,
-                None if opacity is not None else _times(self.density if has_factor else None, stored.densities),
+                None if opacity is not None else _times(factor, stored.densities),
                 opacity=opacity,
                 profile=self.profile,
                 colour=stored.colours if self.colour is None else self.colour,
@@ -142,10 +144,10 @@ class PointsSettings(PrimitiveSettings):
                 source=source,
             )
         )
-        if opacity is None and not has_factor:
-            factor = placement.density_scale_for(points)
-            points = points.with_density(factor)
-            chosen["density"] = factor, placement.WHY_DENSITY
+        if opacity is None and factor is None:
+            scale = optical_depth.density_scale_for(points)
+            points = points.with_density(scale)
+            chosen["density"] = scale, optical_depth.WHY_DENSITY
         points.chosen = chosen
         return points
 
@@ -210,15 +212,16 @@ class PolygonsSettings(PrimitiveSettings):
 
     KEY: ClassVar[str] = "mesh"
     mesh: Annotated[str, PlainValidator(_mesh_file)] = Field(
-        description="file of triangles, relative to the scene file, as of a [[solid]]; their colours are not read"
+        description="file of triangles, relative to the scene file, as of a [[solid]]; colours are not read"
     )
 
     def load(self, folder: Path) -> Polygons:
         """As `PrimitiveSettings.load`."""
+        from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
+
         source = self.source(folder)
-        solid = MeshSolid(mesh=str(source))
         try:
-            triangles = solid.load()
+            triangles = read_mesh(source, WHITE)
         except SceneError as error:
             raise VolumeError(*error.args) from None
         return self._moved(

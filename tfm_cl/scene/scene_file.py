@@ -15,13 +15,13 @@ from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
 from tfm_cl.files import curves_io, points_io, volume_io
-from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
+from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
-from tfm_cl.scene import placement
+from tfm_cl.scene import optical_depth, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body
 from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
@@ -146,7 +146,7 @@ class VolumeSettings(Model):
         if self.transform is not None:
             volume = volume.transformed(self.transform)
         if self.density_scale == "auto":
-            return volume.with_density_scale(placement.density_scale_for(volume))
+            return volume.with_density_scale(optical_depth.density_scale_for(volume))
         return volume.with_density_scale(self.density_scale)
 
     def _colour_in(self, folder: Path) -> colour_io.ColourSource:

@@ -26,7 +26,8 @@ from tfm_cl.files.volume_io import binary, choose_grid, open_grids, vdb
 from tfm_cl.files.volume_io import tree as vdb_tree
 from tfm_cl.files.volume_io.limits import MAX_LEAVES
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.placement import camera_for, density_scale_for
+from tfm_cl.scene.optical_depth import density_scale_for
+from tfm_cl.scene.placement import camera_for
 
 ROOT = Path(__file__).resolve().parents[3]
 DATA = Path(__file__).parent / "data"

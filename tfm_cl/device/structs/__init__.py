@@ -23,7 +23,21 @@ from tfm_cl.device.structs.declared import (
 
 STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP, SOURCE, SET, PRIMITIVE)
 
-__all__ = ["BODY", "GRID", "LIGHT", "MAP", "MEDIUM", "PRIMITIVE", "SET", "SOURCE", "STRUCTS", "VIEW", "Field", "Struct", "c_text"]
+__all__ = [
+    "BODY",
+    "GRID",
+    "LIGHT",
+    "MAP",
+    "MEDIUM",
+    "PRIMITIVE",
+    "SET",
+    "SOURCE",
+    "STRUCTS",
+    "VIEW",
+    "Field",
+    "Struct",
+    "c_text",
+]
 
 
 @functools.cache

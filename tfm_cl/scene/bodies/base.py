@@ -109,7 +109,7 @@ class MarchedBody(Body):
 
     @abstractmethod
     def line_depths(self) -> list[NDArray[np.float64]]:
-        """Integrals of the density along lines of three directions, in any order; empty lines may be left out."""
+        """Integrals of the density along lines of three directions, in any order; empty ones may be missing."""
 
 
 def around(boxes: list[NDArray[Any]]) -> NDArray[np.float64]:

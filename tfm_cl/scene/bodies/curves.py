@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import MOST_OPACITY
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of, rigid_scale
-from tfm_cl.scene.medium import parse_medium
+from tfm_cl.scene.bodies.primitives import colours_of, numbers_of, positions_of
+from tfm_cl.scene.bodies.thin import ThinPrimitives, depths_of, each_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -21,13 +20,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINES_ACROSS = 512
-"""Texels, as they should be, across the bounds of strands that are thinner than that."""
 MEAN_SINE = np.pi / 4
 """Of the angle between a strand and rays of all directions: how much of its length is seen."""
 
 
-class Curves(Primitives):
+class Curves(ThinPrimitives):
     """Strands: each a polyline of ribbons that face every ray, of one opacity across their width.
 
     A strand that is narrower than a texel or a pixel covers a part of it.
@@ -61,14 +58,13 @@ class Curves(Primitives):
 
     Attributes
     ----------
-    ends
-        float64 [segments, 2, 3]: where each segment begins and ends, world.
+    corners
+        float64 [segments, 2, 3]: where each begins and ends, world.
     widths
         float64 [segments, 2]: there.
     """
 
     HEADER: ClassVar[str] = "primitive/segment.h"
-    DENSITY_KEY: ClassVar[str] = "opacity"
 
     def __init__(
         self,
@@ -90,52 +86,30 @@ class Curves(Primitives):
             raise VolumeError(f"{label}: both density and opacity are given; keep one")
         first = np.flatnonzero(strand[1:] == strand[:-1])
         segments = np.stack([first, first + 1], axis=1)
-
-        def each(values: ArrayLike, what: str, **limits: Any) -> Floats:
-            """Return one number for each end of each segment."""
-            array = np.asarray(values)
-            if array.shape == (strand[-1] + 1,) and len(array) != len(places):
-                array = array[strand]
-            return numbers_of(array, len(places), what, label, **limits)[segments]
-
-        self.ends = places[segments]
-        self.widths = each(width, "width", most=LARGEST_COORDINATE)
+        count = len(places)
+        self.widths = numbers_of(each_of(width, strand), count, "width", label, most=LARGEST_COORDINATE)[
+            segments
+        ]
         if density is not None:
-            depths = (each(density, "density") * self.widths).mean(axis=1)
+            depths = numbers_of(each_of(density, strand), count, "density", label)[segments] * self.widths
         else:
-            taken = each(1.0 if opacity is None else opacity, "opacity", most=1.0).mean(axis=1)
-            depths = -np.log1p(-np.minimum(taken, MOST_OPACITY))
-        rgb = np.asarray(colour) if colour is not None else None
-        if rgb is not None and rgb.shape == (strand[-1] + 1, 3) and len(rgb) != len(places):
-            rgb = rgb[strand]
-        shades = colours_of(rgb, len(places), label)
-        self._fill(self.ends, self.widths, depths, None if shades is None else shades[segments].mean(axis=1), medium)
+            depths = depths_of(each_of(1.0 if opacity is None else opacity, strand), count, label)[segments]
+        shades = colours_of(None if colour is None else _rows_of(colour, strand), count, label)
+        rgb = None if shades is None else shades[segments].mean(axis=1)
+        self._fill(places[segments], depths.mean(axis=1), rgb, medium)
 
     def _fill(
-        self, ends: Floats, widths: Floats, depths: Floats, colour: NDArray[np.float32] | None, medium: Medium | None
+        self, corners: Floats, depths: Floats, colour: NDArray[np.float32] | None, medium: Medium | None
     ) -> None:
-        """Keep segments that have been checked."""
-        self.ends, self.widths, self.densities, self._colour = ends, widths, depths, colour
-        self.lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        self.positions = ends.mean(axis=1)
-        self.radii = (self.lengths + widths.max(axis=1)) / 2
-        self.medium = parse_medium(medium)
+        """Keep segments that have been checked; widths are there."""
+        super()._fill(corners, depths, colour, medium)
+        self.lengths = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        self.radii = self.radii + self.widths.max(axis=1) / 2
 
     @property
     def detail(self) -> float:
-        """World units: twice the width of a strand, or of as many as `LINES_ACROSS`."""
-        low, high = self.bounds
-        return 2 * max(float(np.median(self.widths)), float((high - low).max()) / LINES_ACROSS)
-
-    @property
-    def largest_density(self) -> Floats:
-        """As if a ray met all of them, [3]."""
-        return super().largest_density / max(self.longest_ray, np.finfo(np.float32).tiny)
-
-    @property
-    def opacity(self) -> float:
-        """The largest of one crossing."""
-        return float(-np.expm1(-self.densities.max()))
+        """World units: twice the width of a strand, if that is seen."""
+        return max(2 * float(np.median(self.widths)), self.least_detail)
 
     @property
     def masses(self) -> Floats:
@@ -145,47 +119,33 @@ class Curves(Primitives):
 
     def fill_sources(self, structs: NDArray[Any], origin: Floats) -> None:
         """As `Primitives.fill_sources`."""
-        structs["a"], structs["b"] = self.ends[:, 0] - origin, self.ends[:, 1] - origin
+        structs["a"], structs["b"] = self.corners[:, 0] - origin, self.corners[:, 1] - origin
         structs["radius"], structs["amount"] = self.widths / 2, self.densities
 
-    def depths_along(
-        self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]
-    ) -> Floats:
-        """As `MarchedBody.depths_along`: a strand is met where the ray passes its axis."""
-        along, beside = self.ends[:, 1] - self.ends[:, 0], self.ends[:, 0] - origin
+    def crossed(self, origin: Floats, direction: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """As `ThinPrimitives.crossed`: where the ray passes the axis within the width."""
+        along, beside = self.corners[:, 1] - self.corners[:, 0], self.corners[:, 0] - origin
         across = along - (along @ direction)[:, None] * direction
         square = (across**2).sum(axis=1)
         offset = beside - (beside @ direction)[:, None] * direction
-        u = np.divide(-(offset * across).sum(axis=1), square, out=np.full(len(square), -1.0), where=square > 0)
+        none = np.full(len(square), -1.0)
+        u = np.divide(-(offset * across).sum(axis=1), square, out=none, where=square > 0)
         reach = (self.widths[:, 0] + u * (self.widths[:, 1] - self.widths[:, 0])) / 2
         met = (u >= 0) & (u < 1) & (((offset + u[:, None] * across) ** 2).sum(axis=1) < reach**2)
-        distances = (beside @ direction + u * (along @ direction))[met]
-        colour = np.ones((int(met.sum()), 1)) if self.colour is None else self.colour[met].astype(np.float64)
-        depths = np.zeros((len(edges) - 1, colour.shape[1]))
-        step = np.searchsorted(edges, distances) - 1
-        within = (step >= 0) & (step < len(depths))
-        np.add.at(depths, step[within], (self.densities[met, None] * colour)[within])
-        return depths
+        return met, (beside @ direction + u * (along @ direction))[met]
 
-    def transformed(self, world_from_body: ArrayLike) -> Self:
-        """As `Primitives.transformed`."""
-        matrix = np.asarray(world_from_body, dtype=np.float64)
-        scale = rigid_scale(matrix, self.label)
-        return self._like(self.ends @ matrix[:3, :3].T + matrix[:3, 3], self.widths * scale, self.densities)
-
-    def with_density(self, factor: float) -> Self:
-        """As `Primitives.with_density`."""
-        return self._like(self.ends, self.widths, self.densities * factor)
-
-    def _like(self, ends: Floats, widths: Floats, depths: Floats) -> Self:
+    def _like(self, corners: Floats, depths: Floats, scale: float) -> Self:
         other = object.__new__(type(self))
         other.source, other.chosen = self.source, dict(self.chosen)
-        other._fill(ends, widths, depths, self._colour, self.medium)  # noqa: SLF001 - one of its own
+        other.widths = self.widths * scale
+        other._fill(corners, depths, self._colour, self.medium)
         return other
 
-    def __repr__(self) -> str:
-        coloured = "" if self._colour is None else "coloured, "
-        return f"Curves({self.label}, {len(self.ends)} segments, {coloured}opacity up to {self.opacity:g})"
+
+def _rows_of(colour: ArrayLike, strand: NDArray[np.int64]) -> Any:
+    """Give the colour of each strand to each of its points; one of all stays one."""
+    array = np.asarray(colour)
+    return each_of(array, strand) if array.ndim > 1 else array
 
 
 def _strands(counts: ArrayLike, points: int, label: str) -> NDArray[np.int64]:

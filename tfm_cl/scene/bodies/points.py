@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from tfm_cl.constants import MOST_OPACITY, POINT_PROFILES
 from tfm_cl.errors import VolumeError, unknown_key
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.scene.bodies.primitives import Primitives, colours_of, numbers_of, positions_of, rigid_scale
-from tfm_cl.scene.medium import parse_medium
+from tfm_cl.scene.bodies.primitives import (
+    Primitives,
+    colours_of,
+    medium_of,
+    numbers_of,
+    positions_of,
+    rigid_scale,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,8 +69,8 @@ PROFILES = {
     ),
     "smooth": Profile(64 * pi / 315, 32 / 35, _of_smooth),
 }
-"""By name: constant; exp(-9 r²/2), which ends at three standard deviations; and (1 - r²)³ (the "poly6" kernel of
-Müller, Charypar, Gross, "Particle-Based Fluid Simulation for Interactive Applications", SCA 2003)."""
+"""By name: constant; exp(-9 r²/2), which ends at three standard deviations; and (1 - r²)³ (the "poly6" kernel
+of Müller, Charypar, Gross, "Particle-Based Fluid Simulation for Interactive Applications", SCA 2003)."""
 
 
 class Points(Primitives):
@@ -118,7 +124,9 @@ class Points(Primitives):
         self.source = source
         label = self.label
         if profile not in PROFILES:
-            raise VolumeError(f"{label}: {unknown_key(str(profile), list(PROFILES)).replace('key', 'profile')}")
+            raise VolumeError(
+                f"{label}: {unknown_key(str(profile), list(PROFILES)).replace('key', 'profile')}"
+            )
         if density is not None and opacity is not None:
             raise VolumeError(f"{label}: both density and opacity are given; keep one")
         self.profile = profile
@@ -136,8 +144,10 @@ class Points(Primitives):
         if velocity is not None:
             self.velocity = positions_of(velocity, "velocity", label)
             if len(self.velocity) != count:
-                raise VolumeError(f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them")
-        self.medium = parse_medium(medium)
+                raise VolumeError(
+                    f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them"
+                )
+        self.medium = medium_of(medium, self.label)
         self.chosen = {}
 
     @property
@@ -192,9 +202,13 @@ class Points(Primitives):
         return self._with(density=self.densities * factor)
 
     def _with(self, **changes: Any) -> Points:
-        kept = {name: getattr(self, name) for name in ("positions", "profile", "colour", "velocity", "medium", "source")}
+        kept = {
+            name: getattr(self, name)
+            for name in ("positions", "profile", "colour", "velocity", "medium", "source")
+        }
         return Points(**{**kept, "radius": self.radii, "density": self.densities, **changes})
 
     def __repr__(self) -> str:
         coloured = "" if self.colour is None else "coloured, "
-        return f"Points({self.label}, {len(self.positions)} of profile {self.profile}, {coloured}density up to {self.density:g})"
+        kind = f"{len(self.positions)} of profile {self.profile}"
+        return f"Points({self.label}, {kind}, {coloured}density up to {self.density:g})"

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import MarchedBody
-from tfm_cl.scene.medium import parse_medium
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,7 +87,7 @@ class Primitives(MarchedBody):
 
     @property
     def unit_mass(self) -> float:
-        """Integral over space of the density of one of radius 1 and density 1, if that is all that tells it."""
+        """Integral over space of the density of one of radius 1 and density 1, if these tell it."""
         return 0.0
 
     @property
@@ -196,7 +195,9 @@ class Primitives(MarchedBody):
             # Cells as wide as a primitive, which then is in about one.
             cells = np.clip(sides / (2 * np.median(self.radii)), 1, LINES).astype(int)
             ends = [(low[other], high[other]) for other in across]
-            held, *_ = np.histogram2d(*self.positions[:, across].T, bins=cells, range=ends, weights=masses)
+            held, *_ = np.histogramdd(
+                self.positions[:, across], bins=cells.tolist(), range=ends, weights=masses
+            )
             found.append(held.ravel() / np.prod(sides / cells))
         return found
 
@@ -208,7 +209,7 @@ class Primitives(MarchedBody):
         """Return the same primitives of another medium; None: the scene's."""
         number = self.number
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__ | {"medium": parse_medium(medium), "number": number})
+        other.__dict__.update(self.__dict__ | {"medium": medium_of(medium, self.label), "number": number})
         return other
 
     @property
@@ -216,6 +217,19 @@ class Primitives(MarchedBody):
         """Size in memory."""
         arrays = (self.positions, self.radii, self.densities, self.colour)
         return sum(array.nbytes for array in arrays if array is not None)
+
+
+def medium_of(medium: Medium | None, label: str) -> Medium | None:
+    """Check that a body's medium is one, or None.
+
+    Raises
+    ------
+    VolumeError
+        It is something else.
+    """
+    if medium is not None and not hasattr(medium, "sigma_t"):
+        raise VolumeError(f"{label}: medium should be a Medium, or None; got {medium!r}")
+    return medium
 
 
 def positions_of(values: ArrayLike, what: str, label: str) -> NDArray[np.float64]:
@@ -233,7 +247,8 @@ def positions_of(values: ArrayLike, what: str, label: str) -> NDArray[np.float64
     if wrong.any():
         first = int(wrong.argmax())
         raise VolumeError(
-            f"{label}: {what}[{first}] = {array[first].tolist()}: should be finite, up to {LARGEST_COORDINATE:g}"
+            f"{label}: {what}[{first}] = {array[first].tolist()}: should be finite, up to "
+            f"{LARGEST_COORDINATE:g}"
         )
     array.flags.writeable = False
     return array
@@ -247,12 +262,13 @@ def numbers_of(
     Raises
     ------
     VolumeError
-        Another shape, or a number below 0 (at 0 too where it has to be ``above``), above ``most`` or not finite.
+        Another shape, or a number below 0 (or 0 where it has to be ``above``), beyond ``most`` or not finite.
     """
     array = _numbers(values, what, label)
     if array.shape not in ((), (count,)):
         raise VolumeError(
-            f"{label}: {what} should be one number or one for each of {count}; got the shape {list(array.shape)}"
+            f"{label}: {what} should be one number or one for each of {count}; got the shape "
+            f"{list(array.shape)}"
         )
     wrong = ~((array > 0 if above else array >= 0) & (array <= most))
     if wrong.any():
@@ -280,7 +296,8 @@ def colours_of(values: ArrayLike | None, count: int, label: str) -> NDArray[np.f
     array = _numbers(values, "colour", label)
     if array.shape not in ((3,), (count, 3)):
         raise VolumeError(
-            f"{label}: colour should be RGB, one or one for each of {count}; got the shape {list(array.shape)}"
+            f"{label}: colour should be RGB, one or one for each of {count}; got the shape "
+            f"{list(array.shape)}"
         )
     if not ((array >= 0) & (array <= LARGEST_COLOUR)).all():
         raise VolumeError(f"{label}: colour should be finite and 0 or more")
@@ -310,6 +327,7 @@ def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:
     is_rigid = scale > 0 and np.allclose(square, scale * np.eye(3), rtol=1e-6, atol=1e-6 * scale)
     if not is_rigid or not np.allclose(matrix[3], (0, 0, 0, 1)):
         raise VolumeError(
-            f"{label}: transform should be a rotation, a translation and one scale for all axes: shapes stay what they are"
+            f"{label}: transform should be a rotation, a translation and one scale for all axes: shapes stay "
+            "what they are"
         )
     return float(np.sqrt(scale))

@@ -394,9 +394,7 @@ class Volume(MarchedBody):
 
     def line_depths(self) -> list[NDArray[np.float64]]:
         """As `MarchedBody.line_depths`, before ``density_scale``: along x, y and z."""
-        return [
-            self.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), self.voxel_size, strict=True)
-        ]
+        return [self.line_sums(axis) * voxel for axis, voxel in zip((2, 1, 0), self.voxel_size, strict=True)]
 
     def line_sums(self, axis: int) -> NDArray[np.float64]:
         """Sum the voxels along the grid's lines of one direction, before ``density_scale``.

@@ -13,15 +13,15 @@ from tfm_cl.scene.phases.base import Phase
 class KajiyaKay(Phase):
     """Diffuse and specular reflection of a thin cylinder, which depends on how strands lie.
 
-    sin θ_l [(1 - s)/π² + s cos₊ᵖ(θ_v - θ_m) / (2π B)], with B = ∫ cosᵖ over [-π/2, π/2]: θ_l is the angle between
-    the light's travel and the strand, θ_v that of the direction to the camera, θ_m that of the cone into which a
-    mirror would reflect. It is the radiance of an opaque strand in a light of irradiance 1 and of albedo 1. Of the
-    light that a strand takes, diffuse reflection gives back all and specular reflection all or less, so that
-    no more leaves it than arrives. Where several strands lie in one step of the march, their tangents' second
-    moments stand for them. Bodies without strands scatter evenly.
+    sin θ_l [(1 - s)/π² + s cos₊ᵖ(θ_v - θ_m) / (2π B)], with B = ∫ cosᵖ over [-π/2, π/2]: θ_l is the angle
+    between the light's travel and the strand, θ_v that of the direction to the camera, θ_m that of the cone
+    into which a mirror would reflect. It is the radiance of an opaque strand of albedo 1 in a light of
+    irradiance 1. Of the light that a strand takes, diffuse reflection gives back all, and specular reflection
+    all or less: no more leaves it than arrives. Where several strands lie in one step of the march, their
+    tangents' second moments stand for them. Bodies without strands scatter evenly.
 
-    Source: J. T. Kajiya, T. L. Kay, "Rendering Fur with Three Dimensional Textures", SIGGRAPH 1989; the factors are
-    those that bound its energy.
+    Source: J. T. Kajiya, T. L. Kay, "Rendering Fur with Three Dimensional Textures", SIGGRAPH 1989; the
+    factors are those that bound its energy.
     """
 
     HEADER: ClassVar[str] = "phase/kajiya_kay.h"
@@ -57,12 +57,10 @@ class KajiyaKay(Phase):
     @classmethod
     def from_text(cls, text: str) -> "KajiyaKay":
         """``kajiya-kay``, ``kajiya-kay:SPECULAR`` or ``kajiya-kay:SPECULAR:EXPONENT``."""
-        names = ("specular", "exponent")
-        parts = text.split(":") if text else []
+        first, _, second = text.partition(":")
+        values = {"specular": first, "exponent": second}
         try:
-            if len(parts) > len(names):
-                raise ValueError(text)
-            return cls(**dict(zip(names, map(float, parts), strict=False)))
+            return cls(**{name: float(value) for name, value in values.items() if value})  # type: ignore[arg-type]
         except ValueError:
             raise ValueError(
                 "takes the share and the exponent of specular reflection, as in kajiya-kay:0.3:40; got "

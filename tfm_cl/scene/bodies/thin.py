@@ -1,0 +1,120 @@
+"""Primitives without a depth: a ray crosses each at one place, and leaves a part of its light there."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tfm_cl.constants import MOST_OPACITY
+from tfm_cl.scene.bodies.primitives import Primitives, medium_of, numbers_of, rigid_scale
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.medium import Medium
+
+Floats = NDArray[np.float64]
+
+TEXELS_ACROSS = 512
+"""Texels, as they should be, across the bounds of what is thinner than that."""
+TINY = float(np.finfo(np.float32).tiny)
+
+
+class ThinPrimitives(Primitives):
+    """What strands and polygons have in common; their densities are optical depths of one crossing.
+
+    Attributes
+    ----------
+    corners
+        float64 [n, corners, 3], of each primitive, world.
+    """
+
+    DENSITY_KEY: ClassVar[str] = "opacity"
+    corners: Floats
+
+    def _fill(
+        self, corners: Floats, depths: Floats, colour: NDArray[np.float32] | None, medium: Medium | None
+    ) -> None:
+        """Keep what has been checked."""
+        self.corners, self.densities, self._colour = corners, depths, colour
+        self.positions = corners.mean(axis=1)
+        self.radii = np.linalg.norm(corners - self.positions[:, None], axis=2).max(axis=1)
+        self.medium = medium_of(medium, self.label)
+
+    @abstractmethod
+    def crossed(self, origin: Floats, direction: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Tell which primitives a ray crosses, [n], and where, distances of those, for a unit direction."""
+
+    @property
+    def least_detail(self) -> float:
+        """World units: twice the width of as many texels as `TEXELS_ACROSS`."""
+        low, high = self.bounds
+        return 2 * float((high - low).max()) / TEXELS_ACROSS
+
+    @property
+    def largest_density(self) -> Floats:
+        """As if a ray met all of them, [3]."""
+        largest: Floats = super().largest_density / max(self.longest_ray, TINY)
+        return largest
+
+    @property
+    def opacity(self) -> float:
+        """The largest of one crossing."""
+        return float(-np.expm1(-self.densities.max()))
+
+    def depths_along(
+        self, origin: NDArray[np.floating], direction: NDArray[np.floating], edges: NDArray[np.floating]
+    ) -> Floats:
+        """As `MarchedBody.depths_along`, in closed form."""
+        met, distances = self.crossed(np.asarray(origin, np.float64), np.asarray(direction, np.float64))
+        colour = np.ones((len(distances), 1)) if self.colour is None else self.colour[met].astype(np.float64)
+        depths = np.zeros((len(edges) - 1, colour.shape[1]))
+        step = np.searchsorted(edges, distances) - 1
+        within = (step >= 0) & (step < len(depths))
+        np.add.at(depths, step[within], (self.densities[met, None] * colour)[within])
+        return depths
+
+    def transformed(self, world_from_body: ArrayLike) -> Self:
+        """As `Primitives.transformed`."""
+        matrix = np.asarray(world_from_body, dtype=np.float64)
+        scale = rigid_scale(matrix, self.label)
+        return self._like(self.corners @ matrix[:3, :3].T + matrix[:3, 3], self.densities, scale)
+
+    def with_density(self, factor: float) -> Self:
+        """As `Primitives.with_density`."""
+        return self._like(self.corners, self.densities * factor, 1.0)
+
+    def _like(self, corners: Floats, depths: Floats, scale: float) -> Self:
+        """Return others, whose sizes are so many times as large."""
+        del scale
+        other = object.__new__(type(self))
+        other.source, other.chosen = self.source, dict(self.chosen)
+        other._fill(corners, depths, self._colour, self.medium)
+        return other
+
+    def __repr__(self) -> str:
+        coloured = "" if self._colour is None else "coloured, "
+        name = type(self).__name__
+        return f"{name}({self.label}, {len(self.corners)} in all, {coloured}opacity up to {self.opacity:g})"
+
+
+def depths_of(opacity: ArrayLike, count: int, label: str) -> Floats:
+    """Check opacities, one for all or one each; returns optical depths [count].
+
+    Raises
+    ------
+    VolumeError
+        Numbers beyond 0 to 1, or too few.
+    """
+    taken = numbers_of(opacity, count, "opacity", label, most=1.0)
+    depths: Floats = -np.log1p(-np.minimum(taken, MOST_OPACITY))
+    return depths
+
+
+def each_of(values: Any, strand: NDArray[np.int64] | None) -> Any:
+    """Give what is said of each strand to each of its points, ``strand`` [points] being their numbers."""
+    array = np.asarray(values)
+    if strand is None or array.ndim == 0 or len(array) == len(strand) or len(array) != strand[-1] + 1:
+        return array
+    return array[strand]
