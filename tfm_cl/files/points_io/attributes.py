@@ -80,6 +80,9 @@ def points_of(path: Path, positions: NDArray[Any], attributes: Mapping[str, NDAr
     check_count(path, len(positions))
     count, named = len(positions), {name.lower(): (name, values) for name, values in attributes.items()}
 
+    if "u" in named:
+        named.pop("v", None)  # a place in a texture
+
     def first(
         names: tuple[str, ...], width: int = 1, *, levels: bool = False, signed: bool = True
     ) -> NDArray[np.float32] | None:
