@@ -84,6 +84,10 @@ def test_velocities_of_separate_numbers():
     np.testing.assert_array_equal(stored.velocities, [[1, 0, 0], [1, 0, 1], [1, 0, 2], [1, 0, 3]])
 
 
+def test_places_in_a_texture_are_no_velocities():
+    assert points(u=np.ones(4), v=np.ones(4)).velocities is None
+
+
 def test_what_is_not_said_is_none():
     stored = points(mass=np.ones(4), r=LEVELS, g=LEVELS)
     assert stored.positions.shape == (4, 3)

@@ -51,8 +51,8 @@ ZLIB = "vtkZLibDataCompressor"
 MOST_XML = 1 << 28
 """Bytes of the text, without appended data; as a tree it takes a few times as many."""
 MOST_TAGS = 1_000_000
-MOST_NUMBERS = 1024
-"""Of a point, in one attribute."""
+MOST_NUMBERS = 16
+"""Of a point, in an attribute that is read at all."""
 
 T = TypeVar("T")
 
