@@ -10,11 +10,11 @@ from tolerances import FLOAT32
 import tfm_cl as tfm
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.medium import medium_structs
-from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic
+from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic, KajiyaKay
 
 pytestmark = pytest.mark.lanes
 
-EVERY_PHASE = [Isotropic(), *(HenyeyGreenstein(g) for g in (-0.99, -0.4, 0.0, 0.3, 0.8, 0.99))]
+EVERY_PHASE = [Isotropic(), *(HenyeyGreenstein(g) for g in (-0.99, -0.4, 0.0, 0.3, 0.8, 0.99)), KajiyaKay()]
 
 
 def test_no_kind_is_forgotten():

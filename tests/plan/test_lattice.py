@@ -7,7 +7,6 @@ from scenes import blobs
 import tfm_cl as tfm
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.lattice import choice, depth_of_voxels, is_taken, left_out, smooth_lights
-from tfm_cl.plan.marched import marched
 from tfm_cl.plan.plan import plan, with_lookup
 
 CAMERA = tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), res=(640, 480))
@@ -96,7 +95,7 @@ def test_a_medium_of_thick_voxels_takes_none(volume, medium):
 
 
 def test_what_voxels_hold_is_along_their_longest_edge():
-    depths = [depth_of_voxels(marched(scene_of(volume=a_grid(stretched=s)))) for s in (1, 3)]
+    depths = [depth_of_voxels(scene_of(volume=a_grid(stretched=s))) for s in (1, 3)]
 
     assert depths == pytest.approx([0.1, 0.3])
 

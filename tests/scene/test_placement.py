@@ -9,10 +9,9 @@ from scenes import blobs, turned
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.scene.optical_depth import density_scale_for
+from tfm_cl.scene.optical_depth import OPTICAL_DEPTH, density_scale_for
 from tfm_cl.scene.placement import (
     INTENSITY,
-    OPTICAL_DEPTH,
     TOWARDS_CAMERA,
     camera_for,
     light_for,

@@ -5,13 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tfm_cl.device.primitives import Eye
-
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import pyopencl as cl
 
-    from tfm_cl.device.primitives import Listed, PrimitivesOnDevice
     from tfm_cl.scene.lights import Light
+
+
+@dataclass(frozen=True)
+class Met:
+    """What kernels are told of the density on their rays' way."""
+
+    arguments: dict[str, Any]
+    longest: int = 0
+    """Primitives, at most, that a ray looks at beside its steps."""
 
 
 @dataclass(frozen=True)
@@ -27,42 +35,7 @@ class FieldOnDevice:
     """Type of the voxels in memory."""
     defines: dict[str, int | str]
     arguments: dict[str, Any]
-    primitives: PrimitivesOnDevice | None
-    sets: cl.Buffer | None
-    """What those of each body add to this field."""
-
-    @property
-    def headers(self) -> tuple[str, ...]:
-        """Of the kinds of primitives."""
-        return () if self.primitives is None else self.primitives.headers
-
-    def met_by(self, light: Light, of_light: cl.Buffer, res: int) -> Met:
-        """Return what kernels are told of the density that the rays of a light's map meet.
-
-        Parameters
-        ----------
-        light
-            Fitted.
-        of_light
-            Its struct, on the device.
-        res
-            Texels along a side of the map.
-        """
-        if self.primitives is None or self.sets is None:
-            return Met(self.arguments)
-        eye = Eye.of_light(light, of_light, self.primitives.origin, res)
-        return Met.listed(self.arguments, self.primitives.listed(self.sets, eye))
-
-
-@dataclass(frozen=True)
-class Met:
-    """What kernels are told of the density on their rays' way."""
-
-    arguments: dict[str, Any]
-    longest: int = 0
-    """Primitives, at most, that a ray looks at beside its steps."""
-
-    @classmethod
-    def listed(cls, arguments: dict[str, Any], listed: Listed) -> Met:
-        """Add lists of primitives to other arguments."""
-        return cls(arguments | listed.arguments(), listed.longest)
+    headers: tuple[str, ...]
+    """Of what it is made of, before all others."""
+    met_by: Callable[[Light, cl.Buffer, int], Met]
+    """Tells what the rays of a light's map meet, of a fitted light, its struct, and texels along a side."""

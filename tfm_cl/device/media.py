@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.primitives import PrimitivesOnDevice
     from tfm_cl.scene.fields import Fields
+    from tfm_cl.scene.lights import Light
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
@@ -61,7 +62,7 @@ class MediaOnDevice:
         """Return what kernels are told of the media that camera rays meet."""
         if self.primitives is None or self.sets is None:
             return Met(self.arguments)
-        return Met.listed(self.arguments, self.primitives.listed(self.sets, Eye.of_camera(scene, view)))
+        return self.primitives.listed(self.sets, Eye.of_camera(scene, view)).met(self.arguments)
 
     def channels(self, *, textured: bool) -> dict[str, int]:
         """Return the macro that says how many colours are marched."""
@@ -94,6 +95,14 @@ def media_on_device(
     phases = list(dict.fromkeys(type(medium.phase) for medium in media))
     kinds = [kind for kind in SHAPES.values() if any(isinstance(body, kind) for body in bodies)]
     numbers = list(PHASES.values())
+    of_grid_fields = [
+        {
+            "grids": launcher.upload("the grids", grid_structs(scene, bricks, fields.weights[:, :, k])),
+            **of_grids,
+        }
+        for k in range(fields.count)
+    ]
+    met_by = [_met_by(scene, fields, k, primitives, told) for k, told in enumerate(of_grid_fields)]
     of_fields = tuple(
         FieldOnDevice(
             index=k,
@@ -101,18 +110,9 @@ def media_on_device(
             strongest=float(fields.rgb_from_field[:, k].max()),
             voxels="" if bricks is None else bricks.voxels,
             defines=of_bricks | ONE_FIELD,
-            arguments={
-                "grids": launcher.upload("the grids", grid_structs(scene, bricks, fields.weights[:, :, k])),
-                **of_grids,
-            },
-            primitives=primitives,
-            sets=None
-            if primitives is None
-            else primitives.sets(
-                [0] * len(scene.primitives),
-                _in_field(fields.weights[len(grids) :, :, k]),
-                [float(fields.extinctions[k])] * len(scene.primitives),
-            ),
+            arguments=of_grid_fields[k],
+            headers=() if primitives is None else primitives.headers,
+            met_by=met_by[k],
         )
         for k in range(fields.count)
     )
@@ -175,6 +175,18 @@ def _of_boxes(bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None) -
     if primitives is None:
         return defines
     return defines | primitives.defines | {"TFM_GRIDS": int(defines["TFM_GRIDS"]) + 1, "TFM_PRIMITIVES": 1}
+
+
+def _met_by(
+    scene: Scene, fields: Fields, k: int, primitives: PrimitivesOnDevice | None, arguments: dict[str, Any]
+) -> Callable[[Light, cl.Buffer, int], Met]:
+    """Return what tells of a field's density on the way of a light's rays: grids, and lists of primitives."""
+    if primitives is None:
+        return lambda *_: Met(arguments)
+    count = len(scene.primitives)
+    weights = _in_field(fields.weights[len(scene.grids) :, :, k])
+    sets = primitives.sets([0] * count, weights, [float(fields.extinctions[k])] * count)
+    return lambda light, of_light, res: primitives.listed_by_light(sets, light, of_light, res).met(arguments)
 
 
 def _in_field(weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.device.field import Met
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import PRIMITIVE, SET, SOURCE
 from tfm_cl.errors import DeviceMemoryError
@@ -114,6 +115,10 @@ class Listed:
     total: int
     """Entries of all."""
 
+    def met(self, arguments: dict[str, Any]) -> Met:
+        """Add these lists to the other arguments of kernels whose rays have these bins."""
+        return Met(arguments | self.arguments(), self.longest)
+
     def arguments(self) -> dict[str, Any]:
         """Return what kernels whose rays have these bins take."""
         return {
@@ -190,6 +195,10 @@ class PrimitivesOnDevice:
             struct["medium"], struct["extinction"] = medium, extinction
             struct["weights"] = weight.ravel()
         return self._launcher.upload("the kinds of primitives", structs)
+
+    def listed_by_light(self, sets: cl.Buffer, light: Light, of_light: cl.Buffer, res: int) -> Listed:
+        """List what the rays of a fitted light's map meet; its struct is on the device."""
+        return self.listed(sets, Eye.of_light(light, of_light, self.origin, res))
 
     def listed(self, sets: cl.Buffer, eye: Eye, finest: int | None = None) -> Listed:
         """List what the rays of an eye may meet.

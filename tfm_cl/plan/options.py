@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tfm_cl.scene import optical_depth
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.scene_file import BodySettings, SceneFile, Values, VolumeSettings
+from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -50,7 +48,7 @@ def table(file: SceneFile, scene: Scene) -> Values:
         Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
     """
     volumes = [
-        _written(settings, file.path.parent, body)
+        settings.written(file.path.parent, body)
         for settings, body in zip(file.volumes, scene.bodies, strict=True)
     ]
     return {
@@ -65,11 +63,6 @@ def table(file: SceneFile, scene: Scene) -> Values:
         "march": scene.march.to_dict(),
         "image": file.image.to_dict(),
     }
-
-
-def _written(settings: BodySettings, folder: Path, body: Any) -> Values:
-    """Return the section of a body, which was made of such settings."""
-    return settings.to_dict() if isinstance(settings, Homogeneous) else settings.written(folder, body)
 
 
 def _is_far_from_one(sensible: float, sigma_t: float) -> bool:

@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
 from tfm_cl.files import curves_io, points_io, volume_io
+from tfm_cl.files.curves_io.numpy_arrays import COUNTS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.volume_io import colour as colour_io
@@ -23,18 +24,11 @@ from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
 from tfm_cl.scene import optical_depth, placement
 from tfm_cl.scene.ambient import Ambient
-from tfm_cl.scene.bodies.base import MOST_BODIES, Body
-from tfm_cl.scene.bodies.homogeneous import Homogeneous, parse_homogeneous
+from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
-from tfm_cl.scene.primitive_settings import (
-    CurvesSettings,
-    PointsSettings,
-    PolygonsSettings,
-    PrimitiveSettings,
-)
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -153,6 +147,10 @@ class VolumeSettings(Model):
         is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
         return source_of(str(self.colour), folder) if is_file else self.colour
 
+    def sources(self) -> list[str]:
+        """As `BodySettings.sources`."""
+        return [self.file, *([self.colour] if isinstance(self.colour, str) else [])]
+
     def written(self, folder: Path, volume: Volume) -> Values:
         """Return the section of a scene file anywhere that loads ``volume`` again."""
         colour = self._colour_in(folder)
@@ -168,13 +166,7 @@ class VolumeSettings(Model):
         }
 
 
-BodySettings = VolumeSettings | PrimitiveSettings | Homogeneous
-BODIES: dict[str, Callable[[Values], BodySettings]] = {
-    "file": VolumeSettings.from_table,
-    "shape": parse_homogeneous,
-    **{cls.KEY: cls.from_table for cls in (PointsSettings, CurvesSettings, PolygonsSettings)},
-}
-"""Key of a body's table -> what makes a body of such a table: the key tells of what kind it is."""
+BODIES["file"] = VolumeSettings.from_table
 
 SECTIONS: dict[str, type[Model]] = {
     cls.SECTION: cls
@@ -304,19 +296,13 @@ class SceneFile:
 
     def _bodies(self) -> tuple[Body, ...]:
         folder = self.path.parent
-        return tuple(
-            settings if isinstance(settings, Homogeneous) else settings.load(folder)
-            for settings in self.volumes
-        )
+        return tuple(settings.load(folder) for settings in self.volumes)
 
     def files(self) -> list[Path]:
         """Return all files that the scene reads, but its own."""
         named: list[str | None] = []
         for volume in self.volumes:
-            if isinstance(volume, VolumeSettings):
-                named += [volume.file, volume.colour if isinstance(volume.colour, str) else None]
-            elif isinstance(volume, PrimitiveSettings):
-                named.append(getattr(volume, volume.KEY))
+            named += volume.sources()
         named += [getattr(light, "texture", None) for light in self.light or ()]
         named += [getattr(solid, "mesh", None) for solid in self.solids]
         return [source_of(name, self.path.parent) for name in named if name]
@@ -391,7 +377,7 @@ def _bare_body(path: Path) -> Values | None:
     suffix = path.suffix.lower()
     if suffix == ".npz":
         names = _arrays_of(path)
-        if "counts" in names:
+        if not names.isdisjoint(COUNTS):
             return {"curves": path.name}
         if not names.isdisjoint(POSITIONS):
             return {"points": path.name}

@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from tfm_cl.scene.medium import Medium
 
+
+class BodySettings(Protocol):
+    """What a scene file says of a body."""
+
+    def load(self, folder: Path) -> Body:
+        """Make the body, reading its files, whose names are relative to ``folder``."""
+
+    def written(self, folder: Path, body: Any) -> dict[str, Any]:
+        """Return the section of a scene file anywhere that makes ``body``, which it made, again."""
+
+    def sources(self) -> list[str]:
+        """Return the names of the files that it reads."""
+
+
+BODIES: dict[str, Callable[[dict[str, Any]], BodySettings]] = {}
+"""Key of a body's table -> what makes settings of such a table: the key tells of what kind the body is."""
 MOST_BODIES = 16
 """In one scene: each adds to what kernels are told."""
 
@@ -109,7 +128,7 @@ class MarchedBody(Body):
 
     @abstractmethod
     def line_depths(self) -> list[NDArray[np.float64]]:
-        """Integrals of the density along lines of three directions, in any order; empty ones may be missing."""
+        """Integrals of the density along lines of three directions, in any order; some empty ones are out."""
 
 
 def around(boxes: list[NDArray[Any]]) -> NDArray[np.float64]:

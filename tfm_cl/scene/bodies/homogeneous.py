@@ -6,6 +6,7 @@ What lies between two points of one is known in closed form (TFM eq. 5).
 from __future__ import annotations
 
 from abc import abstractmethod
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -68,6 +69,20 @@ class Homogeneous(Model, Body):
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""
         return isinstance(other, Homogeneous) and self.with_medium(None) == other.with_medium(None)
+
+    def load(self, folder: Path) -> Self:
+        """As `BodySettings.load`: it is the body itself."""
+        del folder
+        return self
+
+    def written(self, folder: Path, body: Any) -> dict[str, Any]:
+        """As `BodySettings.written`."""
+        del folder, body
+        return self.to_dict()
+
+    def sources(self) -> list[str]:
+        """As `BodySettings.sources`: none."""
+        return []
 
     def with_medium(self, medium: Medium | None) -> Self:
         """Return the same body of another medium; None: the scene's."""

@@ -71,14 +71,18 @@ class PrimitiveSettings(Model):
 
     @abstractmethod
     def load(self, folder: Path) -> Primitives:
-        """Read the body; names are relative to ``folder``."""
+        """As `BodySettings.load`."""
 
     def source(self, folder: Path) -> Path:
         """Return the file's path."""
         return source_of(getattr(self, self.KEY), folder)
 
+    def sources(self) -> list[str]:
+        """As `BodySettings.sources`."""
+        return [getattr(self, self.KEY)]
+
     def written(self, folder: Path, body: Primitives) -> dict[str, Any]:
-        """Return the section of a scene file anywhere that loads ``body`` again."""
+        """As `BodySettings.written`."""
         chosen = {key: value for key, (value, _) in body.chosen.items()}
         return self.to_dict() | chosen | {self.KEY: str(real_path(self.source(folder)))}
 
