@@ -249,7 +249,7 @@ def test_files_that_are_no_scene(bad, folder, content, message):
         ("folder.toml", "folder.toml: is not a file but a directory"),
         ("missing.vdb", "missing.vdb: no such file"),
         ("folder.vdb", "folder.vdb: is not a file"),
-        ("picture.jpg", "picture.jpg: neither a scene nor a volume; known extensions: .toml .nhdr"),
+        ("picture.jpg", "picture.jpg: neither a scene nor a volume; known extensions: .bgeo .hair .nhdr"),
         ("", "'': should be the name of a file"),
     ],
 )

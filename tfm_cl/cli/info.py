@@ -1,4 +1,4 @@
-"""``tfm info``: what a volume file holds."""
+"""``tfm info``: what a file of volumes, points or curves holds."""
 
 import json
 import math
@@ -10,16 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.cli.paths import SOURCE
+from tfm_cl.device.structs import declared
 from tfm_cl.errors import TfmError
-from tfm_cl.files import volume_io
+from tfm_cl.files import curves_io, points_io, volume_io
+from tfm_cl.files.curves_io.stored import StoredCurves
+from tfm_cl.files.points_io.stored import StoredPoints
 from tfm_cl.files.volume_io.grid import Grid
 from tfm_cl.files.volume_io.grid import shown as shown_name
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.plan import resolution
+from tfm_cl.scene.bodies.primitive_settings import spacing
 from tfm_cl.scene.bodies.volume import Volume, bounds_of
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import bare_body
 
+DEVICE_BYTES = declared.SOURCE.dtype.itemsize + declared.PRIMITIVE.dtype.itemsize
+"""Of a primitive, as it is and as it is seen; lists of them come to these."""
 LANES = 16
 """Rays a work-item carries on CPUs, whose memory is told; with one, on a GPU, records are smaller."""
 
@@ -28,17 +35,62 @@ LANES = 16
 @click.argument("path", metavar="FILE", type=SOURCE)
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 def command(path: Path, *, as_json: bool) -> None:
-    """List the grids of a volume file: size, place, values, memory on the device."""
-    grids = [describe(path, grid) for grid in volume_io.open_grids(path)]
+    """List the grids, points or curves of a file: size, place, values, memory on the device."""
+    table = bare_body(path) or {}
+    kind = next((key for key in ("points", "curves") if key in table), "")
+    if kind:
+        told: dict[str, Any] = {kind: describe_points(path) if kind == "points" else describe_curves(path)}
+        shown = [(kind, told[kind])]
+    else:
+        told = {"grids": [describe(path, grid) for grid in volume_io.open_grids(path)]}
+        shown = [(f"grid {grid['name']!r}", grid) for grid in told["grids"]]
     if as_json:
-        print(json.dumps({"file": str(path), "grids": grids}, indent=2))
+        print(json.dumps({"file": str(path), **told}, indent=2))
         return
     print(path)
-    for grid in grids:
-        print(f"  grid {grid.pop('name')!r}")
-        for key, value in grid.items():
-            if value is not None:
+    for name, facts in shown:
+        print(f"  {name}")
+        for key, value in facts.items():
+            if value is not None and key != "name":
                 print(f"    {key.replace('_', ' '):15} {_shown(value)}")
+
+
+def describe_points(path: Path) -> dict[str, Any]:
+    """Return all that is known of the points of a file, in its units."""
+    stored = points_io.read_points(path)
+    return {
+        "count": len(stored.positions),
+        **_extent(stored.positions),
+        **_ranges(stored, ("radii", "densities", "opacities", "colours", "velocities")),
+        "spacing": spacing(stored.positions),
+        "device_bytes": DEVICE_BYTES * len(stored.positions),
+    }
+
+
+def describe_curves(path: Path) -> dict[str, Any]:
+    """Return all that is known of the curves of a file, in its units."""
+    stored = curves_io.read_curves(path)
+    segments = len(stored.positions) - len(stored.counts)
+    return {
+        "count": len(stored.counts),
+        "segments": segments,
+        **_extent(stored.positions),
+        **_ranges(stored, ("widths", "opacities", "colours")),
+        "device_bytes": DEVICE_BYTES * segments,
+    }
+
+
+def _extent(positions: NDArray[np.float32]) -> dict[str, Any]:
+    return {"bounds": [positions.min(axis=0).tolist(), positions.max(axis=0).tolist()]}
+
+
+def _ranges(stored: StoredPoints | StoredCurves, names: tuple[str, ...]) -> dict[str, Any]:
+    """Least and largest number of each attribute; None for those that the file does not have."""
+    found = {name: getattr(stored, name) for name in names}
+    return {
+        name: None if values is None else [float(values.min()), float(values.max())]
+        for name, values in found.items()
+    }
 
 
 def describe(path: Path, grid: Grid) -> dict[str, Any]:

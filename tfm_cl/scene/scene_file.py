@@ -355,7 +355,7 @@ def _without_none(value: Any) -> Any:
 
 
 def _values_of(path: Path) -> Values:
-    body = _bare_body(path)
+    body = bare_body(path)
     if body is not None:
         return {"volume": body, "map": {"res": "auto", "steps": "auto"}, "march": {"steps": "auto"}}
     if path.suffix.lower() != ".toml":
@@ -372,9 +372,14 @@ def _values_of(path: Path) -> Values:
         raise SceneError(f"{path}: not TOML: {error}") from None
 
 
-def _bare_body(path: Path) -> Values | None:
-    """Return the table of the body that a file holds; None where it is none."""
+def bare_body(path: Path) -> Values | None:
+    """Return the table of the body that a file holds, by its extension and, of some, content.
+
+    None where it is no body's.
+    """
     suffix = path.suffix.lower()
+    if suffix in points_io.FORMATS and suffix in curves_io.FORMATS and suffix != ".npz":
+        return {"points" if points_io.holds_points(path) else "curves": path.name}
     if suffix == ".npz":
         names = _arrays_of(path)
         if not names.isdisjoint(COUNTS):

@@ -22,7 +22,7 @@ FORMATS: dict[str, str] = {
 }
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 
-__all__ = ["FORMATS", "StoredPoints", "read_points"]
+__all__ = ["FORMATS", "StoredPoints", "holds_points", "read_points"]
 
 
 def read_points(path: Path) -> StoredPoints:
@@ -46,3 +46,12 @@ def read_points(path: Path) -> StoredPoints:
     if not len(points.positions):
         raise VolumeError(f"{path}: holds no points")
     return points
+
+
+def holds_points(path: Path) -> bool:
+    """Whether points can be read from a file, whatever else it holds."""
+    try:
+        read_points(path)
+    except VolumeError:
+        return False
+    return True

@@ -131,7 +131,8 @@ class PointsSettings(PrimitiveSettings):
         stored = points_io.read_points(source)
         radius: Any = stored.radii if self.radius is None else self.radius
         if radius is None or isinstance(radius, str):
-            radius = spacing_radius(stored.positions)
+            apart = spacing(stored.positions)
+            radius = LONE_RADIUS if apart is None else float(f"{OVERLAP * apart:.2g}")
             chosen["radius"] = radius, f"{OVERLAP:g} median distances to the nearest neighbour"
         opacity = None if self.density is not None else _times(self.opacity, stored.opacities)
         factor = self.density if isinstance(self.density, float) else None
@@ -240,15 +241,15 @@ class PolygonsSettings(PrimitiveSettings):
         )
 
 
-def spacing_radius(positions: NDArray[np.floating]) -> float:
-    """Return a radius with which points [n, 3] overlap their neighbours, of two digits."""
+def spacing(positions: NDArray[np.floating]) -> float | None:
+    """Return the median distance of points [n, 3] to their nearest neighbour; None where none has one."""
     from scipy.spatial import KDTree  # noqa: PLC0415 - few ask
 
     some = np.random.default_rng(SEED).permutation(len(positions))[:NEIGHBOURS]
     distances, _ = KDTree(positions).query(positions[some], k=2)
     apart = distances[:, 1]
     apart = apart[np.isfinite(apart) & (apart > 0)]
-    return float(f"{OVERLAP * float(np.median(apart)):.2g}") if apart.size else LONE_RADIUS
+    return float(np.median(apart)) if apart.size else None
 
 
 def _times(factor: float | None, of_file: NDArray[np.float32] | None) -> Any:
