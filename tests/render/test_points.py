@@ -12,6 +12,7 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
+from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.lights import PointLight, SpotLight, SunLight
 from tfm_cl.scene.lights.base import texel_positions
 from tfm_cl.scene.settings import ShadowSettings
@@ -124,19 +125,17 @@ every_light = pytest.mark.parametrize("light", LIGHTS)
 
 
 def map_of(renderer, points, light, res):
-    """Optical depths of the texels' whole rays, these rays, and the map's fitted light."""
+    """Optical depths of the texels' whole rays, these rays, whether they are lit, and the fitted light."""
     settings = tfm.MapSettings(
         basis="fourier", coeffs=3, target="extinction", fit="l2", range="box", res=res, steps=32
     )
-    (light_map,) = renderer.build_maps(tfm.Scene(points, WHITE, lights=[LIGHTS[light]], map=settings))
+    (light_map,) = renderer.build_maps(tfm.Scene(points, WHITE, lights=[light], map=settings))
     rays = reference.texel_rays(light_map.light, res)
     begin, end = reference.march_bounds(points, *rays)
-    behind = rays.at(end)
-    met = (end > begin) & light_map.light.reaches(behind)
-    depth = np.zeros(len(end))
-    # Of a Fourier series with a linear term that alone is left at the end of the range: it is exact there.
-    depth[met] = -np.log(light_map.evaluate(behind[met]).astype(float))
-    return depth, rays, met, light_map.light
+    lit = (end > begin) & light_map.light.reaches(rays.at(end))
+    # The first coefficient of the series is the integral of the extinction.
+    depth = np.where(lit, light_map.coefficients[..., 0].astype(float).ravel(), 0)
+    return depth, rays, lit, light_map.light
 
 
 @pytest.mark.lanes
@@ -151,9 +150,9 @@ def test_one_point_in_a_map(renderer, light):
             width = wide / res
             radius = size * width
             density = 0.5 / radius * bright_enough(size)
-            depth, rays, met, _ = map_of(renderer, alone(profile, radius, density), light, res)
+            depth, rays, lit, _ = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
             expected, rounded = depth_of(profile, radius, density, rays, width)
-            expected = np.where(met, expected, 0)
+            expected = np.where(lit, expected, 0)
             assert expected.max() > 0.01
             assert (np.abs(depth - expected) <= rounded).all(), (profile, size)
 
@@ -176,7 +175,7 @@ def test_the_mean_optical_depth_of_a_map_does_not_depend_on_its_resolution(rende
         if light != "sun":
             held /= ((ASIDE - LIGHTS[light].from_) ** 2).sum()
         for res in (24, 64, 256):  # a radius of 0.4 to 5 texels
-            depth, _, _, fitted = map_of(renderer, alone(profile, radius, density), light, res)
+            depth, _, _, fitted = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
             found = (depth * area_of_texels(fitted, res)).sum()
             # The border of a ball is sharp: more of it lies between the texels' middles.
             tolerance = 3 * SAMPLED if profile == "ball" else SAMPLED
@@ -195,6 +194,60 @@ def test_a_point_of_two_texels_or_less_is_as_dark_from_everywhere(renderer):
         sums.append(-np.log(result.aovs["transmittance"][..., 0].astype(float)).sum())
     expected = MASS["smooth"] / 125 * 3  # in pixels
     np.testing.assert_allclose(sums, expected, rtol=SAMPLED)
+
+
+AMONG = {
+    "spot": SpotLight(from_=(3, 5, 2), to=(0, 0, 0), cone=20),
+    "wide spot": SpotLight(from_=(0.1, 0.2, 4), to=(0, 0, -1), cone=70),
+    "wide spot inside": SpotLight(from_=(0.1, 0.2, 0.3), to=(0, 0, -1), cone=80),
+    "sun": SunLight(from_=(1, 2, 0.4), to=(0, 0, 0)),
+    "point light": PointLight(from_=(0.1, 0.2, 3.0)),
+    "point light inside": PointLight(from_=(0.1, 0.2, 0.3)),
+    "point light at the border": PointLight(from_=(2.1, 0.2, 0.3)),
+}
+
+
+def scattered_points(rng, middle, width_at):
+    """Many, none of which is widened: rays are so wide at a distance from the middle."""
+    positions = rng.uniform(-2, 2, (300, 3))
+    distances = np.linalg.norm(positions - middle, axis=1)
+    radii = 3 * np.array([width_at(distance) for distance in distances]) * rng.uniform(1, 1.5, 300)
+    few = radii < 1
+    assert few.sum() > 50
+    return tfm.Points(positions[few], radii[few], 0.2 / radii[few], profile="ball")
+
+
+def assert_gathers_all(found, points, rays):
+    """Float32 finds of each ray what it crosses: no list of any bin of rays lacks a point."""
+    exact = np.concatenate(
+        [
+            meet(points, part).between(np.zeros(len(part.origins)), np.full(len(part.origins), 100.0))[:, 0]
+            for part in (rays.part(slice(first, first + 4096)) for first in range(0, len(found), 4096))
+        ]
+    )
+    assert exact.max() > 0.3
+    # Some dozens of points, each of which a ray may graze.
+    np.testing.assert_allclose(found, exact, rtol=50 * PASS, atol=50 * PASS)
+
+
+@pytest.mark.quick("point light inside-50", "wide spot-50", "spot-50")
+@pytest.mark.parametrize("res", [50, 160])
+@pytest.mark.parametrize("light", AMONG)
+def test_light_rays_gather_all_points_that_they_cross(renderer, rng, light, res):
+    bounds = np.array([[-3.0] * 3, [3.0] * 3])
+    fitted = AMONG[light].fitted(bounds)
+    middle = fitted.frame().world_from_light[:3, 3]
+    points = scattered_points(rng, middle, lambda distance: fitted.footprint(distance) / res)
+    depth, rays, lit, _ = map_of(renderer, points, AMONG[light], res)
+    assert_gathers_all(depth[lit], points, rays.part(np.flatnonzero(lit)))
+
+
+@pytest.mark.parametrize("fov", [20, 100, 160])
+def test_camera_rays_gather_all_points_that_they_cross(renderer, rng, fov):
+    camera = tfm.Camera(from_=(0.1, 0.2, 0.3), to=(0, 0, -2), fov=fov, res=(121, 77))
+    points = scattered_points(rng, camera.from_, lambda distance: distance * camera.pixel_width)
+    transmittance = renderer.render(tfm.Scene(points, WHITE, camera, ())).aovs["transmittance"][..., 0]
+    assert_gathers_all(-np.log(transmittance.astype(float)).ravel(), points, reference.camera_rays(camera))
 
 
 # --- against the float64 reference -------------------------------------------------------------------------
