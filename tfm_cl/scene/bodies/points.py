@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import POINT_KINDS
 from tfm_cl.errors import VolumeError, unknown_key
-from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.primitives import MOST_OPACITY, Primitives, colours_of, numbers_of, positions_of
 from tfm_cl.scene.medium import parse_medium
 
@@ -118,7 +118,9 @@ class Points(Primitives):
         self.source = source
         label = self.label
         if profile not in PROFILES:
-            raise VolumeError(f"{label}: {unknown_key(str(profile), list(PROFILES)).replace('key', 'profile')}")
+            raise VolumeError(
+                f"{label}: {unknown_key(str(profile), list(PROFILES)).replace('key', 'profile')}"
+            )
         if density is not None and opacity is not None:
             raise VolumeError(f"{label}: both density and opacity are given; keep one")
         self.profile = profile
@@ -129,14 +131,15 @@ class Points(Primitives):
             self.densities = numbers_of(1.0 if density is None else density, count, "density", label)
         else:
             taken = numbers_of(opacity, count, "opacity", label, most=1.0)
-            depths = -np.log1p(-np.minimum(taken, MOST_OPACITY))
-            self.densities = depths / (PROFILES[profile].through * self.radii)
+            self.densities = _densities_of(taken, PROFILES[profile].through * self.radii, label)
         self._colour = colours_of(colour, count, label)
         self.velocity: NDArray[np.float64] | None = None
         if velocity is not None:
             self.velocity = positions_of(velocity, "velocity", label)
             if len(self.velocity) != count:
-                raise VolumeError(f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them")
+                raise VolumeError(
+                    f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them"
+                )
         self.medium = parse_medium(medium)
 
     @property
@@ -188,12 +191,35 @@ class Points(Primitives):
 
     def with_density(self, factor: float) -> Points:
         """Return the points with their densities times a factor."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in ("colour", "velocity", "medium", "source")}
+        values: dict[str, Any] = {
+            name: getattr(self, name) for name in ("colour", "velocity", "medium", "source")
+        }
         return Points(self.positions, self.radii, self.densities * factor, profile=self.profile, **values)
 
     def __repr__(self) -> str:
         coloured = "" if self.colour is None else "coloured, "
         return f"Points({self.label}, {len(self.positions)} of profile {self.profile}, {coloured}density up to {self.density:g})"
+
+
+def _densities_of(opacities: Floats, lengths: Floats, label: str) -> Floats:
+    """Return the densities that take so much along such lengths.
+
+    Raises
+    ------
+    VolumeError
+        One that is too large.
+    """
+    with np.errstate(over="ignore"):
+        densities: Floats = -np.log1p(-np.minimum(opacities, MOST_OPACITY)) / lengths
+    wrong = densities > LARGEST_COLOUR
+    if wrong.any():
+        first = int(wrong.argmax())
+        raise VolumeError(
+            f"{label}: radius[{first}] is so small that an opacity of {opacities[first]:g} takes a density of "
+            f"{densities[first]:g}: that should be up to {LARGEST_COLOUR:g}"
+        )
+    densities.flags.writeable = False
+    return densities
 
 
 def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:
