@@ -465,6 +465,36 @@ def test_ambient_light_alone(renderer, save_on_failure):
         assert np.abs(result.image - expected).max() < MAP_PASS
 
 
+EXTREMES = {
+    "tiny": ([1e-30, 0.3], [1.0, 2.0]),
+    "huge": ([1e6, 0.3], [1e-6, 2.0]),
+    "of the largest density": ([0.4, 0.3], [1e25, 2.0]),
+    "huge, of the largest density": ([1e6, 0.3], [1e25, 2.0]),
+    "of no density": ([0.4, 0.3], [0.0, 0.0]),
+}
+
+
+@pytest.mark.quick("tiny-tfm", "huge-tfm")
+@both_methods
+@pytest.mark.parametrize("extreme", EXTREMES)
+def test_extreme_points_make_numbers(renderer, extreme, method):
+    points = tfm.Points([[0, 0, 0], [0.5, 0.2, 0.1]], *EXTREMES[extreme])
+    result = renderer.render(scene_of(points), method=method)
+    for picture in (result.image, *result.aovs.values()):
+        assert np.isfinite(picture).all()
+        assert picture.min() >= 0
+    assert result.image[..., 3].max() <= 1
+    assert (result.image[..., 3].max() > 0) == (extreme != "of no density")
+
+
+def test_thousands_of_points_in_one_place(renderer):
+    """As one that holds as much."""
+    alike = tfm.Points(np.tile([0.1, 0.2, 0.1], (5000, 1)), 0.5, 4e-4)
+    one = tfm.Points([[0.1, 0.2, 0.1]], 0.5, 2.0)
+    result, expected = renderer.render(scene_of(alike)), renderer.render(scene_of(one))
+    np.testing.assert_allclose(result.image, expected.image, atol=5000 * FAST_MATH * expected.image.max())
+
+
 # --- against each other ------------------------------------------------------------------------------------
 
 
