@@ -1,14 +1,16 @@
 """The renderer once more, in float64 NumPy: the truth that the kernels are tested against.
 
-Small enough to read in one sitting, in this order: `geometry` (rays, intervals, steps), `bodies` (density,
-lengths), `march` (a camera ray, step by step), `fitting` (lights and their rays), `light` and `maps` (what is
-left of the light at a point, exactly or from a transmittance function map), `solids`, `picture`.
+Small enough to read in one sitting, in this order: `geometry` (rays, intervals, steps), `primitives` (what
+they leave along rays), `bodies` (density, lengths), `march` (a camera ray, step by step), `fitting` (lights
+and their rays), `light` and `maps` (what is left of the light at a point, exactly or from a transmittance
+function map), `solids`, `picture`.
 
 Rays are arrays ``[rays, 3]`` in world space with unit directions, distances ``[rays]``; Python loops run over
 steps, bodies and lights only. An interval (begin, end) is the part of a ray between two distances ≥ 0, (0, 0)
-where there is none. A scene's grids are marched, its homogeneous bodies are known in closed form. What light
-rays gather of the grids is a few scalars, the fields of `tfm_cl.scene.fields`: their optical depths are the
-densities' alone (TFM eq. 13), ``[rays, K]``, and become RGB by the fields' matrix (eq. 14).
+where there is none. A scene's grids and primitives are marched, but what primitives hold in a step is exact;
+its homogeneous bodies are known in closed form. What light rays gather of what is marched is a few scalars,
+the fields of `tfm_cl.scene.fields`: their optical depths are the densities' alone (TFM eq. 13),
+``[rays, K]``, and become RGB by the fields' matrix (eq. 14).
 
 Shared with the product, which has tests of their own: the lights' geometry (`tfm_cl.scene.lights`), the order
 and the matrix of the fields, phase functions, the functions of the bases, and the solids' tracer

@@ -1,4 +1,4 @@
-"""Bodies: the density of grids at points, the part of rays inside homogeneous ones, and optical depths."""
+"""Bodies: the density of grids at points, what lies along rays, and what it is made of."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from tfm_cl.reference.geometry import (
     hull,
     interval,
 )
+from tfm_cl.reference.primitives import amounts, bounds_of
+from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.bodies.box import BoxVolume
+from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.sphere import SphereVolume
 from tfm_cl.scene.bodies.volume import Volume
 
@@ -30,11 +33,22 @@ if TYPE_CHECKING:
 
 Grids = Volume | Sequence[Volume]
 """One or several; a scene's may be none."""
+Marched = MarchedBody | Sequence[MarchedBody]
+"""Likewise, grids or primitives."""
 
 
-def grids_of(volume: Grids) -> Sequence[Volume]:
+def grids_of(bodies: Marched) -> list[Volume]:
     """Return the grids one by one."""
-    return [volume] if isinstance(volume, Volume) else volume
+    return [body for body in _listed(bodies) if isinstance(body, Volume)]
+
+
+def primitives_of(bodies: Marched) -> list[Points]:
+    """Return the bodies of primitives one by one."""
+    return [body for body in _listed(bodies) if isinstance(body, Points)]
+
+
+def _listed(bodies: Marched) -> Sequence[MarchedBody]:
+    return [bodies] if isinstance(bodies, MarchedBody) else bodies
 
 
 # --- grids -----------------------------------------------------------------------------------------------
@@ -74,7 +88,7 @@ def channel_densities(volume: Volume, points: Floats) -> Floats:
 
 
 def field_density(volume: Grids, weights: Floats, points: Floats) -> Floats:
-    """Densities ``[..., K]`` of scalar fields at ``points [..., 3]``.
+    """Densities ``[..., K]`` of scalar fields at ``points [..., 3]``, of grids.
 
     ``weights [grids, 3, K]`` say what a density of 1 of a grid's channel adds to each, as
     `tfm_cl.scene.fields.Fields.weights`.
@@ -93,15 +107,18 @@ def _to_index(volume: Volume, vectors: Floats, w: int) -> Floats:
     return index
 
 
-def march_bounds(
-    volume: Grids, origins: Floats, directions: Floats, limit: Floats | float = np.inf
-) -> Interval:
-    """Interval of each ray, up to ``limit``, from the first to the last of the grids' boxes that it meets.
+# --- all that is marched -----------------------------------------------------------------------------------
 
-    A grid's is the index-space box [-1, N], outside of which its D = 0. Between boxes D = 0 too, but steps
-    are taken there.
+
+def march_bounds(
+    bodies: Marched, origins: Floats, directions: Floats, limit: Floats | float = np.inf
+) -> Interval:
+    """Interval of each ray, up to ``limit``, from the first to the last of the boxes that it meets.
+
+    A grid's is the index-space box [-1, N], outside of which its D = 0; all primitives have one, along the
+    axes. Between boxes D = 0 too, but steps are taken there.
     """
-    boxes = (
+    boxes = [
         box_interval(
             np.full(3, -1.0),
             np.array(part.shape[::-1], dtype=float),
@@ -109,15 +126,41 @@ def march_bounds(
             _to_index(part, directions, 0),
             limit,
         )
-        for part in grids_of(volume)
-    )
+        for part in grids_of(bodies)
+    ]
+    if primitives := primitives_of(bodies):
+        low, high = bounds_of(primitives)
+        boxes.append(box_interval(low, high, origins, directions, limit))
     return hull(len(origins), boxes)
 
 
 def optical_depths(
+    bodies: Marched, weights: Floats, rays: Rays, ends: Interval, steps: int | Integers
+) -> Floats:
+    """∫ D dt ``[rays, K]`` of fields, see `field_density`.
+
+    Of grids by the midpoint rule, whose steps may differ from ray to ray; of primitives exact. ``weights``
+    are ``[bodies, 3, K]``, grids first.
+    """
+    grids, primitives = grids_of(bodies), primitives_of(bodies)
+    tau = amounts(primitives, weights[len(grids) :], rays, np.stack(ends, axis=1))[:, 0]
+    return tau + _depths_of_grids(grids, weights[: len(grids)], rays, ends, steps) if grids else tau
+
+
+def step_depths(bodies: Marched, weights: Floats, rays: Rays, cuts: Floats, samples: Floats) -> Floats:
+    """∫ D dt ``[rays, n, K]`` of the same fields between each two of the distances ``cuts [rays, n + 1]``.
+
+    Grids are read at the distances ``samples [rays, n]``.
+    """
+    grids = grids_of(bodies)
+    densities = [field_density(grids, weights[: len(grids)], rays.at(t)) for t in samples.T]
+    depths = np.stack(densities, axis=1) * np.diff(cuts)[..., None]
+    return depths + amounts(primitives_of(bodies), weights[len(grids) :], rays, cuts)
+
+
+def _depths_of_grids(
     volume: Grids, weights: Floats, rays: Rays, ends: Interval, steps: int | Integers
 ) -> Floats:
-    """∫ D dt ``[rays, K]`` of `field_density` by the midpoint rule; steps may differ from ray to ray."""
     begin, end = ends
     counts = np.broadcast_to(steps, begin.shape)
     length, tau = (end - begin) / np.maximum(counts, 1), np.zeros((len(begin), weights.shape[-1]))
@@ -150,31 +193,37 @@ def body_interval(
 
 
 class Matter:
-    """The bodies of a scene, grids first, with what each is made of.
+    """The bodies of a scene, grids first, then primitives, with what each is made of.
 
     Attributes
     ----------
     sigma_t, sigma_s
         ``[bodies, RGB]``, at density 1, per world unit.
     weights
-        ``[grids, 3, RGB]``: extinction of a density of 1 in each of a grid's channels, for `field_density`.
+        ``[marched, 3, RGB]``: extinction of a density of 1 in each channel of what is marched.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.grids, self.homogeneous = scene.grids, scene.homogeneous
-        media = [scene.medium_of(body) for body in (*self.grids, *self.homogeneous)]
+        self.primitives = primitives_of(scene.primitives)
+        media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]
         self.sigma_t = np.array([medium.sigma_t for medium in media])
         self.sigma_s = np.array([medium.sigma_s for medium in media], dtype=float)
         self.phases = [medium.phase for medium in media]
-        self.weights = np.zeros((len(self.grids), 3, 3))
-        for weight, grid, sigma_t in zip(self.weights, self.grids, self.sigma_t, strict=False):
-            weight[...] = np.diag(sigma_t) if grid.colour is not None else np.outer([1, 0, 0], sigma_t)
+        self.weights = np.zeros((len(self.marched), 3, 3))
+        for weight, body, sigma_t in zip(self.weights, self.marched, self.sigma_t, strict=False):
+            weight[...] = np.diag(sigma_t) if body.colour is not None else np.outer([1, 0, 0], sigma_t)
+
+    @property
+    def marched(self) -> list[MarchedBody]:
+        """Grids, then primitives."""
+        return [*self.grids, *self.primitives]
 
     @property
     def extinctions(self) -> Floats:
         """Of the homogeneous bodies, ``[bodies, RGB]``, per world unit."""
         densities = np.array([body.density for body in self.homogeneous])
-        found: Floats = densities[:, None] * self.sigma_t[len(self.grids) :]
+        found: Floats = densities[:, None] * self.sigma_t[len(self.marched) :]
         return found
 
     @property

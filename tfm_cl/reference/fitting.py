@@ -24,10 +24,10 @@ def with_numbers(scene: Scene) -> Scene:
 
 
 def map_bounds(scene: Scene) -> Floats:
-    """World box ``[2, 3]`` that the lights' maps look at: of the grids; of all bodies where solids shadow."""
-    if scene.solids or not scene.grids:
+    """World box ``[2, 3]`` that the lights' maps look at: of what is marched; of all where solids shadow."""
+    if scene.solids or not scene.marched:
         return scene.occupied_bounds
-    return around([grid.occupied_bounds for grid in scene.grids])
+    return around([body.occupied_bounds for body in scene.marched])
 
 
 def fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:

@@ -45,11 +45,11 @@ def light_optical_depth(scene: Scene, light: Light, points: Floats, field: int =
 
 
 def marched_depths(scene: Scene, light: Light, points: Floats, weights: Floats) -> Floats:
-    """March the fields' optical depths ``[points, K]`` from where a fitted light enters the grids' boxes."""
+    """March the fields' optical depths ``[points, K]`` from where a fitted light enters boxes."""
     rays, arrival = light_rays(light, points)
-    k_in, k_out = march_bounds(scene.grids, *rays)
+    k_in, k_out = march_bounds(scene.marched, *rays)
     ends = np.clip(arrival.distance, k_in, k_out)
-    return optical_depths(scene.grids, weights, rays, (k_in, ends), decided(scene.map.steps))
+    return optical_depths(scene.marched, weights, rays, (k_in, ends), decided(scene.map.steps))
 
 
 def light_ways(scene: Scene, light: Light, points: Floats) -> Floats:

@@ -12,7 +12,7 @@ from tfm_cl.maps.bases.base import UNIFORM_SHARE, Functions
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
-from tfm_cl.reference.bodies import field_density, march_bounds, optical_depths
+from tfm_cl.reference.bodies import march_bounds, optical_depths, step_depths
 from tfm_cl.reference.fitting import fitted, light_rays, lights_of, map_rays, texel_rays, with_numbers
 from tfm_cl.reference.geometry import Floats, Integers, edges
 from tfm_cl.reference.solids import clip
@@ -45,7 +45,7 @@ class MapModel(NamedTuple):
     """The ranges ``[size, size, 4]``, not the field of densities."""
     extinction: float
     weights: Floats
-    """``[grids, 3, 1]`` of the field of densities, for `field_density`."""
+    """``[bodies, 3, 1]`` of the field of densities, of all that is marched."""
 
 
 def map_model(scene: Scene, like: TransmittanceMap | None = None, field: int | None = None) -> MapModel:
@@ -80,10 +80,10 @@ def density_weighting(scene: Scene, field: int = 0) -> float:
     weights = fields.weights[:, :, field : field + 1]
     for light in lights_of(scene):
         rays = texel_rays(light, AUTO_RES)
-        begin, end = march_bounds(scene.grids, *rays)
+        begin, end = march_bounds(scene.marched, *rays)
         if scene.solids:
             end = np.clip(clip(scene, light, AUTO_RES), begin, end)
-        depths = optical_depths(scene.grids, weights, rays, (begin, end), decided(scene.map.steps))
+        depths = optical_depths(scene.marched, weights, rays, (begin, end), decided(scene.map.steps))
         deepest = max(deepest, float(depths.max()))
     # α divides the density's optical depth, but the limits are meant for the medium's.
     return max(1.0, float(np.clip(sigma_t * deepest / 2, 1, 16)) / sigma_t) if sigma_t > 0 else 1.0
@@ -155,12 +155,11 @@ def build_map(
         these = np.flatnonzero(counts == steps)
         for part in np.array_split(these, 1 + len(these) // geometry.CHUNK):
             rays = map_rays(light, positions[part])
-            begin, end = march_bounds(scene.grids, *rays)
+            begin, end = march_bounds(scene.marched, *rays)
             if model.settings.range != "box":
                 begin, end = bilinear(model.field, positions[part])[:, :2].T
             boundaries, samples = edges(begin, end, int(steps))
-            densities = [field_density(scene.grids, model.weights, rays.at(t))[:, 0] for t in samples.T]
-            depth = np.stack(densities, axis=1) * np.diff(boundaries)
+            depth = step_depths(scene.marched, model.weights, rays, boundaries, samples)[..., 0]
             lit = np.maximum(reach[part], boundaries[:, 0])  # the first step is always taken
             depth[boundaries[:, :-1] > lit[:, None]] = 0
             numbers[part] = _numbers(model, depth)
@@ -183,7 +182,7 @@ def map_optical_depth(
         scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
     model = map_model(scene, like, field)
     rays, (_, distance, positions, *_) = light_rays(fitted(scene, light, like), points)
-    begin, end = march_bounds(scene.grids, *rays)
+    begin, end = march_bounds(scene.marched, *rays)
     hit, beyond = end > begin, np.zeros(len(points))
     if model.settings.range != "box":
         begin, end, slope, last = bilinear(model.field, positions).T

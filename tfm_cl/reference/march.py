@@ -1,8 +1,9 @@
 """A camera ray through all bodies, step by step.
 
-Where a ray crosses grids' boxes it takes the march's own number of steps; what lies before and behind, in
-bodies of constant density alone, takes steps in proportion to its length. In each step the density of grids
-is that at its middle, and the way through homogeneous bodies is exact.
+Where a ray crosses the boxes of grids and primitives it takes the march's own number of steps; what lies
+before and behind, in bodies of constant density alone, takes steps in proportion to its length. In each
+step the density of grids is that at its middle; what primitives hold in it, and the way through homogeneous
+bodies, are exact.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from tfm_cl.reference.bodies import Matter, body_interval, channel_densities, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Integers, Interval, Rays, hull, interval, overlap, warped
+from tfm_cl.reference.primitives import Met, meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 
 LEAST_CUTOFF = 1e-7
@@ -26,8 +28,8 @@ FARTHEST = 1e15
 class Crossing(NamedTuple):
     """Where camera rays cross bodies, up to solids."""
 
-    grids: Interval
-    """From the first to the last of the grids' boxes."""
+    boxes: Interval
+    """From the first to the last of the boxes of grids and primitives."""
     inside: list[Interval]
     """Of each homogeneous body."""
     medium: Interval
@@ -39,7 +41,7 @@ class Crossing(NamedTuple):
         def of(one: Interval) -> Interval:
             return one[0][which], one[1][which]
 
-        return Crossing(of(self.grids), [of(one) for one in self.inside], of(self.medium))
+        return Crossing(of(self.boxes), [of(one) for one in self.inside], of(self.medium))
 
 
 class Segment(NamedTuple):
@@ -49,7 +51,8 @@ class Segment(NamedTuple):
     end: Floats
     steps: Integers
     """``[rays]``: how many."""
-    has_grids: bool
+    in_boxes: bool
+    """Whether there may be grids and primitives in it."""
 
 
 class Step(NamedTuple):
@@ -60,9 +63,9 @@ class Step(NamedTuple):
     distance: Floats
     """``[n]``, of its middle."""
     mean: Floats
-    """``[n, RGB]``: where its opacity is on the mean; the middle where there are grids, read there."""
+    """``[n, RGB]``: where its opacity is on the mean; the middle where grids may be, read there."""
     amounts: list[Floats]
-    """Of each body, grids first: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
+    """Of each body, as in `Matter`: density times length, ``[n, 1]``, or ``[n, 3]`` of a coloured one."""
     depth: Floats
     """``[n, RGB]``: optical depth."""
     opacity: Floats
@@ -75,31 +78,31 @@ def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Cro
     A medium everywhere is marched from the camera until the colour that sees deepest has lost all but the
     cutoff in it; one that extinguishes nothing is not marched.
     """
-    grids = march_bounds(matter.grids, *rays, limit)
+    boxes = march_bounds(matter.marched, *rays, limit)
     inside = [body_interval(body, *rays, limit) for body in matter.homogeneous]
     endless = np.array([isinstance(body, EverywhereVolume) for body in matter.homogeneous], dtype=bool)
     extinction = matter.extinctions[endless].sum(axis=0)
     if (extinction > 0).any():
         visible = -math.log(max(cutoff, LEAST_CUTOFF)) / extinction[extinction > 0].min()
         end = np.minimum(limit, min(visible, FARTHEST))
-        return Crossing(grids, inside, interval(np.zeros(len(end)), end))
+        return Crossing(boxes, inside, interval(np.zeros(len(end)), end))
     bounded = [one for one, has_no_end in zip(inside, endless, strict=True) if not has_no_end]
-    return Crossing(grids, inside, hull(len(limit), [grids, *bounded]))
+    return Crossing(boxes, inside, hull(len(limit), [boxes, *bounded]))
 
 
 def segments(crossing: Crossing, part: Interval, steps: int) -> list[Segment]:
-    """Cut a part of rays at the ends of the grids' boxes; without grids on it, the first piece is all."""
+    """Cut a part of rays at the ends of the boxes; without any on it, the first piece is all."""
     begin, end = part
-    first, last = (np.clip(edge, begin, end) for edge in crossing.grids)
+    first, last = (np.clip(edge, begin, end) for edge in crossing.boxes)
     cut = last > first
     first, last = np.where(cut, first, end), np.where(cut, last, end)
     length = end - begin
 
     def beside(low: Floats, high: Floats) -> Segment:
         share = np.divide(high - low, length, out=np.zeros_like(length), where=length > 0)
-        return Segment(low, high, np.ceil(steps * share).astype(np.intp), has_grids=False)
+        return Segment(low, high, np.ceil(steps * share).astype(np.intp), in_boxes=False)
 
-    middle = Segment(first, last, np.where(last > first, steps, 0), has_grids=True)
+    middle = Segment(first, last, np.where(last > first, steps, 0), in_boxes=True)
     return [beside(begin, first), middle, beside(last, end)]
 
 
@@ -124,7 +127,8 @@ def march(
         Of a light, at points, when steps are uniform in its projective space between the ends of each
         segment, see `warped`.
     """
-    for begin, end, counts, has_grids in parts:
+    met = [meet(body, rays) for body in matter.primitives]
+    for begin, end, counts, in_boxes in parts:
         w = None
         if projective_depth is not None:
             w = projective_depth(rays.at(begin)), projective_depth(rays.at(end))
@@ -142,17 +146,25 @@ def march(
             )
             points, length = rays.part(which).at(t), (t1 - t0)[:, None]
             amounts = [
-                channel_densities(grid, points) * length if has_grids else np.zeros_like(length)
+                channel_densities(grid, points) * length if in_boxes else np.zeros_like(length)
                 for grid in matter.grids
             ]
+            amounts += [_within(one, which, t0, t1) for one in met]
             for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
                 amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
             depth = _summed(matter.sigma_t, amounts)
             middle = np.broadcast_to(t[:, None], depth.shape)
             within = mean_distance(depth / np.where(length > 0, length, 1), length)
-            mean = middle if has_grids else t0[:, None] + within
+            mean = middle if in_boxes else t0[:, None] + within
             yield Step(which, t, mean, amounts, depth, through[which] * -np.expm1(-depth))
             through[which] *= np.exp(-depth)
+
+
+def _within(met: Met, rays: Integers, begin: Floats, end: Floats) -> Floats:
+    """Find what primitives hold between two distances along some rays, ``[n, 1]`` or ``[n, RGB]``."""
+    ends = np.zeros((2, met.rays))
+    ends[:, rays] = begin, end
+    return met.between(*ends)[rays]
 
 
 def scattered(matter: Matter, step: Step, mu: Floats | None = None) -> Floats:
@@ -182,18 +194,18 @@ def homogeneous_depth(matter: Matter, crossing: Crossing, begin: Floats, end: Fl
     return total
 
 
-def grid_depth(
+def boxed_depth(
     matter: Matter, rays: Rays, crossing: Crossing, begin: Floats, end: Floats, steps: int
 ) -> Floats:
-    """Optical depth ``[rays, RGB]`` of the grids between two distances, by the march's steps.
+    """Optical depth ``[rays, RGB]`` of grids and primitives between two distances, by the march's steps.
 
-    There are ``steps`` of them from the first to the last of the grids' boxes, and their share elsewhere.
+    There are ``steps`` of them from the first to the last of the boxes, and their share elsewhere.
     """
-    near, far = crossing.grids
+    near, far = crossing.boxes
     begin, end = np.maximum(begin, near), np.minimum(end, far)
     share = np.divide(end - begin, far - near, out=np.zeros_like(near), where=end > begin)
     counts = np.ceil(steps * share).astype(np.intp)
-    return optical_depths(matter.grids, matter.weights, rays, interval(begin, end), counts)
+    return optical_depths(matter.marched, matter.weights, rays, interval(begin, end), counts)
 
 
 def mean_distance(extinction: Floats, length: Floats) -> Floats:

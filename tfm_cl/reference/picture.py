@@ -18,8 +18,8 @@ from tfm_cl.reference.light import arriving, light_transmittance, marched_depths
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
     Crossing,
+    boxed_depth,
     crossing_of,
-    grid_depth,
     homogeneous_depth,
     march,
     mean_distance,
@@ -206,7 +206,7 @@ class _Seen(NamedTuple):
 def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> _Seen:
     steps, count = decided(scene.march.steps), len(rays.origins)
     nothing, endless = np.zeros(count), np.full(count, FAR)
-    depth = grid_depth(matter, rays, crossing, nothing, endless, steps)
+    depth = boxed_depth(matter, rays, crossing, nothing, endless, steps)
     depth += homogeneous_depth(matter, crossing, nothing, endless)
     transmittance = np.exp(-depth)
     distance, opacity, scatters = np.zeros(count), np.zeros(count), np.zeros((count, 3))
@@ -218,7 +218,7 @@ def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> _Seen
     albedo = matter.albedo
     if (albedo == albedo[0]).all():  # eq. 7
         scatters = albedo[0] * -np.expm1(-depth)
-    if not matter.grids and len(matter.homogeneous) == 1:  # in closed form
+    if not matter.marched and len(matter.homogeneous) == 1:  # in closed form
         ((begin, end),) = crossing.inside
         extinction, length = matter.extinctions, (end - begin)[:, None]
         opacities = -np.expm1(-depth)
@@ -242,7 +242,7 @@ def _scattered(
         # What lies between the camera and the cone is dark, but hides what is behind.
         nothing = np.zeros_like(begin)
         through = np.exp(
-            -grid_depth(matter, rays, crossing, nothing, begin, decided(settings.steps))
+            -boxed_depth(matter, rays, crossing, nothing, begin, decided(settings.steps))
             - homogeneous_depth(matter, crossing, nothing, begin)
         )
     warp = light.light.projective_depth if settings.sampling == "projective" else None
@@ -279,7 +279,7 @@ def _reflected(
     if scene.march.attenuation == "paper":  # TFM's algorithm 1 dims only between the ends of the light's cone
         begin, end = intersection(crossing.medium, light.light.interval(*rays))
         through = np.exp(
-            -grid_depth(matter, rays, crossing, begin, end, decided(scene.march.steps))
+            -boxed_depth(matter, rays, crossing, begin, end, decided(scene.march.steps))
             - homogeneous_depth(matter, crossing, begin, end)
         )
     points = rays.at(met.distance)

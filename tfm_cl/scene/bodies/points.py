@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import MOST_OPACITY, POINT_PROFILES
 from tfm_cl.errors import VolumeError, unknown_key
-from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.primitives import (
     Primitives,
     colours_of,
@@ -137,8 +137,7 @@ class Points(Primitives):
             self.densities = numbers_of(1.0 if density is None else density, count, "density", label)
         else:
             taken = numbers_of(opacity, count, "opacity", label, most=1.0)
-            depths = -np.log1p(-np.minimum(taken, MOST_OPACITY))
-            self.densities = depths / (PROFILES[profile].through * self.radii)
+            self.densities = _densities_of(taken, PROFILES[profile].through * self.radii, label)
         self._colour = colours_of(colour, count, label)
         self.velocity: NDArray[np.float64] | None = None
         if velocity is not None:
@@ -212,3 +211,24 @@ class Points(Primitives):
         coloured = "" if self.colour is None else "coloured, "
         kind = f"{len(self.positions)} of profile {self.profile}"
         return f"Points({self.label}, {kind}, {coloured}density up to {self.density:g})"
+
+
+def _densities_of(opacities: Floats, lengths: Floats, label: str) -> Floats:
+    """Return the densities that take so much along such lengths.
+
+    Raises
+    ------
+    VolumeError
+        One that is too large.
+    """
+    with np.errstate(over="ignore"):
+        densities: Floats = -np.log1p(-np.minimum(opacities, MOST_OPACITY)) / lengths
+    wrong = densities > LARGEST_COLOUR
+    if wrong.any():
+        first = int(wrong.argmax())
+        raise VolumeError(
+            f"{label}: radius[{first}] is so small that an opacity of {opacities[first]:g} takes a "
+            f"density of {densities[first]:g}: that should be up to {LARGEST_COLOUR:g}"
+        )
+    densities.flags.writeable = False
+    return densities
