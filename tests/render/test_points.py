@@ -327,7 +327,7 @@ MIXTURES = {
 
 
 @pytest.mark.lanes
-@pytest.mark.quick("with a grid, in fog-tfm")
+@pytest.mark.quick("with a grid-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", MIXTURES)
 def test_mixtures(renderer, save_on_failure, mixture, method):
