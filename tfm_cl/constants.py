@@ -35,6 +35,8 @@ POINT_PROFILES = {"ball": 0, "gaussian": 1, "smooth": 2}
 """Profile of a point -> its number in the kernels, ``POINT_BALL`` and so on."""
 MOST_OPACITY = 1 - 2.0**-23
 """Opaque: an optical depth of 16, of which less is left than float32 sees beside 1."""
+LEAST_TEXELS = 2.0
+"""Radius, in texels or pixels, of the narrowest primitive: what is narrower is widened."""
 SMOOTH_MASS = 64 * pi / 315
 """What a smooth point of radius and density 1 holds."""
 EDGE_MARGIN = 1e-3
@@ -58,6 +60,7 @@ def c_definitions() -> str:
         "SHADOW_FIRST_LEVEL": SHADOW_FIRST_LEVEL,
         "TFM_RIDGE": f"{RIDGE}f",
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
+        "LEAST_TEXELS": f"{LEAST_TEXELS}f",
         "SMOOTH_MASS": f"{SMOOTH_MASS:.9g}f",
         "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
         **{f"POINT_{name.upper()}": number for name, number in POINT_PROFILES.items()},

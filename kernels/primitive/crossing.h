@@ -35,9 +35,6 @@ TFM_INLINE Floats depth_of_opacity(Floats opacity)
   return -log_of(1.0f - least(opacity, floats(MOST_OPACITY)));
 }
 
-/* Of what is smaller than a texel: width of the smallest point, or strand, in texels from its middle to its end. */
-#define LEAST_TEXELS 2.0f
-
 /* How primitives are seen from somewhere. */
 typedef struct {
   float origin[3];

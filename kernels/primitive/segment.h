@@ -10,7 +10,7 @@
 
 #include "primitive/crossing.h"
 
-/* Radius, in texels, of a strand that is widened: sums over texels then differ by 1 %. */
+/* Radius, in texels, of a strand that is widened: sums over texels then differ by 1 %. At most LEAST_TEXELS. */
 #define LEAST_STRAND 1.5f
 /* Sine of the angle between a ray and a strand, squared, below which it looks along it. */
 #define ALONG_STRAND 1e-8f

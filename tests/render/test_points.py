@@ -12,6 +12,7 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
+from tfm_cl.errors import SceneError
 from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.lights import PointLight, SpotLight, SunLight
 from tfm_cl.scene.lights.base import texel_positions
@@ -521,6 +522,16 @@ def assert_same(result, expected, tolerance):
 
 ROUNDED = 50 * FAST_MATH
 """Of the brightest: sums of hundreds of points in another order."""
+
+
+def test_maps_serve_the_points_that_they_were_made_of(renderer):
+    scene = scene_of(CLOUD)
+    maps = renderer.build_maps(scene)
+    assert (renderer.render(scene, maps=maps).image == renderer.render(scene).image).all()
+    assert (renderer.render(scene_of(CLOUD.with_medium(HAZE)), maps=maps).image > 0).any()
+    moved = tfm.Points(CLOUD.positions + 0.1, CLOUD.radii, CLOUD.densities)
+    with pytest.raises(SceneError, match="was built for another volume; build the maps again"):
+        renderer.render(scene_of(moved), maps=maps)
 
 
 @pytest.mark.quick("tfm")

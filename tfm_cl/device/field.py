@@ -39,3 +39,5 @@ class FieldOnDevice:
     """Of what it is made of, before all others."""
     met_by: Callable[[Light, cl.Buffer, int], Met]
     """Tells what the rays of a light's map meet, of a fitted light, its struct, and texels along a side."""
+    margin: float
+    """World units, by which primitives reach beyond their bounds."""

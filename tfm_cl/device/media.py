@@ -70,7 +70,11 @@ class MediaOnDevice:
 
 
 def media_on_device(
-    launcher: Launcher, scene: Scene, bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None = None
+    launcher: Launcher,
+    scene: Scene,
+    bricks: BrickGrid | None,
+    primitives: PrimitivesOnDevice | None = None,
+    margin: float = 0.0,
 ) -> MediaOnDevice:
     """Put media and bodies on the device.
 
@@ -82,6 +86,8 @@ def media_on_device(
         The voxels of its grids; None where it has none.
     primitives
         Its primitives, likewise.
+    margin
+        World units, by which these reach beyond their bounds.
     """
     fields, media = fields_of(scene), list(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
     grids, bodies = scene.grids, scene.homogeneous
@@ -97,7 +103,9 @@ def media_on_device(
     numbers = list(PHASES.values())
     of_grid_fields = [
         {
-            "grids": launcher.upload("the grids", grid_structs(scene, bricks, fields.weights[:, :, k])),
+            "grids": launcher.upload(
+                "the grids", grid_structs(scene, bricks, fields.weights[:, :, k], margin)
+            ),
             **of_grids,
         }
         for k in range(fields.count)
@@ -113,6 +121,7 @@ def media_on_device(
             arguments=of_grid_fields[k],
             headers=() if primitives is None else primitives.headers,
             met_by=met_by[k],
+            margin=margin,
         )
         for k in range(fields.count)
     )
@@ -159,7 +168,7 @@ def media_on_device(
         arguments={
             "media": launcher.upload("the media", medium_structs(media)),
             "bodies": launcher.upload("the bodies", body_structs(scene)),
-            "grids": launcher.upload("the grids", grid_structs(scene, bricks)),
+            "grids": launcher.upload("the grids", grid_structs(scene, bricks, margin=margin)),
             **of_grids,
         },
         of_fields=of_fields,

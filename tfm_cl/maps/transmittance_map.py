@@ -238,7 +238,7 @@ class TransmittanceMap:
             ("shadow.res", not self.solids or self.shadow_res == scene.shadow.res),
             ("light", self.light.map_key() == light.map_key()),
             ("map settings", self.requested == scene.map),
-            ("voxel type", self.medium.voxels == scene.march.voxels),
+            ("voxel type", not scene.grids or self.medium.voxels == scene.march.voxels),
         ):
             if not same:
                 raise SceneError(f"was built for another {what}; build the maps again")

@@ -178,6 +178,7 @@ def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, .
         world_from_device(scene).tobytes(),
         scene.march.voxels,
         scene.solids,
+        media.of_fields[field].margin if resolve(scene.map).range == "box" else 0.0,
     )
 
 

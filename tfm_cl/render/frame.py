@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
@@ -246,7 +247,7 @@ class Frame:
     def _touched(self, gbuffer: GBuffer | None) -> NDArray[np.int64]:
         """Pixels of the crop that each light may change, [lights, 4]."""
         scene, crop = self.scene, self.crop
-        bounds = scene.occupied_bounds
+        bounds = grown(scene.occupied_bounds, max(light_margin(scene), camera_margin(scene)))
         if gbuffer is not None and len(gbuffer.points):
             points = gbuffer.points
             bounds = around([bounds, np.stack([points.min(axis=0), points.max(axis=0)])])

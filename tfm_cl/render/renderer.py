@@ -17,6 +17,7 @@ from tfm_cl.device.device import choose_device
 from tfm_cl.device.frame import check_distances, world_from_device
 from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
+from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.errors import SceneError
@@ -137,14 +138,20 @@ class Renderer:
         if scene.map.max_error is not None:
             scene, _ = self._chosen(scene, "tfm", None, None, progress)
         scene = _single_lights(plan(scene, method="tfm").scene)
-        media = self._media(scene)
+        media = self._media(scene, None)
         if not media.fields.count:
             return []
         sources = self._maps.sources(scene, media, None)
         return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
 
-    def _media(self, scene: Scene) -> MediaOnDevice:
-        """Put the media of a scene on the device; those of the last frame are there."""
+    def _media(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
+        """Put the media of a scene on the device; those of the last frame are there.
+
+        Where maps are there already, and speak of the bounds' rays, these bounds stay.
+        """
+        margin = max(light_margin(scene), camera_margin(scene))
+        if maps and maps[0].settings.range == "box":
+            margin = maps[0].medium.margin
         grids, voxels, bricks = scene.grids, scene.march.voxels, None
         if grids:
             bricks = self._cache.get(
@@ -161,10 +168,11 @@ class Renderer:
             scene.medium,
             scene.march.skip_empty,
             world_from_device(scene).tobytes(),
+            margin,
         )
         kept, media = self._last_media or (None, None)
         if media is None or kept != key or media.bricks is not bricks or media.primitives is not primitives:
-            media = media_on_device(self._launcher, scene, bricks, primitives)
+            media = media_on_device(self._launcher, scene, bricks, primitives, margin)
             self._last_media = key, media
         return media
 
@@ -299,7 +307,7 @@ class Renderer:
             self._visibility,
             self._maps,
             points,
-            self._media(points),
+            self._media(points, maps),
             crop,
             stats,
             progress,
@@ -352,9 +360,16 @@ def _single_lights(scene: Scene) -> Scene:
     if scene.marched and not scene.solids:
         bounds = around([body.occupied_bounds for body in scene.marched])
     fits = bool(scene.solids or scene.marched)
-    return scene.replace(
-        lights=[light.fitted(bounds, occupied) if fits or light.needs_fitting else light for light in lights]
-    )
+
+    def fitted(margin: float) -> Scene:
+        box, inside = grown(bounds, margin), grown(occupied, margin)
+        return scene.replace(
+            lights=[light.fitted(box, inside) if fits or light.needs_fitting else light for light in lights]
+        )
+
+    found = fitted(0.0)
+    margin = light_margin(found)
+    return fitted(margin) if margin else found
 
 
 def _checked_method(method: str | None, scene: Scene) -> str:

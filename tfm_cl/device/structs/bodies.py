@@ -34,7 +34,10 @@ def body_structs(scene: Scene) -> NDArray[Any]:
 
 
 def grid_structs(
-    scene: Scene, bricks: BrickGrid | None, weights: NDArray[np.float64] | None = None
+    scene: Scene,
+    bricks: BrickGrid | None,
+    weights: NDArray[np.float64] | None = None,
+    margin: float = 0.0,
 ) -> NDArray[Any]:
     """Return the structs of the boxes that are marched; one of no meaning where there are none.
 
@@ -46,12 +49,14 @@ def grid_structs(
         Their voxels on the device; without, no density can be read.
     weights
         float [grids, 3]: what densities of each channel are multiplied by, 1 for all by default.
+    margin
+        World units, by which primitives reach beyond their bounds.
     """
     grids = scene.grids
     structs = np.zeros(max(1, len(grids) + bool(scene.primitives)), GRID.dtype)
     moved = world_from_device(scene)
     if scene.primitives:
-        structs[-1:] = _box_struct(scene, moved)
+        structs[-1:] = _box_struct(scene, moved, margin)
     first = 0
     for i, grid in enumerate(grids):
         struct = structs[i]
@@ -74,10 +79,10 @@ def grid_structs(
     return structs
 
 
-def _box_struct(scene: Scene, moved: NDArray[np.float64]) -> NDArray[Any]:
+def _box_struct(scene: Scene, moved: NDArray[np.float64], margin: float) -> NDArray[Any]:
     """Return the struct of the box around all primitives, whose index space is [0, 1]³."""
     low, high = around([body.bounds for body in scene.primitives])
-    margin = BOX_MARGIN * float((high - low).max())
+    margin += BOX_MARGIN * float((high - low).max() + margin)
     world_from_box = np.eye(4)
     world_from_box[:3, :3] = np.diag(high - low + 2 * margin)
     world_from_box[:3, 3] = low - margin

@@ -112,6 +112,11 @@ class Curves(ThinPrimitives):
         return max(2 * float(np.median(self.widths)), self.least_detail)
 
     @property
+    def narrowest(self) -> float:
+        """As `Primitives.narrowest`: half a width."""
+        return float(self.widths.min()) / 2
+
+    @property
     def masses(self) -> Floats:
         """As `Primitives.masses`: what rays of all directions meet."""
         masses: Floats = MEAN_SINE * self.lengths * self.widths.mean(axis=1) * self.densities

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
@@ -18,7 +18,7 @@ from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
-from tfm_cl.scene.bodies.primitives import Primitives
+from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.transform import Transform
 
@@ -39,8 +39,6 @@ THINNEST = 1e-3
 
 WHITE = (1.0, 1.0, 1.0)
 """Colours of a mesh are not read."""
-
-P = TypeVar("P", bound=Primitives)
 
 
 class PrimitiveSettings(Model):
@@ -86,9 +84,22 @@ class PrimitiveSettings(Model):
         chosen = {key: value for key, (value, _) in body.chosen.items()}
         return self.to_dict() | chosen | {self.KEY: str(real_path(self.source(folder)))}
 
-    def _moved(self, body: P) -> P:
-        """Move the body to where it was asked for."""
-        return body if self.transform is None else body.transformed(np.reshape(self.transform, (4, 4)))
+    def _placed(self, positions: NDArray[np.floating], sizes: Any) -> tuple[NDArray[np.float64], Any]:
+        """Move positions [n, 3], and scale sizes, to where they were asked for."""
+        places = positions.astype(np.float64)
+        if self.transform is None:
+            return places, sizes
+        matrix = np.reshape(self.transform, (4, 4))
+        scale = rigid_scale(matrix, getattr(self, self.KEY))
+        return places @ matrix[:3, :3].T + matrix[:3, 3], scale * np.asarray(sizes, dtype=np.float64)
+
+    def _turned(self, velocities: NDArray[np.floating] | None) -> NDArray[np.float64] | None:
+        """Turn and scale velocities likewise."""
+        if velocities is None:
+            return None
+        matrix = np.eye(3) if self.transform is None else np.reshape(self.transform, (4, 4))[:3, :3]
+        turned: NDArray[np.float64] = velocities @ matrix.T
+        return turned
 
 
 Density = Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COLOUR)]
@@ -136,18 +147,17 @@ class PointsSettings(PrimitiveSettings):
             chosen["radius"] = radius, f"{OVERLAP:g} median distances to the nearest neighbour"
         opacity = None if self.density is not None else _times(self.opacity, stored.opacities)
         factor = self.density if isinstance(self.density, float) else None
-        points = self._moved(
-            Points(
-                stored.positions,
-                radius,
-                None if opacity is not None else _times(factor, stored.densities),
-                opacity=opacity,
-                profile=self.profile,
-                colour=stored.colours if self.colour is None else self.colour,
-                velocity=stored.velocities,
-                medium=self.medium,
-                source=source,
-            )
+        positions, radius = self._placed(stored.positions, radius)
+        points = Points(
+            positions,
+            radius,
+            None if opacity is not None else _times(factor, stored.densities),
+            opacity=opacity,
+            profile=self.profile,
+            colour=stored.colours if self.colour is None else self.colour,
+            velocity=self._turned(stored.velocities),
+            medium=self.medium,
+            source=source,
         )
         if opacity is None and factor is None:
             scale = optical_depth.density_scale_for(points)
@@ -192,17 +202,16 @@ class CurvesSettings(PrimitiveSettings):
             extent = np.ptp(stored.positions.astype(np.float64), axis=0)
             width = float(f"{THINNEST * float(np.linalg.norm(extent)):.2g}")
             chosen["width"] = width, f"{THINNEST:g} of the diagonal of their bounds"
-        curves = self._moved(
-            Curves(
-                stored.positions,
-                stored.counts,
-                width,
-                self.density,
-                opacity=None if self.density is not None else _times(self.opacity, stored.opacities),
-                colour=stored.colours if self.colour is None else self.colour,
-                medium=self.medium,
-                source=source,
-            )
+        positions, width = self._placed(stored.positions, width)
+        curves = Curves(
+            positions,
+            stored.counts,
+            width,
+            self.density,
+            opacity=None if self.density is not None else _times(self.opacity, stored.opacities),
+            colour=stored.colours if self.colour is None else self.colour,
+            medium=self.medium,
+            source=source,
         )
         curves.chosen = chosen
         return curves
@@ -229,15 +238,14 @@ class PolygonsSettings(PrimitiveSettings):
             triangles = read_mesh(source, WHITE)
         except SceneError as error:
             raise VolumeError(*error.args) from None
-        return self._moved(
-            Polygons(
-                triangles.vertices,
-                triangles.faces,
-                1.0 if self.opacity is None else self.opacity,
-                colour=self.colour,
-                medium=self.medium,
-                source=source,
-            )
+        vertices, _ = self._placed(triangles.vertices, 1.0)
+        return Polygons(
+            vertices,
+            triangles.faces,
+            1.0 if self.opacity is None else self.opacity,
+            colour=self.colour,
+            medium=self.medium,
+            source=source,
         )
 
 

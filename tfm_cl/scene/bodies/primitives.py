@@ -81,6 +81,11 @@ class Primitives(MarchedBody):
         """Return it with all densities times a factor."""
 
     @property
+    def narrowest(self) -> float:
+        """World units: the least radius of any, as rays see it."""
+        return float(self.radii.min())
+
+    @property
     def profile_number(self) -> int:
         """How kernels know of its profile, if its kind has several."""
         return 0
