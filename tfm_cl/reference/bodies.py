@@ -111,12 +111,16 @@ def _to_index(volume: Volume, vectors: Floats, w: int) -> Floats:
 
 
 def march_bounds(
-    bodies: Marched, origins: Floats, directions: Floats, limit: Floats | float = np.inf
+    bodies: Marched,
+    origins: Floats,
+    directions: Floats,
+    limit: Floats | float = np.inf,
+    margin: float = 0.0,
 ) -> Interval:
     """Interval of each ray, up to ``limit``, from the first to the last of the boxes that it meets.
 
     A grid's is the index-space box [-1, N], outside of which its D = 0; all primitives have one, along the
-    axes. Between boxes D = 0 too, but steps are taken there.
+    axes, with a ``margin`` on all sides. Between boxes D = 0 too, but steps are taken there.
     """
     boxes = [
         box_interval(
@@ -130,7 +134,7 @@ def march_bounds(
     ]
     if primitives := primitives_of(bodies):
         low, high = bounds_of(primitives)
-        boxes.append(box_interval(low, high, origins, directions, limit))
+        boxes.append(box_interval(low - margin, high + margin, origins, directions, limit))
     return hull(len(origins), boxes)
 
 
@@ -203,9 +207,10 @@ class Matter:
         ``[marched, 3, RGB]``: extinction of a density of 1 in each channel of what is marched.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, margin: float = 0.0) -> None:
         self.grids, self.homogeneous = scene.grids, scene.homogeneous
         self.primitives = primitives_of(scene.primitives)
+        self.margin = margin
         media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]
         self.sigma_t = np.array([medium.sigma_t for medium in media])
         self.sigma_s = np.array([medium.sigma_s for medium in media], dtype=float)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import resolution
 from tfm_cl.reference.geometry import Floats, Interval, Rays
@@ -32,7 +33,28 @@ def map_bounds(scene: Scene) -> Floats:
 
 def fitted(scene: Scene, light: Light, like: TransmittanceMap | None = None) -> Light:
     """Return a light with a place for its map: its own, that of a map to compare with, or the scene's."""
-    return light.fitted(map_bounds(scene)) if like is None else like.light
+    return light.fitted(grown(map_bounds(scene), _light_margin(scene))) if like is None else like.light
+
+
+def margin_of(scene: Scene, like: TransmittanceMap | None = None) -> float:
+    """Margin of the box around primitives, which holds what the product widens: `tfm_cl.device.margins`.
+
+    Steps are laid out in that box, so the rule is the product's own.
+    """
+    if like is not None or not scene.primitives:
+        return like.medium.margin if like is not None else 0.0
+    return max(light_margin(_fitted_to(scene, _light_margin(scene))), camera_margin(scene))
+
+
+def _light_margin(scene: Scene) -> float:
+    return light_margin(_fitted_to(scene, 0.0)) if scene.primitives else 0.0
+
+
+def _fitted_to(scene: Scene, margin: float) -> Scene:
+    """Fit all parts of the lights to what their maps look at and a margin."""
+    box = grown(map_bounds(scene), margin)
+    parts = [part.fitted(box) for light in scene.lights for part in light.parts()]
+    return with_numbers(scene).replace(lights=parts)
 
 
 def lights_of(scene: Scene) -> list[Light]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tfm_cl.model import decided
 from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
-from tfm_cl.reference.fitting import fitted, light_rays, with_numbers
+from tfm_cl.reference.fitting import fitted, light_rays, margin_of, with_numbers
 from tfm_cl.scene.fields import fields_of
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def light_optical_depth(scene: Scene, light: Light, points: Floats, field: int =
 def marched_depths(scene: Scene, light: Light, points: Floats, weights: Floats) -> Floats:
     """March the fields' optical depths ``[points, K]`` from where a fitted light enters boxes."""
     rays, arrival = light_rays(light, points)
-    k_in, k_out = march_bounds(scene.marched, *rays)
+    k_in, k_out = march_bounds(scene.marched, *rays, margin=margin_of(scene))
     ends = np.clip(arrival.distance, k_in, k_out)
     return optical_depths(scene.marched, weights, rays, (k_in, ends), decided(scene.map.steps))
 

@@ -13,7 +13,15 @@ from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import march_bounds, optical_depths, step_depths
-from tfm_cl.reference.fitting import fitted, light_rays, lights_of, map_rays, texel_rays, with_numbers
+from tfm_cl.reference.fitting import (
+    fitted,
+    light_rays,
+    lights_of,
+    map_rays,
+    margin_of,
+    texel_rays,
+    with_numbers,
+)
 from tfm_cl.reference.geometry import Floats, Integers, edges
 from tfm_cl.reference.solids import clip
 from tfm_cl.scene.fields import fields_of
@@ -80,7 +88,7 @@ def density_weighting(scene: Scene, field: int = 0) -> float:
     weights = fields.weights[:, :, field : field + 1]
     for light in lights_of(scene):
         rays = texel_rays(light, AUTO_RES)
-        begin, end = march_bounds(scene.marched, *rays)
+        begin, end = march_bounds(scene.marched, *rays, margin=margin_of(scene))
         if scene.solids:
             end = np.clip(clip(scene, light, AUTO_RES), begin, end)
         depths = optical_depths(scene.marched, weights, rays, (begin, end), decided(scene.map.steps))
@@ -155,7 +163,7 @@ def build_map(
         these = np.flatnonzero(counts == steps)
         for part in np.array_split(these, 1 + len(these) // geometry.CHUNK):
             rays = map_rays(light, positions[part])
-            begin, end = march_bounds(scene.marched, *rays)
+            begin, end = march_bounds(scene.marched, *rays, margin=margin_of(scene, like))
             if model.settings.range != "box":
                 begin, end = bilinear(model.field, positions[part])[:, :2].T
             boundaries, samples = edges(begin, end, int(steps))
@@ -182,7 +190,7 @@ def map_optical_depth(
         scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
     model = map_model(scene, like, field)
     rays, (_, distance, positions, *_) = light_rays(fitted(scene, light, like), points)
-    begin, end = march_bounds(scene.marched, *rays)
+    begin, end = march_bounds(scene.marched, *rays, margin=margin_of(scene, like))
     hit, beyond = end > begin, np.zeros(len(points))
     if model.settings.range != "box":
         begin, end, slope, last = bilinear(model.field, positions).T

@@ -78,7 +78,7 @@ def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Cro
     A medium everywhere is marched from the camera until the colour that sees deepest has lost all but the
     cutoff in it; one that extinguishes nothing is not marched.
     """
-    boxes = march_bounds(matter.marched, *rays, limit)
+    boxes = march_bounds(matter.marched, *rays, limit, matter.margin)
     inside = [body_interval(body, *rays, limit) for body in matter.homogeneous]
     endless = np.array([isinstance(body, EverywhereVolume) for body in matter.homogeneous], dtype=bool)
     extinction = matter.extinctions[endless].sum(axis=0)

@@ -12,7 +12,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
-from tfm_cl.reference.fitting import lights_of, with_numbers
+from tfm_cl.reference.fitting import lights_of, margin_of, with_numbers
 from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
 from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
@@ -93,7 +93,7 @@ def render_with_aovs(
         depths = [partial(marched_depths, scene, light, weights=weights) for light in lights]
     else:
         depths = _map_depths(scene, lights, maps)
-    obstacles, matter = Obstacles(scene, shadows), Matter(scene)
+    obstacles, matter = Obstacles(scene, shadows), Matter(scene, margin_of(scene))
     lit = [
         _Light(
             light,
