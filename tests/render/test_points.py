@@ -106,9 +106,8 @@ def test_one_point_in_the_picture(renderer, profile):
     for size in SIZES:
         radius = size * width
         density = 0.5 / radius * bright_enough(size)
-        scene = tfm.Scene(
-            alone(profile, radius, density), WHITE, camera, (), march=tfm.MarchSettings(steps=40)
-        )
+        points = tfm.Points([ASIDE], radius, density, profile=profile)  # with nothing else in its bounds
+        scene = tfm.Scene(points, WHITE, camera, (), march=tfm.MarchSettings(steps=40))
         result = renderer.render(scene)
         expected, rounded = depth_of(profile, radius, density, rays, width)
         assert expected.max() > 0.01
@@ -132,7 +131,7 @@ def map_of(renderer, points, light, res):
     )
     (light_map,) = renderer.build_maps(tfm.Scene(points, WHITE, lights=[light], map=settings))
     rays = reference.texel_rays(light_map.light, res)
-    begin, end = reference.march_bounds(points, *rays)
+    begin, end = reference.march_bounds(points, *rays, margin=light_map.medium.margin)
     lit = (end > begin) & light_map.light.reaches(rays.at(end))
     # The first coefficient of the series is the integral of the extinction.
     depth = np.where(lit, light_map.coefficients[..., 0].astype(float).ravel(), 0)
@@ -151,10 +150,12 @@ def test_one_point_in_a_map(renderer, light):
             width = wide / res
             radius = size * width
             density = 0.5 / radius * bright_enough(size)
-            depth, rays, lit, _ = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
+            depth, rays, lit, used = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
+            # What is widened at the bounds makes these wider.
+            width = used.footprint(np.linalg.norm(used.frame().world_from_light[:3, 3] - ASIDE)) / res
             expected, rounded = depth_of(profile, radius, density, rays, width)
             expected = np.where(lit, expected, 0)
-            assert expected.max() > 0.01
+            assert expected.max() > 0.005
             assert (np.abs(depth - expected) <= rounded).all(), (profile, size)
 
 
@@ -189,8 +190,7 @@ def test_a_point_of_two_texels_or_less_is_as_dark_from_everywhere(renderer):
     camera = tfm.Camera(from_=(0, 0, 10), to=(0, 0, 0), fov=10, res=(32, 32))
     width, sums = camera.pixel_width * 10, []
     for shift in np.linspace(0, 1, 5):
-        positions = np.concatenate([[[shift * width, 0.7 * shift * width, 0]], CORNERS])
-        points = tfm.Points(positions, [width / 5, 0.1, 0.1], [3 / width, 1e-9, 1e-9])
+        points = tfm.Points([[shift * width, 0.7 * shift * width, 0]], width / 5, 3 / width)
         result = renderer.render(tfm.Scene(points, WHITE, camera, ()))
         sums.append(-np.log(result.aovs["transmittance"][..., 0].astype(float)).sum())
     expected = MASS["smooth"] / 125 * 3  # in pixels
