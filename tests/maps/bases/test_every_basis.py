@@ -10,7 +10,7 @@ from tfm_cl.maps.bases import BASES
 
 pytestmark = pytest.mark.lanes
 
-LINEAR = ["fourier", "hcos", "moments", "piecewise", "slices", "slices-cubic"]
+LINEAR = ["fourier", "hcos", "moments", "piecewise", "slices", "slices-cubic", "wavelets"]
 """Bases whose default numbers are linear in the density."""
 
 
@@ -19,7 +19,9 @@ def test_numbers_of_two_media_add_up(renderer, basis):
     # In any order: what is before and what is behind is not known (FOM section 4.1, OSM note 4).
     one, other = slabs(11), slabs(12)[::-1]
     maps = [
-        renderer.build_maps(scene_of(density, basis=basis, coeffs=7, range="box"))[0]
+        renderer.build_maps(
+            scene_of(density, basis=basis, coeffs=8 if basis == "wavelets" else 7, range="box")
+        )[0]
         for density in (one, other, one + other)
     ]
     rays = light_rays(scene_of(one))

@@ -12,6 +12,7 @@ from tfm_cl.maps.bases.moments import MOMENTS
 from tfm_cl.maps.bases.nodes import NODES, NODES_T
 from tfm_cl.maps.bases.piecewise import PIECEWISE
 from tfm_cl.maps.bases.slices import SLICES, SLICES_CUBIC
+from tfm_cl.maps.bases.wavelets import WAVELETS
 
 BASES: dict[str, Basis] = {
     basis.name: basis
@@ -24,6 +25,7 @@ BASES: dict[str, Basis] = {
         SLICES,
         SLICES_CUBIC,
         PIECEWISE,
+        WAVELETS,
         MOMENTS,
         NODES,
         NODES_T,
