@@ -8,10 +8,13 @@ import importlib
 from pathlib import Path
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.paths import check_readable
 from tfm_cl.files.curves_io.stored import StoredCurves
+from tfm_cl.files.paths import check_readable
 
-FORMATS: dict[str, str] = {".hair": "hair"}
+FORMATS: dict[str, str] = {
+    ".hair": "hair",
+    ".npz": "numpy_arrays",
+}
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 
 __all__ = ["FORMATS", "StoredCurves", "read_curves"]

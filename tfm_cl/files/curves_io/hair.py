@@ -24,11 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.curves_io.stored import MAX_CURVE_POINTS, StoredCurves
+from tfm_cl.files.curves_io.attributes import curves_of
+from tfm_cl.files.curves_io.stored import StoredCurves
+from tfm_cl.files.points_io.attributes import check_count
 from tfm_cl.files.volume_io.binary import Cursor, map_file
 
 MAGIC = b"HAIR"
 SEGMENTS, POINTS, THICKNESS, TRANSPARENCY, COLOUR = 1, 2, 4, 8, 16
+NUMBERS = {POINTS: 3, THICKNESS: 1, TRANSPARENCY: 1, COLOUR: 3}
+"""Of a point, in each array of float32."""
 ABOUT = 88
 """Bytes."""
 
@@ -47,33 +51,31 @@ def read(path: Path) -> StoredCurves:
     strands, points, arrays, segments = data.numbers("4I", "the header")
     thickness, transparency, *colour = data.numbers("5f", "the header")
     data.take(ABOUT, "the header")
-    if points > MAX_CURVE_POINTS:
-        raise VolumeError(f"{path}: {points:,} points; up to {MAX_CURVE_POINTS:,} can be read")
+    check_count(path, points)
     if not arrays & POINTS:
         raise VolumeError(f"{path}: holds no points")
+    # Before anything is made of the numbers in the header.
+    following = 2 * strands * bool(arrays & SEGMENTS) + 4 * points * sum(
+        numbers for flag, numbers in NUMBERS.items() if arrays & flag
+    )
+    if following > len(data.data) - data.at:
+        raise data.damaged(f"{following:,} bytes should follow; {len(data.data) - data.at:,} do")
     if arrays & SEGMENTS:
         counts = data.array(np.dtype("<u2"), strands, "the segments").astype(np.int64) + 1
     elif strands * (segments + 1) == points:
         counts = np.full(strands, segments + 1, np.int64)
     else:
-        raise data.damaged(f"{strands} strands of {segments} segments have not {points} points")
-    if counts.sum() != points:
-        raise data.damaged(f"the strands have {counts.sum():,} points; the header says {points:,}")
-    if strands and counts.min() < 2:  # noqa: PLR2004 - a line
-        raise data.damaged("a strand has no segment")
+        raise data.damaged(f"{strands:,} strands of {segments:,} segments have not {points:,} points")
 
-    def each(flag: int, default: float | list[float], width: int) -> NDArray[np.float32]:
+    def each(flag: int, default: float | list[float]) -> NDArray[np.float32]:
         """Read an array, or repeat what the header has for all."""
+        width = NUMBERS[flag]
         if arrays & flag:
-            values = data.array(np.dtype("<f4"), points * width, "the points").reshape(points, width)
-        else:
-            values = np.broadcast_to(np.asarray(default, np.float32), (points, width))
-        return values.astype(np.float32)
+            return data.array(np.dtype("<f4"), points * width, "the points").reshape(points, width)
+        return np.broadcast_to(np.asarray(default, np.float32), (points, width))
 
-    return StoredCurves(
-        positions=each(POINTS, 0.0, 3),
-        counts=counts,
-        widths=each(THICKNESS, thickness, 1)[:, 0],
-        opacities=1 - each(TRANSPARENCY, transparency, 1)[:, 0],
-        colours=each(COLOUR, colour, 3),
-    )
+    positions, attributes = each(POINTS, 0), {"width": each(THICKNESS, thickness)}
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        attributes["opacity"] = 1 - each(TRANSPARENCY, transparency)
+    attributes["colour"] = each(COLOUR, colour)
+    return curves_of(path, positions, counts, attributes)

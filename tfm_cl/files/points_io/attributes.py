@@ -1,4 +1,7 @@
-"""From the names that programs give attributes to what they mean."""
+"""From the names that programs give attributes to what they mean.
+
+Values are checked, one row a point: nothing that is not a number goes on.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.points_io.stored import MAX_POINTS, StoredPoints
-from tfm_cl.files.primitive_values import not_negative, rows_of, unit_levels
 
 POSITIONS = ("positions", "position", "points", "p")
 RADII = ("radius", "radii", "pscale")
@@ -48,6 +50,13 @@ def check_count(path: Path, count: int) -> None:
         raise VolumeError(f"{path}: {count:,} points; from 0 to {MAX_POINTS:,} can be read")
 
 
+def repeated(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """Give a single value, [] or [1] or [1, numbers], to all points; return others as they are."""
+    if values.ndim == 0:
+        return np.broadcast_to(values, count)
+    return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
+
+
 def points_of(path: Path, positions: NDArray[Any], attributes: Mapping[str, NDArray[Any]]) -> StoredPoints:
     """Find what is said of points among a file's attributes.
 
@@ -76,8 +85,8 @@ def points_of(path: Path, positions: NDArray[Any], attributes: Mapping[str, NDAr
     ) -> NDArray[np.float32] | None:
         """Return the first of some attributes that there is."""
         for name, values in (named[name] for name in names if name in named):
-            rows = rows_of(path, name, unit_levels(values) if levels else values, count, width)
-            return rows if signed else not_negative(path, name, rows)
+            rows = _rows_of(path, name, _unit_levels(values) if levels else values, count, width)
+            return rows if signed else _not_negative(path, name, rows)
         return None
 
     def of_parts(parts: tuple[tuple[str, ...], ...], *, levels: bool = False) -> NDArray[np.float32] | None:
@@ -93,10 +102,68 @@ def points_of(path: Path, positions: NDArray[Any], attributes: Mapping[str, NDAr
         radii = widths * np.float32(0.5)
     colours, velocities = first(COLOURS, 3, levels=True), first(VELOCITIES, 3)
     return StoredPoints(
-        positions=rows_of(path, "positions", positions, count, 3),
+        positions=_rows_of(path, "positions", positions, count, 3),
         radii=radii,
         densities=first(DENSITIES),
         opacities=first(OPACITIES, levels=True),
         colours=of_parts(COLOUR_PARTS, levels=True) if colours is None else colours,
         velocities=of_parts(VELOCITY_PARTS) if velocities is None else velocities,
     )
+
+
+def _rows_of(path: Path, name: str, values: NDArray[Any], count: int, width: int) -> NDArray[np.float32]:
+    """Turn an attribute into float32 [count] (``width`` 1) or [count, width].
+
+    Parameters
+    ----------
+    path, name
+        File and attribute, for messages.
+    values
+        Real numbers [count] or [count, width].
+    count, width
+        Number of points, and numbers of each.
+
+    Raises
+    ------
+    VolumeError
+        Another shape, no real numbers, or a value that is not finite; the message says of which point.
+    """
+    if values.dtype.kind not in "fiub":
+        raise VolumeError(f"{path}: {name!r} holds no real numbers but {values.dtype.name}")
+    if values.ndim == 2 and values.shape[1] == 1:  # noqa: PLR2004 - points and numbers
+        values = values[:, 0]
+    expected = (count, width) if width > 1 else (count,)
+    if values.shape != expected:
+        # A shape of a file may be of any length.
+        got = "×".join(map(str, values.shape[:4])) or "one number"
+        raise VolumeError(f"{path}: {name!r} is {got}; expected {'×'.join(map(str, expected))}")
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN
+        rows = np.ascontiguousarray(values, np.float32)
+    _refuse(path, name, rows, ~np.isfinite(rows), "a finite number of float32")
+    return rows
+
+
+def _not_negative(path: Path, name: str, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return ``rows``, after a look at their signs.
+
+    Raises
+    ------
+    VolumeError
+        A value is negative; the message says of which point.
+    """
+    _refuse(path, name, rows, rows < 0, "0 or more")
+    return rows
+
+
+def _unit_levels(values: NDArray[Any]) -> NDArray[Any]:
+    """Turn unsigned integers, as colours are often stored, to 0..1; return other values as they are."""
+    if values.dtype.kind != "u":
+        return values
+    levels: NDArray[Any] = values / np.float32(np.iinfo(values.dtype).max)
+    return levels
+
+
+def _refuse(path: Path, name: str, rows: NDArray[np.float32], wrong: NDArray[np.bool_], wanted: str) -> None:
+    if wrong.any():
+        at = np.unravel_index(int(wrong.argmax()), wrong.shape)
+        raise VolumeError(f"{path}: {name!r} of point {at[0]} is {rows[at]}; expected {wanted}")

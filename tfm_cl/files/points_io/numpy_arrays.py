@@ -8,9 +8,8 @@ Pickled objects are never loaded.
 from pathlib import Path
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.points_io.attributes import POSITIONS, check_count, is_known, points_of
+from tfm_cl.files.points_io.attributes import POSITIONS, check_count, is_known, points_of, repeated
 from tfm_cl.files.points_io.stored import StoredPoints
-from tfm_cl.files.primitive_values import repeated
 from tfm_cl.files.volume_io.grid import shown_names
 from tfm_cl.files.volume_io.numpy_array import open_arrays
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_POINTS = 1 << 26
-"""Largest number of points of a file: with radius and colour 2 GiB in memory."""
+"""Largest number of points of a file, of all its curves too: with radius and colour 2 GiB in memory."""
 
 
 @dataclass(frozen=True)
