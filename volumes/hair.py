@@ -19,6 +19,8 @@ F64 = NDArray[np.float64]
 
 BALL = 0.5
 """Radius of the head, world units; it is centred at 0."""
+SKIN = 1.01
+"""Times the ball's radius: nothing is nearer."""
 GRAIN = 1 / 2048
 """Positions are rounded to this, a fortieth of a lock, which keeps the files small."""
 
@@ -82,6 +84,7 @@ def _tuft(style: Style, strands: int, points: int) -> dict[str, NDArray[np.gener
     guide = np.array([np.flatnonzero(lock == number)[0] for number in range(lock.max() + 1)])[lock]
     joined = style.joined * along[None] ** 1.4
     paths = (1 - joined) * paths + joined * paths[guide]
+    paths *= np.maximum(1, SKIN * BALL / np.linalg.norm(paths, axis=-1, keepdims=True))
     if style.swing:
         paths += _swings(style, paths, along[None] * length[:, None, None], lock, rng)
     widths = style.width * np.sqrt(style.strands / strands) * (1 - 0.75 * along[:, 0] ** 2)
@@ -138,7 +141,7 @@ def _fall(style: Style, roots: F64, length: F64, points: int, rng: np.random.Gen
             inward = np.minimum((heading * outward).sum(axis=-1, keepdims=True), 0)
             pressed = np.clip((layer[:, None] - away) / (0.1 * BALL), 0, 1)
             heading = heading - pressed * inward * outward
-            here = np.where(away < 1.01 * BALL, 1.01 * BALL * outward, here)
+            here = np.where(away < SKIN * BALL, SKIN * BALL * outward, here)
     return paths
 
 
@@ -158,7 +161,9 @@ def _swings(style: Style, paths: F64, along: F64, lock: NDArray[np.intp], rng: n
         return swung
     hand = np.where(rng.uniform(0, 1, locks) < 0.5, -1.0, 1.0)[lock][:, None, None]  # noqa: PLR2004 - half of them
     up = np.cross(side, tangent)
-    wound: F64 = reach * (np.cos(phase) * side + hand * np.sin(phase) * up)
+    # Lifted by their radius, curls do not dive into the ball.
+    outward = paths / np.linalg.norm(paths, axis=-1, keepdims=True)
+    wound: F64 = reach * (np.cos(phase) * side + hand * np.sin(phase) * up + outward)
     return wound
 
 
