@@ -18,6 +18,11 @@ SIZES = {
     "ambient": "640x360",
     "foggy_room": "640x360",
     "brown_and_white": "640x360",
+    "particles": "640x360",
+    "spirals": "640x360",
+    "mixed": "640x360",
+    "hair": "640x360",
+    "tree": "640x360",
 }
 
 

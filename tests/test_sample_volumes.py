@@ -41,7 +41,7 @@ def density(sample):
 @pytest.fixture(scope="module")
 def modules():
     """The generators' modules, which import each other as scripts do."""
-    names = ("noise", "cumulus", "figure", "plume", "generate")
+    names = ("noise", "cumulus", "figure", "plume", "ply", "particles", "hair", "tree", "generate")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(FOLDER)
         yield {name: importlib.import_module(name) for name in names}

@@ -1,7 +1,9 @@
-"""Generate the sample volumes of this folder: ``python volumes/generate.py [NAME ...] [-o DIR]``.
+"""Generate the sample bodies of this folder: ``python volumes/generate.py [NAME ...] [-o DIR] [--full]``.
 
 Each volume is a function of position in a module of its own name, sampled here at the voxel centres,
-rounded and written as ``NAME.npz``. The same arrays come out on every run.
+rounded and written as ``NAME.npz``. Particles, hair and the tree are what their modules return; ``--full``
+writes the hair and the tree in the size that the papers have, as ``NAME_full``. The same arrays come out on
+every run.
 """
 
 import argparse
@@ -11,8 +13,11 @@ from typing import Protocol
 
 import cumulus
 import figure
+import hair
 import numpy as np
+import particles
 import plume
+import tree
 from noise import F32
 from numpy.typing import NDArray
 
@@ -38,6 +43,11 @@ class Sample(Protocol):
 
 
 SAMPLES: dict[str, Sample] = {"cumulus": cumulus, "figure": figure, "plume": plume}
+PARTICLES = {"particles": particles.smoke_plume, "spirals": particles.spirals}
+GROWN = (*hair.STYLES, "tree")
+"""Those that have a full size too."""
+NAMES = (*SAMPLES, *PARTICLES, *GROWN)
+SUFFIX = "_full"
 
 
 def generate(sample: Sample, every: int = 1) -> NDArray[np.float16 | np.uint8]:
@@ -76,24 +86,65 @@ def save(sample: Sample, density: NDArray[np.float16 | np.uint8], path: Path) ->
     )
 
 
+def write_volume(name: str, folder: Path) -> str:
+    """Write a volume; returns what it is."""
+    density = generate(SAMPLES[name])
+    save(SAMPLES[name], density, folder / f"{name}.npz")
+    z, y, x = density.shape
+    return f"{x}×{y}×{z} voxels"
+
+
+def write_particles(name: str, folder: Path) -> str:
+    """Write particles; returns what they are."""
+    made = PARTICLES[name]()
+    np.savez_compressed(folder / f"{name}.npz", **made.arrays())  # type: ignore[arg-type]
+    return f"{len(made.positions):,} points"
+
+
+def write_hair(name: str, folder: Path, *, full: bool) -> str:
+    """Write hair or fur; returns what it is."""
+    style = hair.STYLES[name]
+    arrays = style.full_tuft() if full else style.tuft()
+    np.savez_compressed(folder / f"{name}{SUFFIX * full}.npz", **arrays)  # type: ignore[arg-type]
+    points, strands = len(arrays["points"]), len(arrays["counts"])
+    return f"{strands:,} strands, {points - strands:,} segments"
+
+
+def write_tree(folder: Path, *, full: bool) -> str:
+    """Write the tree's two meshes; returns what they are."""
+    grown = tree.branches()
+    count = tree.FULL_LEAVES if full else tree.LEAVES
+    tree.write(folder / f"wood{SUFFIX * full}.ply", tree.wood(grown))
+    tree.write(folder / f"leaves{SUFFIX * full}.ply", tree.leaves(grown, count))
+    return f"{2 * count:,} triangles of leaves"
+
+
+def write(name: str, folder: Path, *, full: bool) -> str:
+    """Write the files of a name; returns what they hold."""
+    if name in SAMPLES:
+        return write_volume(name, folder)
+    if name in PARTICLES:
+        return write_particles(name, folder)
+    return write_tree(folder, full=full) if name == "tree" else write_hair(name, folder, full=full)
+
+
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Generate the sample volumes.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(SAMPLES)} (default: all)")
+    parser = argparse.ArgumentParser(description="Generate the sample bodies.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)} (default: all)")
+    parser.add_argument("--full", action="store_true", help=f"{', '.join(GROWN)} in the size of the papers'")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parent, metavar="DIR")
     arguments = parser.parse_args()
-    unknown = [name for name in arguments.names if name not in SAMPLES]
+    known = GROWN if arguments.full else NAMES
+    unknown = [name for name in arguments.names if name not in known]
     if unknown:
-        parser.error(f"no sample volume named '{unknown[0]}'; known: {', '.join(SAMPLES)}")
+        which = "full size" if arguments.full else "sample"
+        parser.error(f"no {which} named '{unknown[0]}'; known: {', '.join(known)}")
     arguments.output.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or SAMPLES:
+    for name in arguments.names or known:
         start = time.perf_counter()
-        density = generate(SAMPLES[name])
-        path = arguments.output / f"{name}.npz"
-        save(SAMPLES[name], density, path)
-        z, y, x = density.shape
-        seconds = time.perf_counter() - start
-        print(f"{path}: {x}×{y}×{z} voxels, {path.stat().st_size / 1000:.0f} kB, {seconds:.1f} s")
+        what = write(name, arguments.output, full=arguments.full)
+        print(f"{name}: {what}, {time.perf_counter() - start:.1f} s")
 
 
 if __name__ == "__main__":

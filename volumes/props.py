@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from ply import write_ply
 
 WINDOW = 512
 """Pixels along a side."""
@@ -43,18 +44,6 @@ def knot() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     turn = (j + 1) % AROUND - j
     triangles = np.stack([here, there, here + turn, here + turn, there, there + turn], axis=-1)
     return vertices, triangles.reshape(-1, 3)
-
-
-def write_ply(path: Path, vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> None:
-    """Write a binary PLY."""
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.zeros(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, triangles
-    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
 
 
 def window() -> NDArray[np.uint8]:

@@ -7,8 +7,8 @@ With v in [0, 1] along the range of a light ray, B_0 = 1, and for each level l =
 
 Like those of Fourier opacity maps, the coefficients are sums over what lies along the ray, in any order, and
 T(0) = 1 and T(1) are exact: only the integral of B_0 does not vanish at the end. All levels up to l span what
-is constant in 2^(l + 1) equal parts, which is the space of ``piecewise`` and of uniform ``slices`` (OSM); but a
-wavelet is 0 outside its own part, so that few coefficients are large where few things lie along a ray.
+is constant in 2^(l + 1) equal parts, which is the space of ``piecewise`` and of uniform ``slices`` (OSM); but
+a wavelet is 0 outside its own part, so that few coefficients are large where few things lie along a ray.
 
 The integrals are piecewise linear, with bends at multiples of 1/n: their table of `CELLS` cells is exact.
 
