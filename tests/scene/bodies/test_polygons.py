@@ -109,7 +109,7 @@ def test_what_shows_no_area_is_not_crossed(corners):
 
 def test_depths_go_to_the_steps_that_hold_the_crossing():
     stack = tfm.Polygons(
-        np.concatenate([VERTICES[:3] + [0, 0, z] for z in (0.5, 0.7, 2.5)]),
+        np.concatenate([VERTICES[:3] + np.array([0, 0, z]) for z in (0.5, 0.7, 2.5)]),
         np.arange(9).reshape(3, 3),
         [0.5, 0.5, 0.2],
         colour=(1, 0, 2),
