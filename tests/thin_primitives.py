@@ -126,7 +126,7 @@ SOLIDS = {
 
 
 APART = {"dual": 0.12, "tfm": 0.3}
-"""Share of the pixels that show something where the last digit may decide otherwise; a map's texels are four."""
+"""Share of the pixels that show something where the last digit may decide otherwise; of a map four texels."""
 
 
 def assert_agrees_with_reference(renderer, scene, method):

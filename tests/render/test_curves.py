@@ -299,6 +299,7 @@ def test_order_and_splitting_change_nothing(renderer, method):
         assert_same(renderer.render(scene_of(*bodies), method=method), expected, ROUNDED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [127, 129, 257])
 def test_what_a_ray_gathers_does_not_depend_on_its_steps(renderer, steps):
     expected = renderer.render(scene_of(many(), lights=[])).aovs["transmittance"]
