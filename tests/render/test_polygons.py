@@ -124,9 +124,9 @@ def solid_angle(size, middle):
 
 @pytest.mark.parametrize("opacity", [0.3, 1.0])
 def test_what_a_triangle_hides_does_not_depend_on_the_resolution(renderer, opacity):
-    """Its area times its opacity, from 1/30 pixel to where it is one no more."""
+    """Its area times its opacity, up to where it is no disc any more."""
     size = 0.03
-    for res in (12, 48, 100, 150, 180, 800):
+    for res in (12, 48, 100, 150, 180):
         camera = tfm.Camera(from_=(0.3, 0.2, 9), to=MIDDLE, fov=20, res=(res, res))
         _, found = depth_in_picture(renderer, alone(size, opacity), camera)
         hidden = (found * solid_angles(camera)).sum()
