@@ -1,8 +1,8 @@
 /* Segments of strands: hair, fur, lines. A strand is a ribbon that faces every ray, of one opacity across its width. Where
    it is narrower than a few texels it covers a part of them: a strand of width w and opacity a that crosses a texel of
    width 1 takes w a of its light, T = 1 - w a, and lets it pass in proportion as (1 - b^2)^2 falls with the distance b
-   from its axis. Segments meet at the plane through their common end, so that a polyline has neither gaps nor overlaps
-   but where it bends.
+   from its axis. It is covered once at most: strands of nearly that width are widened further. Segments meet at the plane
+   through their common end, so that a polyline has neither gaps nor overlaps but where it bends.
    shape: from one end to the other, radius at the first end, what it gains to the other, opacity, least radius,
    1 / the extinction that the opacity is meant for. */
 #ifndef TFM_SEGMENT_H
@@ -12,6 +12,8 @@
 
 /* Radius, in texels, of a strand that is widened: sums over texels then differ by 1 %. At most LEAST_TEXELS. */
 #define LEAST_STRAND 1.5f
+/* Height of the profile across a widened strand over its mean: (15 / 16) (1 - b^2)^2 over 1 / 2. */
+#define PEAK_STRAND 1.875f
 /* Sine of the angle between a ray and a strand, squared, below which it looks along it. */
 #define ALONG_STRAND 1e-8f
 
@@ -33,10 +35,10 @@ TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
   const Floats distance = dot3(nearest, nearest);
   const Floats radius = segment->shape[3] + (u + 0.5f) * segment->shape[4], least_radius = floats(segment->shape[6]);
   const Ints is_narrow = radius < least_radius;
-  const Floats reach = is_narrow ? least_radius : radius;
+  /* Wide enough for the middle to be covered no more than once. */
+  const Floats reach = is_narrow ? greatest(least_radius, PEAK_STRAND * radius) : radius;
   const Floats x = 1.0f - distance / (reach * reach);
-  /* The integral over b of (15 / 16) (1 - b^2)^2 is 1. */
-  const Floats covered = is_narrow ? (0.9375f * 2.0f) * radius / reach * x * x : floats(1.0f);
+  const Floats covered = is_narrow ? PEAK_STRAND * radius / reach * x * x : floats(1.0f);
   cross_at(away + u * slope, segment->reach * 0.01f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
            crossing);
   return (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
@@ -66,7 +68,8 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   seen->shape[5] = 1.0f - exp(-set->extinction * source->amount);
   seen->shape[6] = narrowest;
   seen->shape[7] = 1.0f / set->extinction;
-  seen->reach = 0.5f * sqrt(square) + (widest > narrowest ? widest : narrowest);
+  const float widened = PEAK_STRAND * (widest < narrowest ? widest : narrowest);
+  seen->reach = 0.5f * sqrt(square) + fmax(widest, fmax(narrowest, widened));
   seen->profile = 0;
   for (int axis = 0; axis < 3; ++axis)
     seen->tangent[axis] = square > 0.0f ? seen->shape[axis] / sqrt(square) : 0.0f;

@@ -7,6 +7,9 @@
 
 #include "primitive/crossing.h"
 
+/* The integral over a disc of radius 1 of (9 / 2 pi) (1 - b^2)^(7/2) is 1. */
+#define PEAK_DISC (4.5f * M_1_PI_F)
+
 TFM_INLINE Vec3 cross3(Vec3 a, Vec3 b)
 {
   return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
@@ -28,9 +31,8 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, Ray ray, Crossing *crossin
     const float inverse = 1.0f / (triangle->reach * triangle->reach);
     const Floats x = 1.0f - inverse * dot3(beside, beside);
     crosses = x > 0.0f;
-    /* The integral over a disc of (9 / 2 pi) (1 - b^2)^(7/2) is 1. */
     const Floats root = x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
-    covered = (0.5f * 4.5f * M_1_PI_F) * inverse * magnitude_of(facing) * x * x * x * root;
+    covered = (0.5f * PEAK_DISC) * inverse * magnitude_of(facing) * x * x * x * root;
   } else {
     /* Moeller, Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", JGT 1997. */
     const Ints is_seen = magnitude_of(facing) > 1e-30f;
@@ -73,8 +75,12 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
     seen->centre[axis] = is_small ? middle[axis] : source->a[axis];
   seen->shape[6] = 1.0f - exp(-set->extinction * source->amount);
   seen->shape[7] = 1.0f / set->extinction;
-  /* The ball around the first corner is larger than that around the middle. */
-  seen->reach = is_small ? narrowest : 2.0f * farthest;
+  /* The ball around the first corner is larger than that around the middle. A disc is wide enough for its middle to be
+     covered no more than once. */
+  __global const float *u = seen->shape, *v = seen->shape + 3;
+  const float x = u[1] * v[2] - u[2] * v[1], y = u[2] * v[0] - u[0] * v[2], z = u[0] * v[1] - u[1] * v[0];
+  const float area = 0.5f * sqrt(x * x + y * y + z * z);
+  seen->reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
   seen->profile = is_small;
   for (int axis = 0; axis < 3; ++axis)
     seen->tangent[axis] = 0.0f;

@@ -23,7 +23,7 @@ from tfm_cl.reference.geometry import (
 from tfm_cl.reference.primitives import amounts, bounds_of
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.bodies.box import BoxVolume
-from tfm_cl.scene.bodies.points import Points
+from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.sphere import SphereVolume
 from tfm_cl.scene.bodies.volume import Volume
 
@@ -42,9 +42,9 @@ def grids_of(bodies: Marched) -> list[Volume]:
     return [body for body in _listed(bodies) if isinstance(body, Volume)]
 
 
-def primitives_of(bodies: Marched) -> list[Points]:
+def primitives_of(bodies: Marched) -> list[Primitives]:
     """Return the bodies of primitives one by one."""
-    return [body for body in _listed(bodies) if isinstance(body, Points)]
+    return [body for body in _listed(bodies) if isinstance(body, Primitives)]
 
 
 def _listed(bodies: Marched) -> Sequence[MarchedBody]:

@@ -16,13 +16,17 @@ import numpy as np
 
 from tfm_cl.reference.bodies import Matter, body_interval, channel_densities, march_bounds, optical_depths
 from tfm_cl.reference.geometry import Floats, Integers, Interval, Rays, hull, interval, overlap, warped
-from tfm_cl.reference.primitives import Met, meet
+from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
+from tfm_cl.scene.phases.base import Phase
+from tfm_cl.scene.phases.kajiya_kay import KajiyaKay
 
 LEAST_CUTOFF = 1e-7
 """Transmittance at which a camera ray ends that nothing else ends."""
 FARTHEST = 1e15
 """World units: no camera ray in a medium without an end goes farther."""
+ISOTROPIC_SINE = np.pi / 4 / np.sqrt(2 / 3)
+"""Mean sine between a direction and all others, over its root mean square."""
 
 
 class Crossing(NamedTuple):
@@ -70,6 +74,8 @@ class Step(NamedTuple):
     """``[n, RGB]``: optical depth."""
     opacity: Floats
     """``[n, RGB]``: the part of the light at the camera that could come from here."""
+    tangents: Floats
+    """``[n, 3, 3]``: ∑ depth t tᵀ over the strands in it."""
 
 
 def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Crossing:
@@ -149,33 +155,54 @@ def march(
                 channel_densities(grid, points) * length if in_boxes else np.zeros_like(length)
                 for grid in matter.grids
             ]
-            amounts += [_within(one, which, t0, t1) for one in met]
+            ends = np.zeros((2, len(through)))
+            ends[:, which] = t0, t1
+            amounts += [one.between(*ends)[which] for one in met]
+            tangents = sum((one.tangents(*ends)[which] for one in met), np.zeros((len(which), 3, 3)))
             for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
                 amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
             depth = _summed(matter.sigma_t, amounts)
             middle = np.broadcast_to(t[:, None], depth.shape)
             within = mean_distance(depth / np.where(length > 0, length, 1), length)
             mean = middle if in_boxes else t0[:, None] + within
-            yield Step(which, t, mean, amounts, depth, through[which] * -np.expm1(-depth))
+            yield Step(which, t, mean, amounts, depth, through[which] * -np.expm1(-depth), tangents)
             through[which] *= np.exp(-depth)
 
 
-def _within(met: Met, rays: Integers, begin: Floats, end: Floats) -> Floats:
-    """Find what primitives hold between two distances along some rays, ``[n, 1]`` or ``[n, RGB]``."""
-    ends = np.zeros((2, met.rays))
-    ends[:, rays] = begin, end
-    return met.between(*ends)[rays]
+def scattered(matter: Matter, step: Step, ways: tuple[Floats, Floats] | None = None) -> Floats:
+    """Part of a step's opacity that scatters, ``[n, RGB]``; given ways, from one to the other, per steradian.
 
-
-def scattered(matter: Matter, step: Step, mu: Floats | None = None) -> Floats:
-    """Part of a step's opacity that scatters, ``[n, RGB]``; towards the camera, per steradian, given μ."""
-    sigma_s = matter.sigma_s
+    ``ways``: directions ``[n, 3]`` of the light's travel, and to the camera.
+    """
     amounts = step.amounts
-    if mu is not None:
-        phases = [np.asarray(phase.evaluate(mu))[:, None] for phase in matter.phases]
+    if ways is not None:
+        phases = [_phase(phase, step, *ways)[:, None] for phase in matter.phases]
         amounts = [amount * phase for amount, phase in zip(amounts, phases, strict=True)]
-    of_all = _summed(sigma_s, amounts)
+    of_all = _summed(matter.sigma_s, amounts)
     return np.divide(of_all, step.depth, out=np.zeros_like(of_all), where=step.depth > 0)
+
+
+def _phase(phase: Phase, step: Step, travel: Floats, to_camera: Floats) -> Floats:
+    """Evaluate a medium's phase function ``[n]``."""
+    mu = (travel * to_camera).sum(axis=-1)
+    if not isinstance(phase, KajiyaKay):
+        return np.asarray(phase.evaluate(mu))
+    weight = np.trace(step.tangents, axis1=1, axis2=2)
+    has_strands = weight > 0
+    mean = step.tangents / np.where(has_strands, weight, 1)[:, None, None]
+
+    def product(a: Floats, b: Floats) -> Floats:
+        found: Floats = np.einsum("ni,nij,nj->n", a, mean, b)
+        return found
+
+    sines = [np.sqrt(np.maximum(1 - product(way, way), 0)) for way in (travel, to_camera)]
+    mirrored = np.clip(product(travel, to_camera) + sines[0] * sines[1], 0, 1) ** phase.exponent
+    s, _, scale = phase.kernel_parameters()
+    # Of one strand the mean sine is its root mean square; it is less where they lie in all directions.
+    spread = 1.5 * np.maximum(1 - (mean**2).sum(axis=(1, 2)), 0)
+    light = sines[0] * (1 - (1 - ISOTROPIC_SINE) * spread)
+    strands = light * ((1 - s) / np.pi**2 + s * scale * mirrored)
+    return np.where(has_strands, strands, phase.evaluate(mu))
 
 
 def _summed(sigma: Floats, amounts: list[Floats]) -> Floats:

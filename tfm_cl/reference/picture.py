@@ -250,9 +250,9 @@ def _scattered(
     for step in march(matter, rays, crossing, parts, through, warp, settings.max_stretch):
         part, pixels = rays.part(step.rays), lit[step.rays]
         points = part.at(step.distance)
-        mu = -(light.light.arrival(points).direction * part.directions).sum(axis=-1)
+        ways = light.light.arrival(points).direction, -part.directions
         transmitted = light.transmittance(points) * obstacles.visibility(light.light, points)[:, None]
-        source = scattered(matter, step, mu) * light.arrives(points)
+        source = scattered(matter, step, ways) * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
         radiance[pixels] += step.opacity * source * transmitted
         reached[pixels] += opacity * transmitted

@@ -1,31 +1,40 @@
 """Primitives: what rays gather of bodies made of many small things, exactly.
 
-Whatever their size: the product widens what is narrower than twice the width of a texel or a pixel, so that
-nothing slips between rays; the reference does not. Both mean the same of what is larger than that.
+Whatever their size: the product widens what is narrower than a few texels or pixels, so that nothing slips
+between rays; the reference does not. Both mean the same of what is larger than that. Strands and polygons are
+crossed at one place, and leave all that they hold there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import erf
 
 from tfm_cl.reference.geometry import Floats, Integers, Rays
+from tfm_cl.scene.bodies.curves import Curves
+from tfm_cl.scene.bodies.points import Points
 
 if TYPE_CHECKING:
-    from tfm_cl.scene.bodies.points import Points
+    from collections.abc import Iterator
+
+    from tfm_cl.scene.bodies.primitives import Primitives
+    from tfm_cl.scene.bodies.thin import ThinPrimitives
 
 PAIRS = 1 << 20
-"""Of a ray and a point, looked at at a time: bounds the memory."""
+"""Of a ray and a primitive, looked at at a time: bounds the memory."""
 DEVIATIONS = 3.0
 """Standard deviations of a Gaussian point at its radius, where it ends."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 """Gauss-Legendre, exact up to degree 7: a smooth point's density along a ray has degree 6."""
+SINGULAR = 1e-12
+"""Of the determinant were all at right angles: below that a ray runs along a strand or a triangle."""
 
 
-class Met(NamedTuple):
+class MetPoints(NamedTuple):
     """Where rays cross the points of a body: an entry for each pair of a ray and a point on its way."""
 
     profile: str
@@ -49,9 +58,50 @@ class Met(NamedTuple):
         )
         square = (self.half / self.radius) ** 2
         held = self.radius * _integral(self.profile, low, np.maximum(low, high), square)
-        return np.stack(
-            [np.bincount(self.ray, held * channel, self.rays) for channel in self.densities.T], axis=-1
-        )
+        return _summed(self.ray, held[:, None] * self.densities, self.rays)
+
+    def tangents(self, begin: Floats, end: Floats) -> Floats:
+        """Points have none: 0."""
+        del end
+        return np.zeros((len(begin), 3, 3))
+
+
+class MetThin(NamedTuple):
+    """Where rays cross the strands or triangles of a body: an entry for each crossing."""
+
+    rays: int
+    """How many there are, whatever they meet."""
+    ray: Integers
+    """``[crossings]``: number of the ray."""
+    distance: Floats
+    """``[crossings]``."""
+    depth: Floats
+    """``[crossings]``: what is left there, without its colour."""
+    densities: Floats
+    """``[crossings, 1]``, or ``[crossings, RGB]``: with it."""
+    tangent: Floats
+    """``[crossings, 3]``: unit vectors along strands; 0 of triangles."""
+
+    def between(self, begin: Floats, end: Floats) -> Floats:
+        """As of `MetPoints`."""
+        return _summed(self.ray, self._within(begin, end)[:, None] * self.densities, self.rays)
+
+    def tangents(self, begin: Floats, end: Floats) -> Floats:
+        """∑ depth t tᵀ ``[rays, 3, 3]`` over the strands crossed between two distances ``[rays]``."""
+        weight = self._within(begin, end) * self.depth
+        products = weight[:, None, None] * self.tangent[:, :, None] * self.tangent[:, None, :]
+        return _summed(self.ray, products.reshape(-1, 9), self.rays).reshape(-1, 3, 3)
+
+    def _within(self, begin: Floats, end: Floats) -> Floats:
+        return ((self.distance >= begin[self.ray]) & (self.distance < end[self.ray])).astype(float)
+
+
+Met = MetPoints | MetThin
+
+
+def _summed(ray: Integers, values: Floats, rays: int) -> Floats:
+    """Sum ``values [pairs, n]`` over the pairs of each ray, ``[rays, n]``."""
+    return np.stack([np.bincount(ray, value, rays) for value in values.T], axis=-1)
 
 
 def _integral(profile: str, low: Floats, high: Floats, square: Floats) -> Floats:
@@ -72,11 +122,36 @@ def _integral(profile: str, low: Floats, high: Floats, square: Floats) -> Floats
     return half * total
 
 
-def meet(body: Points, rays: Rays) -> Met:
-    """Find which points of a body lie on the way of rays, on either side of their origins."""
+def meet(body: Primitives, rays: Rays) -> Met:
+    """Find which primitives of a body lie on the way of rays, on either side of their origins."""
+    ray, number, middle, square = (np.concatenate(values) for values in zip(*_near(body, rays), strict=True))
     channels = np.ones((len(body.positions), 1)) if body.colour is None else body.colour.astype(float)
-    densities = body.densities[:, None] * channels
-    found = []
+    densities = (body.densities[:, None] * channels)[number]
+    if isinstance(body, Points):
+        half, radius = np.sqrt(square), body.radii[number]
+        return MetPoints(body.profile, len(rays.origins), ray, middle, half, radius, densities)
+    corners = cast("ThinPrimitives", body).corners[number]
+    origins, directions = rays.origins[ray], rays.directions[ray]
+    tangent = np.zeros((len(number), 3))
+    if isinstance(body, Curves):
+        crossed, distance = _cross_strands(corners, body.widths[number] / 2, origins, directions)
+        along = corners[:, 1] - corners[:, 0]
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        np.divide(along, length, out=tangent, where=length > 0)
+    else:
+        crossed, distance = _cross_triangles(corners, origins, directions)
+    return MetThin(
+        len(rays.origins),
+        ray[crossed],
+        distance[crossed],
+        body.densities[number[crossed]],
+        densities[crossed],
+        tangent[crossed],
+    )
+
+
+def _near(body: Primitives, rays: Rays) -> Iterator[tuple[Integers, Integers, Floats, Floats]]:
+    """Pairs of a ray and a primitive whose ball it crosses, with the middle and half the length squared."""
     together = 1 + PAIRS // (1 + len(rays.origins))
     for first in range(0, len(body.positions), together):
         part = slice(first, first + together)
@@ -84,16 +159,46 @@ def meet(body: Points, rays: Rays) -> Met:
         middle = np.einsum("rpx,rx->rp", away, rays.directions)
         beside = away - middle[..., None] * rays.directions[:, None]
         square = body.radii[part] ** 2 - (beside**2).sum(axis=-1)
-        ray, point = np.nonzero(square > 0)
-        number = first + point
-        found.append(
-            (ray, middle[ray, point], np.sqrt(square[ray, point]), body.radii[number], densities[number])
-        )
-    pairs = [np.concatenate(values) for values in zip(*found, strict=True)]
-    return Met(body.profile, len(rays.origins), *pairs)
+        ray, primitive = np.nonzero(square > 0)
+        yield ray, first + primitive, middle[ray, primitive], square[ray, primitive]
 
 
-def amounts(bodies: Sequence[Points], weights: Floats, rays: Rays, cuts: Floats) -> Floats:
+def _cross_strands(
+    ends: Floats, radii: Floats, origins: Floats, directions: Floats
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Find which rays cross which segments, and where.
+
+    Both lines are closest at t and u, the least squares of a + u (b - a) - (o + t d). ``ends [n, 2, 3]``,
+    ``radii [n, 2]``.
+    """
+    along, away = ends[:, 1] - ends[:, 0], ends[:, 0] - origins
+    lines = np.stack([directions, -along], axis=2)
+    square = np.swapaxes(lines, 1, 2) @ lines
+    solvable = np.linalg.det(square) > SINGULAR * square[:, 1, 1]
+    found = np.zeros((len(ends), 2))
+    right = (np.swapaxes(lines, 1, 2) @ away[..., None])[solvable]
+    found[solvable] = np.linalg.solve(square[solvable], right)[..., 0]
+    t, u = found.T
+    apart = np.linalg.norm(ends[:, 0] + u[:, None] * along - origins - t[:, None] * directions, axis=1)
+    return solvable & (u >= 0) & (u < 1) & (apart < (1 - u) * radii[:, 0] + u * radii[:, 1]), t
+
+
+def _cross_triangles(
+    corners: Floats, origins: Floats, directions: Floats
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Find which rays cross which triangles ``[n, 3, 3]``, and where, from barycentric coordinates."""
+    edges = corners[:, 1:] - corners[:, :1]
+    matrices = np.stack([*np.moveaxis(edges, 1, 0), -directions], axis=2)
+    size = np.prod(np.linalg.norm(edges, axis=2), axis=1)
+    solvable = np.abs(np.linalg.det(matrices)) > SINGULAR * size
+    found = np.full((len(corners), 3), -1.0)
+    right = (origins - corners[:, 0])[solvable, :, None]
+    found[solvable] = np.linalg.solve(matrices[solvable], right)[..., 0]
+    u, v, t = found.T
+    return (u >= 0) & (v >= 0) & (u + v < 1), t
+
+
+def amounts(bodies: Sequence[Primitives], weights: Floats, rays: Rays, cuts: Floats) -> Floats:
     """∫ D dt ``[rays, n, K]`` of fields, between each two of the distances ``cuts [rays, n + 1]``.
 
     ``weights [bodies, 3, K]``: what a density of 1 of a body's channel adds to each.
@@ -107,7 +212,7 @@ def amounts(bodies: Sequence[Points], weights: Floats, rays: Rays, cuts: Floats)
     return total
 
 
-def bounds_of(bodies: Sequence[Points]) -> Floats:
+def bounds_of(bodies: Sequence[Primitives]) -> Floats:
     """World box ``[2, 3]`` around all that primitives hold."""
     low = np.min([(body.positions - body.radii[:, None]).min(axis=0) for body in bodies], axis=0)
     high = np.max([(body.positions + body.radii[:, None]).max(axis=0) for body in bodies], axis=0)
