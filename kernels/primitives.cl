@@ -34,15 +34,21 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   found->medium = set->medium;
 }
 
-/* Part of the map or the image that the rays which meet a ball may belong to, in texels; empty where low > high. */
+/* Parts of the map or the image that the rays which meet a ball may belong to, in texels: low and high x and y of each;
+   empty where low > high. */
+#ifdef CHART_IMAGES
+#define IMAGES CHART_IMAGES
+#else
+#define IMAGES 1
+#endif
 #if TFM_FROM_LIGHT
 #define TEXELS_OF(centre, reach, low, high) texels_of(light, size, centre, reach, low, high)
 TFM_INLINE void texels_of(LIGHT light, int4 size, Vec3 centre, Floats reach, Floats *low, Floats *high)
 {
   light_bounds(light, point_in_light(light, centre), reach, low, high);
-  for (int axis = 0; axis < 2; ++axis) {
-    low[axis] *= (float)size.x;
-    high[axis] *= (float)size.x;
+  for (int i = 0; i < 2 * IMAGES; ++i) {
+    low[i] *= (float)size.x;
+    high[i] *= (float)size.x;
   }
 }
 #else
@@ -76,23 +82,31 @@ __kernel void list_primitives(ORIGIN, PRIMITIVE primitives, int4 size, int4 bins
         place[axis].lane[lane] = one->centre[axis];
       reach.lane[lane] = one->reach;
     }
-    Floats low[2], high[2];
+    Floats low[2 * IMAGES], high[2 * IMAGES];
     TEXELS_OF(vec3(place[0].lanes, place[1].lanes, place[2].lanes), reach.lanes, low, high);
-    IntArray from[2], to[2];
-    for (int axis = 0; axis < 2; ++axis) {
+    IntArray from[2 * IMAGES], to[2 * IMAGES];
+    for (int i = 0; i < 2 * IMAGES; ++i) {
       /* Rounded outwards: a thousandth of a texel is more than float32 errs by. */
-      const float most = (float)((axis == 0 ? bins.x : bins.y) - 1);
-      const Ints is_beside = (low[axis] > (most + 1.0f) * (float)bins.z) | !(high[axis] >= 0.0f) | !(low[axis] <= high[axis]);
-      from[axis].lanes = is_beside ? ints(1) : TO_INTS(clamp_to((low[axis] - TEXEL_MARGIN) * scale, most));
-      to[axis].lanes = is_beside ? ints(0) : TO_INTS(clamp_to((high[axis] + TEXEL_MARGIN) * scale, most));
+      const float most = (float)((i % 2 == 0 ? bins.x : bins.y) - 1);
+      const Ints is_beside = (low[i] > (most + 1.0f) * (float)bins.z) | !(high[i] >= 0.0f) | !(low[i] <= high[i]);
+      from[i].lanes = is_beside ? ints(1) : TO_INTS(clamp_to((low[i] - TEXEL_MARGIN) * scale, most));
+      to[i].lanes = is_beside ? ints(0) : TO_INTS(clamp_to((high[i] + TEXEL_MARGIN) * scale, most));
     }
     for (int lane = 0; lane < TFM_LANES && start + lane < end; ++lane)
-      for (int y = from[1].lane[lane]; y <= to[1].lane[lane]; ++y)
-        for (int x = from[0].lane[lane]; x <= to[0].lane[lane]; ++x) {
-          __global int *next = of_run + y * bins.x + x;
-          if (writes)
-            bin_members[*next] = start + lane;
-          ++*next;
-        }
+      for (int image = 0; image < IMAGES; ++image)
+        for (int y = from[2 * image + 1].lane[lane]; y <= to[2 * image + 1].lane[lane]; ++y)
+          for (int x = from[2 * image].lane[lane]; x <= to[2 * image].lane[lane]; ++x) {
+            /* In each bin once. */
+            int is_listed = 0;
+            for (int other = 0; other < image; ++other)
+              is_listed |= x >= from[2 * other].lane[lane] && x <= to[2 * other].lane[lane] &&
+                           y >= from[2 * other + 1].lane[lane] && y <= to[2 * other + 1].lane[lane];
+            if (is_listed)
+              continue;
+            __global int *next = of_run + y * bins.x + x;
+            if (writes)
+              bin_members[*next] = start + lane;
+            ++*next;
+          }
   }
 }

@@ -49,24 +49,29 @@ TFM_INLINE void chart_position(LIGHT light, Vec3 p, Floats *u, Floats *v)
   *v = light->chart[3] + light->chart[1] * y;
 }
 
-/* Bounds of u and v over the rays that meet a ball; all where it may lie across the seam. A position moves at most
-   CHART_TURN times as far as the direction. */
+/* Bounds of u and v over the rays that meet a ball, and of their images across the sides of the square, which the border
+   repeats. A position moves at most CHART_TURN times as far as the direction. */
+#define CHART_IMAGES 4
 TFM_INLINE void chart_bounds(LIGHT light, Vec3 p, Floats reach, Floats *low, Floats *high)
 {
   Floats at[2];
   chart_position(light, p, at, at + 1);
   const Floats angle = CHART_TURN * angle_of_ball(dot3(p, p), reach);
-  Ints near_seam = ints(0);
+  const Ints is_large = angle > 0.5f;
   for (int axis = 0; axis < 2; ++axis) {
     const float scale = light->chart[axis], offset = light->chart[2 + axis];
-    /* The border repeats rays from across the seam. */
-    near_seam |= magnitude_of(at[axis] - offset) + scale * angle > 2.0f * scale - 0.5f;
-    low[axis] = at[axis] - scale * angle;
-    high[axis] = at[axis] + scale * angle;
-  }
-  for (int axis = 0; axis < 2; ++axis) {
-    low[axis] = near_seam ? floats(-INFINITY) : low[axis];
-    high[axis] = near_seam ? floats(INFINITY) : high[axis];
+    const Floats x = (at[axis] - offset) * (1.0f / scale);
+    /* Image 1 is across the nearer side in x, 2 in y, 3 across both. */
+    for (int image = 0; image < CHART_IMAGES; ++image) {
+      Floats middle = x;
+      if (image & (axis == 0 ? 1 : 2))
+        middle = (x < 0.0f ? floats(-2.0f) : floats(2.0f)) - middle;
+      if (image & (axis == 0 ? 2 : 1))
+        middle = -middle;
+      const Ints all = is_large & (image == 0 ? -1 : 0), none = is_large & (image == 0 ? 0 : -1);
+      low[2 * image + axis] = all ? floats(-INFINITY) : none ? floats(INFINITY) : offset + scale * (middle - angle);
+      high[2 * image + axis] = all ? floats(INFINITY) : none ? floats(-INFINITY) : offset + scale * (middle + angle);
+    }
   }
 }
 
