@@ -174,7 +174,7 @@ def test_a_veil_of_many_triangles_is_as_one(renderer, rng):
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
-def leaves(seed=1, count=9, opacity=0.6, size=0.35, **changes):
+def leaves(seed=1, count=9, opacity=0.6, size=0.7, **changes):
     """Larger than what is widened in the scenes below: as the reference has them."""
     rng = np.random.default_rng(seed)
     middles = rng.uniform(-0.6, 0.6, (count, 1, 3))
