@@ -105,7 +105,7 @@ def solid_angles(camera):
 def scene_of(*bodies, **changes):
     settings = {
         "march": tfm.MarchSettings(steps=30, cutoff=0.0),
-        "map": SCENE.map.replace(density_weighting=10.0, res=96, steps=24),
+        "map": SCENE.map.replace(density_weighting=10.0, res=160, steps=24),
         "lights": [LIGHT],
         "camera": CAMERA,
     }
@@ -125,7 +125,7 @@ SOLIDS = {
 }
 
 
-APART = {"dual": 0.12, "tfm": 0.3}
+APART = {"dual": 0.02, "tfm": 0.12}
 """Share of the pixels that show something where the last digit may decide otherwise; of a map four texels."""
 
 
@@ -141,9 +141,11 @@ def assert_agrees_with_reference(renderer, scene, method):
     assert shown.mean() > 0.05
     assert expected[..., :3].max() > 0.3
     difference = np.abs(result.image - expected).max(axis=-1)
-    assert (difference[shown] > 20 * PASS * brightest).mean() < APART[method]
-    assert (difference[~shown] == 0).all()
-    np.testing.assert_allclose(result.image.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), rtol=0.01)
+    assert (difference[shown] > 40 * PASS * brightest).mean() < APART[method]
+    assert (difference[~shown] < PASS).all()
+    # Of what is opaque only these pixels are lit.
+    means = result.image.mean(axis=(0, 1)), expected.mean(axis=(0, 1))
+    np.testing.assert_allclose(*means, rtol=0.01, atol=2e-4 * brightest)
     through = np.abs(result.aovs["transmittance"] - layers["transmittance"]).max(axis=-1)
     assert (through[shown] > 20 * PASS).mean() < 0.01
 

@@ -39,7 +39,7 @@ TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
   const Floats reach = is_narrow ? greatest(least_radius, PEAK_STRAND * radius) : radius;
   const Floats x = 1.0f - distance / (reach * reach);
   const Floats covered = is_narrow ? PEAK_STRAND * radius / reach * x * x : floats(1.0f);
-  cross_at(away + u * slope, segment->reach * 0.01f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
+  cross_at(away + u * slope, segment->reach * 1e-3f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
            crossing);
   return (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
 }

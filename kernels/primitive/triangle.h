@@ -42,7 +42,7 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, Ray ray, Crossing *crossin
     t = -dot3(from, normal) * inverse;
     crosses = is_seen & (u >= 0.0f) & (v >= 0.0f) & (u + v < 1.0f);
   }
-  cross_at(t, triangle->reach * 1e-3f, triangle->shape[7] * depth_of_opacity(triangle->shape[6] * covered), crossing);
+  cross_at(t, triangle->reach * 1e-4f, triangle->shape[7] * depth_of_opacity(triangle->shape[6] * covered), crossing);
   return crosses;
 }
 
