@@ -59,6 +59,11 @@ class LightMap:
     light: object
     """Fitted."""
 
+    def texel_at(self, place):
+        """Width of a texel there: what is widened at the bounds makes these, and texels, wider."""
+        away = np.linalg.norm(self.light.frame().world_from_light[:3, 3] - place)
+        return self.light.footprint(away) / len(self.depth) ** 0.5
+
     @property
     def covered(self):
         """Area across a sun's rays, or solid angle, that is dark."""
@@ -72,7 +77,7 @@ def map_of(renderer, body, light, res):
     )
     (light_map,) = renderer.build_maps(tfm.Scene(body, WHITE, lights=[light], map=settings))
     rays = reference.texel_rays(light_map.light, res)
-    begin, end = reference.march_bounds(body, *rays)
+    begin, end = reference.march_bounds(body, *rays, margin=light_map.medium.margin)
     lit = (end > begin) & light_map.light.reaches(rays.at(end))
     depth = np.where(lit, light_map.coefficients[..., 0].astype(float).ravel(), 0)
     return LightMap(depth, rays, lit, light_map.light)

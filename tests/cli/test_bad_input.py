@@ -75,7 +75,7 @@ def scene(cloud):
         ("--exposure nan", "image.exposure = nan"),
         ("--aov depht", "unknown aov 'depht'; did you mean 'depth'?"),
         ("--method fast", "'fast' is not one of 'tfm', 'dual'"),
-        ("--basis wavelets", "'--basis': 'wavelets'"),
+        ("--basis chebyshev", "'--basis': 'chebyshev'"),
         ("--coeffs 0", "map.coeffs = 0: should be a whole number from 1 to 32, or 'auto'"),
         ("--coeffs 33", "coeffs = 33: should be a whole number from 1 to 32"),
         ("--coeffs 2.5", "--coeffs: '2.5' is not a whole number"),

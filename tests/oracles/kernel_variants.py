@@ -15,6 +15,7 @@ import tfm_cl as tfm
 from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.device.bricks import ANY_GRID, MOST_POOLS, VOXEL_BITS, BrickGrid, VoxelType, brick_count_of
 from tfm_cl.device.media import MediaOnDevice, media_on_device
+from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
@@ -22,6 +23,7 @@ from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.render.scatter import scatter_variant
+from tfm_cl.scene.bodies import MarchedBody
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.phases import PHASES
@@ -62,6 +64,18 @@ def _fog(medium: tfm.Medium | None = None) -> tfm.EverywhereVolume:
     return tfm.EverywhereVolume(density=0.1, medium=medium)
 
 
+def _points(medium: tfm.Medium | None = None, **changes: Any) -> tfm.Points:
+    return tfm.Points(np.zeros((1, 3)), 1.0, medium=medium, **changes)
+
+
+def _strands(medium: tfm.Medium | None = None) -> tfm.Curves:
+    return tfm.Curves(np.eye(3), [3], 0.1, medium=medium)
+
+
+def _leaves(medium: tfm.Medium | None = None) -> tfm.Polygons:
+    return tfm.Polygons(np.eye(3), [[0, 1, 2]], 0.5, medium=medium)
+
+
 BODIES: dict[str, list[Any]] = {
     "grid": [_grid()],
     "tinted grid": [_grid(WARM)],
@@ -83,10 +97,20 @@ BODIES: dict[str, list[Any]] = {
         _ball(),
         _fog(),
     ],
+    "points": [_points()],
+    "strands": [_strands(COLD.replace(phase=tfm.KajiyaKay()))],
+    "points in a grid in fog": [_grid(), _points(), _fog()],
+    "every primitive": [
+        _coloured(),
+        _points(colour=(1, 0.5, 0.2)),
+        _strands(COLD.replace(phase=tfm.KajiyaKay())),
+        _leaves(WARM),
+        _box(),
+    ],
 }
 """Mixtures, those of one body among them, since a scene of one body has kernels of its own."""
-FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3}
-"""Of these are the light passes': they know of grids, and of one field of density."""
+FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3, "points": 1, "every primitive": 3}
+"""Of these are the light passes': they know of what is marched, and of one field of density."""
 
 
 class NoDevice:
@@ -113,7 +137,8 @@ def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
             voxels=voxels,
             exponents=tuple((0,) * len(grid.channel_leaves) for grid in scene.grids),
         )
-    return media_on_device(NoDevice(), scene, bricks)  # type: ignore[arg-type]
+    primitives = PrimitivesOnDevice(NoDevice(), scene) if scene.primitives else None  # type: ignore[arg-type]
+    return media_on_device(NoDevice(), scene, bricks, primitives)  # type: ignore[arg-type]
 
 
 GRIDS: Choices = {"voxels": list(VOXEL_BITS), "pools": (1, MOST_POOLS)}
@@ -158,13 +183,22 @@ def _of_bricks(case: Case) -> Program:
 def _of_probe(case: Case) -> Program:
     (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
     macros = {"TFM_INVERSE_SQUARE": case["inverse_square"], "TFM_SHADOW": case["shadow"]}
-    return light_headers(case), field.defines | macros
+    return (*field.headers, *light_headers(case)), field.defines | macros
 
 
 def _of_light_pass(case: Case) -> Program:
     basis, of_map = map_variant(settings_of(case))
-    headers, defines = _of_probe(case)
-    return (basis, *headers), defines | of_map
+    (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
+    _, defines = _of_probe(case)
+    return (*field.headers, basis, *light_headers(case)), defines | of_map
+
+
+def _of_primitives(case: Case) -> Program:
+    primitives = media_of(BODIES[case["bodies"]], "f32", 1).primitives
+    assert primitives is not None
+    macros = {"TFM_INVERSE_SQUARE": case["inverse_square"], "TFM_FROM_LIGHT": case["from_light"]}
+    of_light = light_headers(case) if case["from_light"] else ()
+    return (*primitives.headers, *of_light), primitives.defines | macros
 
 
 def _of_camera(case: Case) -> Program:
@@ -223,7 +257,7 @@ def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
 LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
 GRIDS_LIT: Choices = {
     "bodies": [
-        name for name, bodies in BODIES.items() if any(isinstance(body, tfm.Volume) for body in bodies)
+        name for name, bodies in BODIES.items() if any(isinstance(body, MarchedBody) for body in bodies)
     ],
     "basis": [*EVALUATED, "dual", "residual"],
     **GRIDS,
@@ -246,6 +280,8 @@ ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
+PRIMITIVES: Choices = {"bodies": ("points", "strands", "every primitive"), "from_light": (0, 1), **LIGHT}
+
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
@@ -253,6 +289,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
+    "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
     "scatter_pass.cl": (_of_scatter, [GRIDS_LIT, OTHERS_LIT]),
     "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS, OTHERS_LIT | ON_SOLIDS]),

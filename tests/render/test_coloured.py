@@ -216,7 +216,7 @@ def test_maps_come_light_by_light_in_three_colours(renderer):
         light, channel = points[index // 3], index % 3
         fitted = light.fitted(scene.volume.occupied_bounds)
         assert light_map.light.map_key() == fitted.map_key()
-        assert light_map.grids == scene.grids
+        assert light_map.bodies == scene.grids
         assert light_map.field_index == channel
         _, exact, of_map = light_map.curve(0.5, 0.5)
         assert np.abs(of_map - exact).max() < 0.1

@@ -100,7 +100,7 @@ def test_one_strand_in_a_map(renderer, light):
         res = 400 if size > 10 else 48  # so that the strand is within the corners
         least = LEAST * wide / res
         found = map_of(renderer, alone(size * least), LIGHTS[light], res)
-        expected, rounded = strand_along(found.rays, size * least, least)
+        expected, rounded = strand_along(found.rays, size * least, LEAST * found.texel_at(ENDS.mean(axis=0)))
         expected = np.where(found.lit, expected, 0)
         assert expected.max() > 0.01
         assert (np.abs(found.depth - expected) <= rounded).all(), size

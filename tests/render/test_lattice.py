@@ -10,7 +10,6 @@ from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
 from tfm_cl.maps.bases import BASES
 from tfm_cl.plan import lattice, resolution
-from tfm_cl.plan.marched import marched
 from tfm_cl.plan.plan import plan
 from tfm_cl.render import batches
 from tfm_cl.render import lattice as module
@@ -81,7 +80,7 @@ def error_of(image, truth):
 
 def estimate(scene):
     """What the plan expects of it."""
-    return lattice.ERROR_PER_DEPTH * lattice.depth_of_voxels(marched(scene))
+    return lattice.ERROR_PER_DEPTH * lattice.depth_of_voxels(scene)
 
 
 def both(renderer, scene, **named):

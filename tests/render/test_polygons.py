@@ -108,7 +108,7 @@ def test_one_triangle_in_a_map(renderer, light):
         res = 250 if size > 10 else 48  # so that the triangle is within the corners
         size_of = size * LEAST * wide / res / FARTHEST
         found = map_of(renderer, alone(size_of), LIGHTS[light], res)
-        expected, rounded = triangle_along(found.rays, size_of, wide / res)
+        expected, rounded = triangle_along(found.rays, size_of, found.texel_at(MIDDLE))
         expected = np.where(found.lit, expected, 0)
         assert expected.max() > 1e-4
         assert (np.abs(found.depth - expected) <= rounded).all(), size
