@@ -11,6 +11,9 @@
 #ifndef TFM_PRIMITIVES
 #define TFM_PRIMITIVES 0
 #endif
+#ifndef TFM_THIN
+#define TFM_THIN 0
+#endif
 #ifndef TFM_TANGENTS
 #define TFM_TANGENTS 0
 #endif

@@ -234,6 +234,10 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
     for (int m = 0; m < TFM_MEDIA; ++m)
       for (int c = 0; c < TFM_AMOUNTS; ++c)
         deposits->of[i][m][c] = floats(0.0f);
+#if TFM_THIN
+  for (int i = 0; i < end - first; ++i)
+    deposits->thin[i] = deposits->place[i] = floats(0.0f);
+#endif
 #if TFM_TANGENTS
   for (int i = 0; i < end - first; ++i)
     for (int k = 0; k < TANGENTS; ++k)
@@ -294,6 +298,21 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
 #define IS_MARKED(steps, n) is_marked(&(steps)->deposits, n)
 #else
 #define IS_MARKED(steps, n) 0
+#endif
+#if TFM_THIN
+/* Where light is looked up for a step of which `step` holds the amounts: what is thin counts where it is. thin: its share. */
+TFM_INLINE Floats lit_place(const Walk *walk, const Steps *steps, int n, const Amounts *step, Floats *thin)
+{
+  const int i = n - steps->deposits.first;
+  const Floats middle = place_of(walk, n).t, held = steps->deposits.thin[i];
+  Floats all = floats(0.0f);
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    for (int c = 0; c < TFM_AMOUNTS; ++c)
+      all += step->of[m][c];
+  const Floats share = least(held / greatest(all, floats(FLT_MIN)), floats(1.0f));
+  *thin = share;
+  return held > 0.0f ? middle + share * (steps->deposits.place[i] / held - middle) : middle;
+}
 #endif
 /* Sums of the tangents of the strands in a step. */
 #if TFM_PRIMITIVES && TFM_TANGENTS

@@ -19,6 +19,10 @@ typedef struct {
   uint marks[DEPOSIT_STEPS / 32];                   /* bits: steps in which anything lies */
   Floats edge[DEPOSIT_STEPS + 1];                   /* ray parameters of the steps' ends */
   Floats of[DEPOSIT_STEPS][TFM_MEDIA][TFM_AMOUNTS]; /* optical depth of the density in each */
+#if TFM_THIN
+  Floats thin[DEPOSIT_STEPS];  /* of that what is crossed in one place */
+  Floats place[DEPOSIT_STEPS]; /* the ray parameters of these places, weighted by it */
+#endif
 #if TFM_TANGENTS
   Floats tangents[DEPOSIT_STEPS][TANGENTS]; /* of the strands, weighted by that */
 #endif
@@ -49,6 +53,15 @@ TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints cros
     const Floats part = crosses ? greatest(behind - before, floats(0.0f)) : floats(0.0f);
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       deposits->of[i][medium][c] += primitive->amount[c] * part;
+#if TFM_THIN
+    if (primitive->is_thin) {
+      Floats held = floats(0.0f);
+      for (int c = 0; c < TFM_AMOUNTS; ++c)
+        held += primitive->amount[c] * part;
+      deposits->thin[i] += held;
+      deposits->place[i] += held * crossing->t;
+    }
+#endif
 #if TFM_TANGENTS
     const float x = primitive->tangent[0], y = primitive->tangent[1], z = primitive->tangent[2];
     const float products[TANGENTS] = {x * x, y * y, z * z, x * y, x * z, y * z};

@@ -61,6 +61,7 @@ TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Pri
   for (int axis = 0; axis < 3; ++axis)
     seen->centre[axis] = place[axis];
   seen->reach = across;
+  seen->is_thin = 0;
   seen->profile = is_small ? POINT_SMOOTH : set->profile;
   seen->shape[0] = 1.0f / (across * across);
   for (int axis = 0; axis < 3; ++axis)

@@ -70,6 +70,7 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   seen->shape[7] = 1.0f / set->extinction;
   const float widened = PEAK_STRAND * (widest < narrowest ? widest : narrowest);
   seen->reach = 0.5f * sqrt(square) + fmax(widest, fmax(narrowest, widened));
+  seen->is_thin = 1;
   seen->profile = 0;
   for (int axis = 0; axis < 3; ++axis)
     seen->tangent[axis] = square > 0.0f ? seen->shape[axis] / sqrt(square) : 0.0f;

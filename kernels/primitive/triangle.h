@@ -81,6 +81,7 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   const float x = u[1] * v[2] - u[2] * v[1], y = u[2] * v[0] - u[0] * v[2], z = u[0] * v[1] - u[1] * v[0];
   const float area = 0.5f * sqrt(x * x + y * y + z * z);
   seen->reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
+  seen->is_thin = 1;
   seen->profile = is_small;
   for (int axis = 0; axis < 3; ++axis)
     seen->tangent[axis] = 0.0f;

@@ -45,7 +45,7 @@ TFM_INLINE FibreAngles angles_at(LIGHT light, Vec3 travel, Ray ray, const Floats
 /* tangents: sums of those of the strands there, 0 where there are none. inside: bits of the bodies that the sample is known
    to lie in. is_lit: no solid is in the way. */
 TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, LIGHT light, Ray ray, Ray light_space_ray,
-                                      Floats t, const Floats *tangents, int inside, int is_lit)
+                                      Floats t, Floats thin, const Floats *tangents, int inside, int is_lit)
 {
   const LightBuffers *buffers = lights->buffers;
   const LightSample sample = light_at(light, ray_at(light_space_ray, t));
@@ -69,7 +69,18 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
 #if TFM_TEXTURE
   light_tint(light, buffers, sample, arrival.tint);
 #endif
+#if TFM_THIN
+  /* What is thin does not shade itself. */
+  LightSample before = sample;
+  const Floats back = least(thin * light->bias, sample.distance);
+  const Vec3 travel = transform_vector(light->world_from_light, sample.direction), at = ray_at(ray, t);
+  before.distance -= back;
+  arrival.path = light_path(scene, light, buffers, vec3(at.x - back * travel.x, at.y - back * travel.y, at.z - back * travel.z),
+                            before, inside, lights->many);
+#else
+  (void)thin;
   arrival.path = light_path(scene, light, buffers, ray_at(ray, t), sample, inside, lights->many);
+#endif
   return arrival;
 }
 
@@ -194,9 +205,15 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #endif
       LightArrival arrival[MOST_STEPS];
       Floats arrives[MOST_STEPS][TFM_CHANNELS];
-      for (int k = 0; k < count; ++k)
-        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, place_of(&walk, list.n[k]).t,
-                                   TANGENTS_OF(&list, list.n[k]), 0, 0);
+      for (int k = 0; k < count; ++k) {
+#if TFM_THIN
+        Floats thin;
+        const Floats t = lit_place(&walk, &list, list.n[k], &step[k], &thin);
+#else
+        const Floats thin = floats(0.0f), t = place_of(&walk, list.n[k]).t;
+#endif
+        arrival[k] = light_arrival(scene, lights, light, ray, light_space_ray, t, thin, TANGENTS_OF(&list, list.n[k]), 0, 0);
+      }
       for (int k = 0; k < count; ++k) {
         if (any_lane(arrival[k].visible > 0.0f))
           light_optical_depths(scene, light, lights->buffers, &arrival[k].path, any_amount(&step[k]), &sums->samples,
@@ -355,7 +372,7 @@ TFM_INLINE StepLight light_of_step(const Scene *scene, const Lights *lights, LIG
   const Amounts step = amounts_in_bodies(scene, on_ray, steps, placed.begin, length);
   const Amounts until = amounts_in_bodies(scene, on_ray, steps, floats(0.0f), placed.begin);
   const LightArrival arrival = light_arrival(scene, lights, light, ray, light_space_ray,
-                                             steps->begin + steps->length * placed.middle, 0, ALONE ? ~0 : 0, is_lit);
+                                             steps->begin + steps->length * placed.middle, floats(0.0f), 0, ALONE ? ~0 : 0, is_lit);
   StepLight found;
   light_optical_depths(scene, light, lights->buffers, &arrival.path, here, samples, found.way);
   found.visible = arrival.visible;

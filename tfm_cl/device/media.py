@@ -16,6 +16,7 @@ from tfm_cl.device.primitives import Eye, choice
 from tfm_cl.device.structs.bodies import body_structs, grid_structs
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.scene.bodies.homogeneous import SHAPES
+from tfm_cl.scene.bodies.thin import ThinPrimitives
 from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.phases.base import PHASES
 
@@ -153,6 +154,7 @@ def media_on_device(
                 "(medium)->phase_kind",
                 ((numbers.index(phase), PurePath(phase.HEADER).stem + phase.ARGUMENTS) for phase in phases),
             ),
+            "TFM_THIN": int(any(isinstance(body, ThinPrimitives) for body in scene.primitives)),
             "TFM_TANGENTS": int(any(phase.KNOWS_TANGENTS for phase in phases)),
             **{
                 f"TFM_BODY_{function.upper()}{arguments}": choice(

@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.errors import SceneError
+from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pyopencl as cl
 
     from tfm_cl.device.field import FieldOnDevice
@@ -149,6 +152,11 @@ class TransmittanceMap:
         error, light = self._residuals.sum(axis=(0, 1), dtype=np.float64)
         return float(np.sqrt(error / light)) if light > 0 else 0.0
 
+    @property
+    def grain(self) -> float:
+        """World units, what it cannot tell apart: a step along its rays and a texel across, at most."""
+        return grain_of(self.light, self.bodies, self.settings, self.field)
+
     def curve(
         self, u: float, v: float, count: int = 256
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -242,6 +250,20 @@ class TransmittanceMap:
         ):
             if not same:
                 raise SceneError(f"was built for another {what}; build the maps again")
+
+
+def grain_of(
+    light: Light, bodies: Sequence[MarchedBody], settings: ResolvedMap, field: NDArray[np.floating]
+) -> float:
+    """`TransmittanceMap.grain` of a fitted light's map: of bodies, settings and ranges of the rays."""
+    if settings.range == "box":
+        low, high = around([body.bounds for body in bodies])
+        longest = float(np.linalg.norm(high - low))
+        corner = np.maximum(*(np.abs(end - light.frame().world_from_light[:3, 3]) for end in (low, high)))
+        far = float(np.linalg.norm(corner))
+    else:
+        longest, far = float((field[..., 1] - field[..., 0]).max()), float(field[..., 1].max())
+    return longest / settings.steps + light.footprint(far) / settings.res
 
 
 def _name(scene: Scene, marched: int | None) -> str:

@@ -74,6 +74,10 @@ class Step(NamedTuple):
     """``[n, RGB]``: optical depth."""
     opacity: Floats
     """``[n, RGB]``: the part of the light at the camera that could come from here."""
+    lit: Floats
+    """``[n]``: where light is looked up for it; thin primitives count where they are crossed."""
+    thin: Floats
+    """``[n]``: the share of these in what it holds."""
     tangents: Floats
     """``[n, 3, 3]``: ∑ depth t tᵀ over the strands in it."""
 
@@ -161,12 +165,28 @@ def march(
             tangents = sum((one.tangents(*ends)[which] for one in met), np.zeros((len(which), 3, 3)))
             for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
                 amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
+            lit, thin = _lit_place(t, amounts, [one.thin(*ends)[:, which] for one in met])
             depth = _summed(matter.sigma_t, amounts)
             middle = np.broadcast_to(t[:, None], depth.shape)
             within = mean_distance(depth / np.where(length > 0, length, 1), length)
             mean = middle if in_boxes else t0[:, None] + within
-            yield Step(which, t, mean, amounts, depth, through[which] * -np.expm1(-depth), tangents)
+            yield Step(
+                which, t, mean, amounts, depth, through[which] * -np.expm1(-depth), lit, thin, tangents
+            )
             through[which] *= np.exp(-depth)
+
+
+def _lit_place(middle: Floats, amounts: list[Floats], thin: list[Floats]) -> tuple[Floats, Floats]:
+    """Where light is looked up for a step, and the share of thin primitives in it, both ``[n]``.
+
+    ``thin``: of each body of primitives, what is held by thin ones ``[n]``, and that times their distance.
+    """
+    held, moment = np.sum([np.zeros((2, len(middle))), *thin], axis=0)
+    everything = sum((amount.mean(axis=1) for amount in amounts), np.zeros_like(middle))
+    has_thin = held > 0
+    share = np.divide(held, everything, out=np.zeros_like(held), where=has_thin)
+    place = np.divide(moment, held, out=middle.copy(), where=has_thin)
+    return middle + share * (place - middle), share
 
 
 def scattered(matter: Matter, step: Step, ways: tuple[Floats, Floats] | None = None) -> Floats:

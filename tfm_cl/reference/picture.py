@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.resolved import resolve
+from tfm_cl.maps.transmittance_map import grain_of
 from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
@@ -27,6 +29,7 @@ from tfm_cl.reference.march import (
     segments,
 )
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
+from tfm_cl.scene.bodies.thin import thickness_of
 from tfm_cl.scene.fields import fields_of
 
 if TYPE_CHECKING:
@@ -91,16 +94,19 @@ def render_with_aovs(
     if (method or scene.march.method) == "dual":
         weights = fields_of(scene).weights
         depths = [partial(marched_depths, scene, light, weights=weights) for light in lights]
+        biases = [thickness_of(scene.primitives)] * len(lights)
     else:
         depths = _map_depths(scene, lights, maps)
+        biases = _biases(scene, lights, maps)
     obstacles, matter = Obstacles(scene, shadows), Matter(scene, margin_of(scene))
     lit = [
         _Light(
             light,
             partial(arriving, light, nearest=nearest_distance(scene, light)),
             partial(light_transmittance, scene, light, field_depths=field_depths),
+            bias,
         )
-        for light, field_depths in zip(lights, depths, strict=True)
+        for light, field_depths, bias in zip(lights, depths, biases, strict=True)
     ]
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), geometry.CHUNK)
@@ -122,6 +128,20 @@ class _Light(NamedTuple):
     """Without bodies and solids."""
     transmittance: Callable[[Floats], Floats]
     """What bodies leave of it."""
+    bias: float
+    """World units, by which thin primitives are looked up nearer to it."""
+
+
+def _biases(scene: Scene, lights: list[Light], maps: Sequence[TransmittanceMap] | None) -> list[float]:
+    """Of lights with maps: the product's rule, see `TransmittanceMap.grain`."""
+    own = thickness_of(scene.primitives)
+    if own == 0:
+        return [0.0] * len(lights)
+    if maps:
+        count = fields_of(scene).count
+        return [own + maps[i * count].grain for i in range(len(lights))]
+    settings, none = resolve(scene.map), np.zeros((1, 1, 4))
+    return [own + grain_of(light, scene.marched, settings, none) for light in lights]
 
 
 def _map_depths(
@@ -249,9 +269,12 @@ def _scattered(
     parts = segments(crossing, (begin, end), decided(settings.steps))
     for step in march(matter, rays, crossing, parts, through, warp, settings.max_stretch):
         part, pixels = rays.part(step.rays), lit[step.rays]
-        points = part.at(step.distance)
-        ways = light.light.arrival(points).direction, -part.directions
-        transmitted = light.transmittance(points) * obstacles.visibility(light.light, points)[:, None]
+        points = part.at(step.lit)
+        arrival = light.light.arrival(points)
+        ways = arrival.direction, -part.directions
+        before = np.minimum(light.bias * step.thin, arrival.distance)  # what is thin does not shade itself
+        transmitted = light.transmittance(points - before[:, None] * arrival.direction)
+        transmitted = transmitted * obstacles.visibility(light.light, points)[:, None]
         source = scattered(matter, step, ways) * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
         radiance[pixels] += step.opacity * source * transmitted

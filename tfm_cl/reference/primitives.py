@@ -60,6 +60,11 @@ class MetPoints(NamedTuple):
         held = self.radius * _integral(self.profile, low, np.maximum(low, high), square)
         return _summed(self.ray, held[:, None] * self.densities, self.rays)
 
+    def thin(self, begin: Floats, end: Floats) -> Floats:
+        """As of `MetThin`: 0."""
+        del end
+        return np.zeros((2, len(begin)))
+
     def tangents(self, begin: Floats, end: Floats) -> Floats:
         """Points have none: 0."""
         del end
@@ -85,6 +90,11 @@ class MetThin(NamedTuple):
     def between(self, begin: Floats, end: Floats) -> Floats:
         """As of `MetPoints`."""
         return _summed(self.ray, self._within(begin, end)[:, None] * self.densities, self.rays)
+
+    def thin(self, begin: Floats, end: Floats) -> Floats:
+        """Sum what is crossed between two distances, colours' mean, and that times where: ``[2, rays]``."""
+        held = self._within(begin, end) * self.densities.mean(axis=1)
+        return np.stack([np.bincount(self.ray, held * each, self.rays) for each in (1, self.distance)])
 
     def tangents(self, begin: Floats, end: Floats) -> Floats:
         """∑ depth t tᵀ ``[rays, 3, 3]`` over the strands crossed between two distances ``[rays]``."""

@@ -23,6 +23,7 @@ from tfm_cl.model import decided
 from tfm_cl.render.culling import block_lists
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.shadow_pyramid import bounds_res, bounds_size, shadow_bounds
+from tfm_cl.scene.bodies.thin import thickness_of
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
 if TYPE_CHECKING:
@@ -244,6 +245,7 @@ class Batches:
         fields = self._media.fields.count
         self._structs["first_map"][indices] = fields * np.arange(len(indices))
         lists_of_lights = self._primitives(indices)
+        self._structs["bias"][indices] = self._biases(indices, maps)
         lists = block_lists(rectangles, window, BLOCK)
         return Batch(
             of=variant,
@@ -334,6 +336,13 @@ class Batches:
         return {
             f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()
         }
+
+    def _biases(self, batch: list[int], maps: Sequence[TransmittanceMap]) -> list[float]:
+        """By how much thin primitives are looked up nearer to each light: they do not shade themselves."""
+        own, fields = thickness_of(self._scene.primitives), self._media.fields.count
+        if own == 0.0 or not maps:
+            return [own] * len(batch)
+        return [own + maps[fields * i].grain for i in range(len(batch))]
 
     def _textures(self, batch: list[int]) -> NDArray[np.float32]:
         """Put the textures of a batch one after the other, [texels, 4]; each image once."""

@@ -84,6 +84,7 @@ LIGHT = Struct(
         Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
         Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
         Field("int", "first_map", 1, "number of its first field's map"),
+        Field("float", "bias", 1, "world, by which what is thin is looked up nearer to the light"),
         Field("int", "first_bin", 1, "number of the first bin of its rays"),
         Field("int", "lit_pixels", 4, "x0, y0, x1, y1 of the pixels that the light may change"),
         Field("int", "first_lit", 1, "where what is known of their solids begins in its buffer"),
@@ -154,6 +155,7 @@ PRIMITIVE = Struct(
         Field("int", "profile", 1, "as its kind has it"),
         Field("int", "medium", 1, "number of its medium"),
         Field("float", "shape", 8, "as its kind has it"),
+        Field("int", "is_thin", 1, "1: rays cross it in one place"),
         Field("float", "tangent", 3, "unit vector along a strand, 0 without"),
     ),
 )

@@ -112,6 +112,11 @@ class Curves(ThinPrimitives):
         return max(2 * float(np.median(self.widths)), self.least_detail)
 
     @property
+    def thickness(self) -> float:
+        """As `ThinPrimitives.thickness`: a typical width."""
+        return float(np.median(self.widths))
+
+    @property
     def narrowest(self) -> float:
         """As `Primitives.narrowest`: half a width."""
         return float(self.widths.min()) / 2

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+FLATNESS = 1e-3
+"""Of the radius of a typical triangle: far more than the place of a crossing is rounded by."""
 MEAN_COSINE = 0.5
 """Of the angle between a triangle's normal and rays of all directions: how much of its area is seen."""
 
@@ -81,6 +83,11 @@ class Polygons(ThinPrimitives):
     def _edges(self) -> tuple[Floats, Floats]:
         """From the first corner to the others."""
         return self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
+
+    @property
+    def thickness(self) -> float:
+        """As `ThinPrimitives.thickness`: what a crossing is rounded by."""
+        return FLATNESS * float(np.median(self.radii))
 
     @property
     def detail(self) -> float:

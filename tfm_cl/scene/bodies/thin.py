@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -45,6 +46,11 @@ class ThinPrimitives(Primitives):
     @abstractmethod
     def crossed(self, origin: Floats, direction: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Tell which primitives a ray crosses, [n], and where, distances of those, for a unit direction."""
+
+    @property
+    @abstractmethod
+    def thickness(self) -> float:
+        """World units, of one, at least: what lies nearer along a ray of light is the same one."""
 
     @property
     def least_detail(self) -> float:
@@ -118,3 +124,8 @@ def each_of(values: Any, strand: NDArray[np.int64] | None) -> Any:
     if strand is None or array.ndim == 0 or len(array) == len(strand) or len(array) != strand[-1] + 1:
         return array
     return array[strand]
+
+
+def thickness_of(bodies: Sequence[Primitives]) -> float:
+    """Return the largest thickness of any body's; 0 where none is of thin primitives."""
+    return max((body.thickness for body in bodies if isinstance(body, ThinPrimitives)), default=0.0)
