@@ -347,3 +347,31 @@ def test_lanes_agree(new_renderer, device_name, bodies, method):
             pictures.append(renderer.render(scene, method=method))
     for one, other in pairwise(pictures):
         assert_same(one, other, LANES)
+
+
+UNSHADED = 0.98
+"""Of the light: what arrives where nothing is in its way, on the mean."""
+
+
+@pytest.mark.parametrize("res", [48, pytest.param(512, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_strands_of_one_layer_do_not_shade_themselves(renderer, tilt, res):
+    """Seen from where the light is, nothing is in its way, whether texels are wider or narrower than strands."""
+    count, width = 40, 0.02
+    x = np.linspace(-0.5, 0.5, count)
+    points = [(at, side, tilt * side) for at in x for side in (-0.5, 0.5)]
+    curtain = tfm.Curves(points, [2] * count, width, opacity=0.9)
+    scene = tfm.Scene(
+        curtain,
+        tfm.Medium(sigma_s=1.0),
+        tfm.Camera(from_=(0, 0, 4), to=(0, 0, 0), fov=10, res=(60, 60)),
+        [tfm.SpotLight(from_=(0.1, 0.1, 4), to=(0, 0, 0), cone=12)],
+        map=tfm.MapSettings(res=res, steps=60),
+        march=tfm.MarchSettings(steps=40),
+    )
+    for method in ("tfm", "dual"):
+        result = renderer.render(scene, method=method)
+        shown = result.image[..., 3] > 0.1
+        assert shown.mean() > 0.3
+        arrives = result.aovs["light_transmittance"][shown]
+        assert arrives.mean() > UNSHADED, method
