@@ -356,7 +356,7 @@ UNSHADED = 0.98
 @pytest.mark.parametrize("res", [48, pytest.param(512, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
 def test_strands_of_one_layer_do_not_shade_themselves(renderer, tilt, res):
-    """Seen from where the light is, nothing is in its way, whether texels are wider or narrower than strands."""
+    """Seen from where the light is, nothing is in its way, with texels wider and narrower than strands."""
     count, width = 40, 0.02
     x = np.linspace(-0.5, 0.5, count)
     points = [(at, side, tilt * side) for at in x for side in (-0.5, 0.5)]
