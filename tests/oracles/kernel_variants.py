@@ -98,18 +98,16 @@ BODIES: dict[str, list[Any]] = {
         _fog(),
     ],
     "points": [_points()],
-    "strands": [_strands(COLD.replace(phase=tfm.KajiyaKay()))],
-    "points in a grid in fog": [_grid(), _points(), _fog()],
     "every primitive": [
         _coloured(),
         _points(colour=(1, 0.5, 0.2)),
         _strands(COLD.replace(phase=tfm.KajiyaKay())),
         _leaves(WARM),
-        _box(),
+        _fog(),
     ],
 }
 """Mixtures, those of one body among them, since a scene of one body has kernels of its own."""
-FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3, "points": 1, "every primitive": 3}
+FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3, "every primitive": 3}
 """Of these are the light passes': they know of what is marched, and of one field of density."""
 
 
@@ -280,7 +278,7 @@ ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
-PRIMITIVES: Choices = {"bodies": ("points", "strands", "every primitive"), "from_light": (0, 1), **LIGHT}
+PRIMITIVES: Choices = {"bodies": ("points", "every primitive"), "from_light": (0, 1), **LIGHT}
 
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
