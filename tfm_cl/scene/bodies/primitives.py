@@ -46,7 +46,7 @@ class Primitives(MarchedBody):
 
     DENSITY_KEY: ClassVar[str] = "density"
     HEADER: ClassVar[str]
-    """Kernel header, below ``kernels/``, named after the kind; what it has: ``kernels/primitive/README.md``."""
+    """Kernel header, below ``kernels/``, named after the kind: ``kernels/primitive/README.md``."""
     positions: NDArray[np.float64]
     radii: NDArray[np.float64]
     densities: NDArray[np.float64]
