@@ -118,6 +118,7 @@ def test_hair_is_reproduced(style, modules):
     assert_same(modules["hair"].STYLES[style].tuft(), style)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["straight", "wavy", "curly"])
 def test_full_hair_has_as_many_strands_and_segments_as_in_the_paper(style, modules):
     arrays = modules["hair"].STYLES[style].full_tuft()
@@ -182,6 +183,7 @@ def test_leaves_hang_on_twigs(tree_files):
     assert 1.8 < leaves[:, 1].max() < 2.6
 
 
+@pytest.mark.slow
 def test_full_tree_has_twenty_thousand_triangles_of_leaves(tmp_path, modules):
     modules["generate"].write("tree", tmp_path, full=True)
     leaves = trimesh.load(tmp_path / "leaves_full.ply", process=False)
@@ -199,6 +201,7 @@ def test_script_refuses_a_full_size_that_there_is_not(name):
     assert f"no full size named '{name}'; known: straight, wavy, curly, fur, tree" in result.stderr
 
 
+@pytest.mark.slow
 def test_full_files_do_not_replace_the_small_ones(tmp_path, modules):
     modules["generate"].write("fur", tmp_path, full=True)
     assert [path.name for path in tmp_path.iterdir()] == ["fur_full.npz"]

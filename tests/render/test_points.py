@@ -231,7 +231,7 @@ def assert_gathers_all(found, points, rays):
     np.testing.assert_allclose(found, exact, rtol=50 * PASS, atol=50 * PASS)
 
 
-@pytest.mark.quick("point light inside-50", "wide spot-50", "spot-50")
+@pytest.mark.quick("point light inside-50")
 @pytest.mark.parametrize("res", [50, 160])
 @pytest.mark.parametrize("light", AMONG)
 def test_light_rays_gather_all_points_that_they_cross(renderer, rng, light, res):
@@ -243,6 +243,7 @@ def test_light_rays_gather_all_points_that_they_cross(renderer, rng, light, res)
     assert_gathers_all(depth[lit], points, rays.part(np.flatnonzero(lit)))
 
 
+@pytest.mark.quick("160")
 @pytest.mark.parametrize("fov", [20, 100, 160])
 def test_camera_rays_gather_all_points_that_they_cross(renderer, rng, fov):
     camera = tfm.Camera(from_=(0.1, 0.2, 0.3), to=(0, 0, -2), fov=fov, res=(121, 77))
@@ -295,7 +296,7 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 
 
 @pytest.mark.lanes
-@pytest.mark.quick("smooth-tfm", "gaussian-tfm", "ball-tfm")
+@pytest.mark.quick("gaussian-tfm")
 @both_methods
 @every_profile
 def test_every_profile(renderer, save_on_failure, profile, method):
@@ -399,6 +400,7 @@ CAMERAS = {
 
 
 @pytest.mark.lanes
+@pytest.mark.quick("in a point-tfm")
 @both_methods
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_cameras_inside(renderer, save_on_failure, camera, method):
@@ -423,6 +425,7 @@ MARCHES = {
 
 
 @pytest.mark.lanes
+@pytest.mark.quick("in every step-dual")
 @both_methods
 @pytest.mark.parametrize("march", MARCHES)
 def test_settings_of_the_march(renderer, save_on_failure, march, method):
@@ -561,6 +564,7 @@ def test_two_halves_of_a_point_are_the_whole(renderer):
     assert_same(renderer.render(scene_of(halves)), renderer.render(scene_of(points)), ROUNDED)
 
 
+@pytest.mark.quick("129")
 @pytest.mark.parametrize("steps", [127, 128, 129, 256, 257, 700])
 def test_what_a_ray_gathers_does_not_depend_on_its_steps(renderer, steps):
     """Steps are served by 128 at a time, at whose borders nothing is lost or counted twice."""
