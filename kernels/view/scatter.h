@@ -72,7 +72,7 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
 #if TFM_THIN
   /* What is thin does not shade itself. */
   LightSample before = sample;
-  const Floats back = least(thin * light->bias, sample.distance);
+  const Floats back = least(thin * light->bias, greatest(sample.distance, floats(0.0f)));
   const Vec3 travel = transform_vector(light->world_from_light, sample.direction), at = ray_at(ray, t);
   before.distance -= back;
   arrival.path = light_path(scene, light, buffers, vec3(at.x - back * travel.x, at.y - back * travel.y, at.z - back * travel.z),

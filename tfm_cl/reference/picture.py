@@ -272,7 +272,9 @@ def _scattered(
         points = part.at(step.lit)
         arrival = light.light.arrival(points)
         ways = arrival.direction, -part.directions
-        before = np.minimum(light.bias * step.thin, arrival.distance)  # what is thin does not shade itself
+        before = np.minimum(
+            light.bias * step.thin, np.maximum(arrival.distance, 0)
+        )  # what is thin does not shade itself
         transmitted = light.transmittance(points - before[:, None] * arrival.direction)
         transmitted = transmitted * obstacles.visibility(light.light, points)[:, None]
         source = scattered(matter, step, ways) * light.arrives(points)

@@ -113,8 +113,8 @@ class Curves(ThinPrimitives):
 
     @property
     def thickness(self) -> float:
-        """As `ThinPrimitives.thickness`: a typical width."""
-        return float(np.median(self.widths))
+        """As `ThinPrimitives.thickness`: the largest width."""
+        return float(self.widths.max())
 
     @property
     def narrowest(self) -> float:

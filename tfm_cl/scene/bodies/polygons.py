@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FLATNESS = 1e-3
-"""Of the radius of a typical triangle: far more than the place of a crossing is rounded by."""
+"""Of the radius of the largest triangle: far more than the place of a crossing is rounded by."""
 MEAN_COSINE = 0.5
 """Of the angle between a triangle's normal and rays of all directions: how much of its area is seen."""
 
@@ -87,7 +87,7 @@ class Polygons(ThinPrimitives):
     @property
     def thickness(self) -> float:
         """As `ThinPrimitives.thickness`: what a crossing is rounded by."""
-        return FLATNESS * float(np.median(self.radii))
+        return FLATNESS * float(self.radii.max())
 
     @property
     def detail(self) -> float:
