@@ -63,7 +63,8 @@ class MediaOnDevice:
         """Return what kernels are told of the media that camera rays meet."""
         if self.primitives is None or self.sets is None:
             return Met(self.arguments)
-        return self.primitives.listed(self.sets, Eye.of_camera(scene, view)).met(self.arguments)
+        eye = Eye.of_camera(scene, view)
+        return self.primitives.listed(self.primitives.seen(self.sets, eye), eye).met(self.arguments)
 
     def channels(self, *, textured: bool) -> dict[str, int]:
         """Return the macro that says how many colours are marched."""

@@ -196,27 +196,10 @@ class PrimitivesOnDevice:
             struct["weights"] = weight.ravel()
         return self._launcher.upload("the kinds of primitives", structs)
 
-    def listed_by_light(self, sets: cl.Buffer, light: Light, of_light: cl.Buffer, res: int) -> Listed:
-        """List what the rays of a fitted light's map meet; its struct is on the device."""
-        return self.listed(sets, Eye.of_light(light, of_light, self.origin, res))
-
-    def listed(self, sets: cl.Buffer, eye: Eye, finest: int | None = None) -> Listed:
-        """List what the rays of an eye may meet.
-
-        Parameters
-        ----------
-        sets
-            Of `sets`.
-        finest
-            Texels along a side of the smallest bins; by default as `BIN` and `LEAST_BINS` have it.
-
-        Raises
-        ------
-        DeviceMemoryError
-            Primitives or lists that the device cannot hold.
-        """
+    def seen(self, sets: cl.Buffer, eye: Eye) -> cl.Buffer:
+        """Return the primitives as an eye sees them: eyes that widen nothing see the same."""
         launcher, count = self._launcher, self.count
-        headers, defines = (*self.headers, *eye.headers), eye.defines | self.defines
+        headers, defines = self._variant(eye)
         seen = launcher.empty("the primitives as they are seen", PRIMITIVE.dtype.itemsize * count, reuse=True)
         launcher.run(
             launcher.kernels.kernel("see_primitives", "primitives.cl", headers, defines),
@@ -230,6 +213,30 @@ class PrimitivesOnDevice:
                 "count": count,
             },
         )
+        return seen
+
+    def listed_by_light(self, sets: cl.Buffer, light: Light, of_light: cl.Buffer, res: int) -> Listed:
+        """List what the rays of a fitted light's map meet; its struct is on the device."""
+        eye = Eye.of_light(light, of_light, self.origin, res)
+        return self.listed(self.seen(sets, eye), eye)
+
+    def listed(self, seen: cl.Buffer, eye: Eye, finest: int | None = None) -> Listed:
+        """List what the rays of an eye may meet.
+
+        Parameters
+        ----------
+        seen
+            Of `seen`.
+        finest
+            Texels along a side of the smallest bins; by default as `BIN` and `LEAST_BINS` have it.
+
+        Raises
+        ------
+        DeviceMemoryError
+            Lists that the device cannot hold.
+        """
+        launcher, count = self._launcher, self.count
+        headers, defines = self._variant(eye)
         kernel = launcher.kernels.kernel("list_primitives", "primitives.cl", headers, defines)
         runs = min(MOST_RUNS, -(-count // LEAST_RUN))
         run = -(-count // runs)
@@ -266,6 +273,10 @@ class PrimitivesOnDevice:
         bins = columns, rows, edge.bit_length() - 1, 0
         return Listed(seen, where, members, bins, int(lengths.max(initial=0)), total)
 
+    def _variant(self, eye: Eye) -> tuple[tuple[str, ...], dict[str, int | str]]:
+        """Return headers and macros of kernels that see with an eye."""
+        return (*self.headers, *eye.headers), eye.defines | self.defines
+
 
 @dataclass(frozen=True)
 class Joined:
@@ -283,7 +294,7 @@ def join_lists(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
     if len(lists) == 1:
         return Joined(first, numbers)
     ends = np.cumsum([0, *(one.total for one in lists)])
-    if ends[-1] > MOST_LISTED:
+    if ends[-1] > MOST_LISTED or any(one.bins != first.bins for one in lists):
         raise DeviceMemoryError(
             f"{len(lists)} lights meet primitives in {ends[-1]:,} lists' entries: render fewer lights at once"
         )

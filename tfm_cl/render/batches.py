@@ -326,12 +326,12 @@ class Batches:
         if not self._is_dual or media.primitives is None or media.sets is None:
             return {}
         launcher, lights = self._launcher, [self._scene.lights[index] for index in batch]
-        found = []
+        eyes = []
         for light in lights:
             of_light = launcher.upload("the light", light_structs(self._scene, [light]))
-            eye = Eye.of_light(light, of_light, media.primitives.origin, BINS_OF_LIGHT, widens=False)
-            found.append(media.primitives.listed(media.sets, eye, finest=1))
-        joined = join_lists(launcher, found)
+            eyes.append(Eye.of_light(light, of_light, media.primitives.origin, BINS_OF_LIGHT, widens=False))
+        seen = media.primitives.seen(media.sets, eyes[0])
+        joined = join_lists(launcher, [media.primitives.listed(seen, eye, finest=1) for eye in eyes])
         self._structs["first_bin"][batch] = joined.first_bins
         return {
             f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()

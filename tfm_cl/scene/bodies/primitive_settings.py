@@ -84,6 +84,10 @@ class PrimitiveSettings(Model):
         chosen = {key: value for key, (value, _) in body.chosen.items()}
         return self.to_dict() | chosen | {self.KEY: str(real_path(self.source(folder)))}
 
+    def _require_one_scale(self, density: float | str | None) -> None:
+        if density is not None and self.opacity is not None:
+            raise SceneError("volume: both density and opacity are given; keep one")
+
     def _placed(self, positions: NDArray[np.floating], sizes: Any) -> tuple[NDArray[np.float64], Any]:
         """Move positions [n, 3], and scale sizes, to where they were asked for."""
         places = positions.astype(np.float64)
@@ -136,8 +140,7 @@ class PointsSettings(PrimitiveSettings):
 
     def load(self, folder: Path) -> Points:
         """As `PrimitiveSettings.load`."""
-        if self.density is not None and self.opacity is not None:
-            raise SceneError("volume: both density and opacity are given; keep one")
+        self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = points_io.read_points(source)
         radius: Any = stored.radii if self.radius is None else self.radius
@@ -193,8 +196,7 @@ class CurvesSettings(PrimitiveSettings):
 
     def load(self, folder: Path) -> Curves:
         """As `PrimitiveSettings.load`."""
-        if self.density is not None and self.opacity is not None:
-            raise SceneError("volume: both density and opacity are given; keep one")
+        self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = curves_io.read_curves(source)
         width: Any = stored.widths if self.width is None else self.width
