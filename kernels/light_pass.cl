@@ -5,6 +5,9 @@
 #include "body/walk.h"
 #include "core/store.h"
 #include "map/lookup.h"
+#if TFM_OWN_DEPTH
+#include "map/own_depth.h"
+#endif
 
 /* The texels of this work-item's tile; launches cover the map in windows x0, y0, x1, y1. */
 typedef struct {
@@ -102,7 +105,7 @@ TFM_INLINE void store_coefficients(__global float *coefficients, Ints texel, Int
    map           what is decided of the map
    ranges        of the rays, where they are not the grids' bounds
    tables        what the basis needs for each step of a march of 1/8, 2/8 ... of the steps, one after the other
-   table_starts  where each begins
+   table_starts  where each begins; with TFM_OWN_DEPTH, of one more table (own_depth.h)
    clip          [res, res]: distance from the light beyond which a texel's ray lights nothing (with TFM_SHADOW only)
    coefficients  out, [res, res, n], from map->first_number on
    occupied      out, [res, res]: where density begins and ends along the ray, distances from the light; 0 without
@@ -149,11 +152,14 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   const Floats open = clamp_to((texel_clip(texels, res, clip) - part.begin) / length, 1.0f) * (float)most;
   const Ints taken_steps = TO_INTS(open) + 1 < most ? TO_INTS(open) + 1 : ints(most);
   const Ints walked = taken_steps < most ? taken_steps + 1 : taken_steps;
-  const Walk walk = walk_from(&padded, &ray, part.begin, length * TO_FLOATS(walked) * (1.0f / (float)most), no_warp(), 0,
-                              walked, active);
+  Walk walk = walk_from(&padded, &ray, part.begin, length * TO_FLOATS(walked) * (1.0f / (float)most), no_warp(), 0,
+                        walked, active);
 #else
   const Ints taken_steps = ints(most);
-  const Walk walk = walk_from(&padded, &ray, part.begin, length, no_warp(), 0, taken_steps, active);
+  Walk walk = walk_from(&padded, &ray, part.begin, length, no_warp(), 0, taken_steps, active);
+#endif
+#if TFM_OWN_DEPTH
+  walk.deposits = 0;
 #endif
   Floats optical_depth = floats(0.0f);
   Steps list = no_steps();
@@ -177,12 +183,24 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
     }
     basis_steps(map, table, &state, &steps, most);
   }
+  Interval held;
+  held.begin = end > 0 ? part.begin + TO_FLOATS(first) * walk.step : floats(INFINITY);
+  held.end = end > 0 ? part.begin + TO_FLOATS(end) * walk.step : floats(0.0f);
+#if TFM_OWN_DEPTH
+#if TFM_SHADOW
+  const Floats reach = texel_clip(texels, res, clip);
+#else
+  const Floats reach = floats(INFINITY);
+#endif
+  samples += add_at_own_depth(&padded.lists, ray.world, part, reach, tables + table_starts[MARCH_LEVELS], active, &state,
+                              &held);
+#endif
   Floats c[TFM_N_COEFF];
   basis_finish(map, table, active, &state, most, c);
 
-  const Ints dense = active & (end > 0);
-  store_float2(occupied, texel, texels.inside, dense ? part.begin + TO_FLOATS(first) * walk.step : floats(0.0f),
-               dense ? part.begin + TO_FLOATS(end) * walk.step : floats(0.0f));
+  const Ints dense = active & (held.end > 0.0f);
+  store_float2(occupied, texel, texels.inside, dense ? greatest(held.begin, part.begin) : floats(0.0f),
+               dense ? least(held.end, part.end) : floats(0.0f));
   store_coefficients(coefficients, texel, texels.inside, c);
   *counted = (uint2)(sum_of_lanes(ints(1), active), sum_of_lanes(samples, active));
 }

@@ -19,6 +19,8 @@ CURVE_CELLS = 64
 """Cells of the curves of optical depth along light rays that data-driven bases learn from."""
 TABULATED_CELLS = 64
 """Cells of functions that are known by their values."""
+OWN_DEPTH_ROWS = 1024
+"""Depths along a ray's range that primitives are told apart by where they are not marched."""
 NUMBERS_UNIT = 16
 """Coefficients of a map begin at a multiple of it in their buffer: large buffers are beyond an int."""
 SHADOW_FIRST_LEVEL = 2
@@ -55,6 +57,7 @@ def c_definitions() -> str:
         "MARCH_LEVELS": MARCH_LEVELS,
         "CURVE_CELLS": CURVE_CELLS,
         "TABULATED_CELLS": TABULATED_CELLS,
+        "OWN_DEPTH_ROWS": OWN_DEPTH_ROWS,
         "NUMBERS_UNIT": NUMBERS_UNIT,
         "SUMS_BLOCK": SUMS_BLOCK,
         "SHADOW_FIRST_LEVEL": SHADOW_FIRST_LEVEL,

@@ -66,6 +66,19 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
   }
 }
 
+#if TFM_OWN_DEPTH
+/* Adds an optical depth that lies at v. */
+TFM_INLINE void basis_deposit(__global const float *table, BasisState *state, Floats v, Floats depth)
+{
+  (void)table;
+  const Floats x = 2.0f * v - 1.0f;
+  for (int j = 0; j < TFM_N_COEFF; ++j) {
+    state->sum[j] += depth;
+    depth *= x;
+  }
+}
+#endif
+
 TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {

@@ -12,7 +12,8 @@
    table  for the march's number of steps M: L2: [M][n], S (or a, where the target is the extinction, which is not
           summed by parts). visibility: the products B_i B_j (i >= j) averaged over the steps, then [M] rows of S[n],
           B[n] and B_i B_j. Products come in whole SUMS_BLOCKs.
-   Requires: TFM_N_COEFF; TFM_TARGET, one of the three below; TFM_FIT 0 (L2) or 1 (visibility). */
+   Requires: TFM_N_COEFF; TFM_TARGET, one of the three below; TFM_FIT 0 (L2) or 1 (visibility); TFM_OWN_DEPTH, 1 where
+   primitives are not marched (own_depth.h). */
 #ifndef TFM_PROJECTION_H
 #define TFM_PROJECTION_H
 
@@ -166,6 +167,17 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
   add_steps(state->gram, WHOLE_PRODUCTS, weight, rows, 2 * TFM_N_COEFF);
 #endif
 }
+
+#if TFM_OWN_DEPTH
+/* Adds an optical depth that lies at v. table: [OWN_DEPTH_ROWS][n], as of a march of so many steps; no fit. */
+TFM_INLINE void basis_deposit(__global const float *table, BasisState *state, Floats v, Floats depth)
+{
+  const Ints row = TO_INTS(v * (float)OWN_DEPTH_ROWS);
+  const Ints first = TFM_N_COEFF * (row < OWN_DEPTH_ROWS - 1 ? row : ints(OWN_DEPTH_ROWS - 1));
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    state->sum[j] += depth * gather_floats(table, first + j);
+}
+#endif
 
 TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)

@@ -185,9 +185,12 @@ def _of_probe(case: Case) -> Program:
 
 
 def _of_light_pass(case: Case) -> Program:
-    basis, of_map = map_variant(settings_of(case))
+    settings = settings_of(case)
+    basis, of_map = map_variant(settings)
     (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
     _, defines = _of_probe(case)
+    if settings.is_linear and field.defines.get("TFM_PRIMITIVES"):
+        defines["TFM_OWN_DEPTH"] = int(case["deposits"] == "depth")
     return (*field.headers, basis, *light_headers(case)), defines | of_map
 
 
@@ -269,6 +272,7 @@ OTHERS_LIT: Choices = {
     "pools": (1,),
     **LIT,
 }
+DEPOSITS: Choices = {"deposits": ("steps", "depth")}
 LATTICE: Choices = {
     "bodies": ("grid", "tinted grid", "3 grids", "coloured grid"),
     **GRIDS,
@@ -285,7 +289,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
     "lattice_pass.cl": (_of_lattice_pass, [LATTICE]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
-    "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED}]),
+    "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),

@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, STORAGE_BITS, TARGETS
+from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, OWN_DEPTH_ROWS, STORAGE_BITS, TARGETS
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS
 from tfm_cl.maps.prefilter import Prefilter
@@ -31,11 +31,16 @@ MOST_PARTS = 4096
 """Parts of a map whose limits are found apart: enough work-items for any device, few enough for the host."""
 
 
-def steps_of_levels(settings: ResolvedMap) -> list[int]:
-    """List the steps along ranges of each level; the medium's bounds take all of them."""
+def steps_of_tables(settings: ResolvedMap) -> list[int]:
+    """List the steps of each table of the basis: one for each level, the medium's bounds take all steps.
+
+    One more tells the depths of primitives apart that are not marched.
+    """
     if settings.range == "box":
-        return [0] * (MARCH_LEVELS - 1) + [settings.steps]
-    return [-(-settings.steps * level // MARCH_LEVELS) for level in range(1, MARCH_LEVELS + 1)]
+        levels = [0] * (MARCH_LEVELS - 1) + [settings.steps]
+    else:
+        levels = [-(-settings.steps * level // MARCH_LEVELS) for level in range(1, MARCH_LEVELS + 1)]
+    return [*levels, *([OWN_DEPTH_ROWS] if settings.deposits == "depth" else [])]
 
 
 def map_variant(settings: ResolvedMap) -> tuple[str, dict[str, int | str]]:
@@ -132,13 +137,13 @@ class LightPass:
         res = settings.res
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
-        tables = [np.zeros(0, np.float32)] * MARCH_LEVELS
-        if plan.functions is not None:
-            basis = BASES[settings.basis]
-            tables = [
-                basis.table(plan.functions, settings, steps) if steps else tables[0]
-                for steps in steps_of_levels(settings)
-            ]
+        basis, functions = BASES[settings.basis], plan.functions
+        tables = [
+            basis.table(functions, settings, steps)
+            if steps and functions is not None
+            else np.zeros(0, np.float32)
+            for steps in steps_of_tables(settings)
+        ]
         starts = np.cumsum([0, *map(len, tables[:-1])], dtype=np.int32)
         occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
         # Straight to where they stay, unless something is still done to them.
@@ -331,7 +336,10 @@ class LightPass:
             name,
             "light_pass.cl",
             (*medium.headers, header, *light.headers),
-            defines | light_defines(light) | medium.defines | {"TFM_SHADOW": int(clipped)},
+            defines
+            | light_defines(light)
+            | medium.defines
+            | {"TFM_SHADOW": int(clipped), "TFM_OWN_DEPTH": int(settings.deposits == "depth")},
         )
 
 

@@ -33,6 +33,7 @@ class ResolvedMap(Model):
     lookup: Lookup | Literal["lattice"]
     res: int
     steps: int
+    deposits: Literal["steps", "depth"]
     storage: Literal["f32", "f16", "u8"]
     blur: float
     blur_kernel: Literal["box", "gaussian"] = Field("gaussian")
@@ -46,6 +47,11 @@ class ResolvedMap(Model):
     def bytes_per_texel(self) -> float:
         """Bytes of a texel: its coefficients, and its share of the field of ranges."""
         return _bytes_per_texel(self.coeffs, self.storage, self.range, self.res)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the coefficients are linear in the density."""
+        return self.target != "transmittance" and self.fit == "l2" and BASES[self.basis].lerps
 
     def request(self) -> MapSettings:
         """Return the settings that ask for exactly this."""
@@ -71,7 +77,8 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
     Raises
     ------
     SceneError
-        ``bytes`` that are too few, or a blur of numbers that are not linear in the density.
+        ``bytes`` that are too few, or a blur of numbers, or deposits in them, that are not linear in the
+        density.
     """
     basis = BASES[BEST if settings.basis == "auto" else settings.basis]
     range_: Range = basis.defaults.range if settings.range == "auto" else settings.range
@@ -88,16 +95,21 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
         lookup=basis.defaults.lookup if settings.lookup == "auto" else settings.lookup,
         res=res,
         steps=decided(settings.steps) if steps is None else steps,
+        deposits=settings.deposits,
         storage=settings.storage,
         blur=settings.blur,
         blur_kernel=settings.blur_kernel,
     )
-    linear = resolved.target != "transmittance" and resolved.fit == "l2" and basis.lerps
-    if resolved.blur > 0 and (not linear or resolved.range not in ("box", "global")):
+    if resolved.blur > 0 and (not resolved.is_linear or resolved.range not in ("box", "global")):
         raise SceneError(
             f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos' with "
             f"range = 'global'; not basis '{basis.name}' with target '{resolved.target}', fit "
             f"'{resolved.fit}', range '{resolved.range}'"
+        )
+    if resolved.deposits == "depth" and not resolved.is_linear:
+        raise SceneError(
+            "map.deposits = 'depth': needs numbers linear in the density, as basis = 'fourier' or 'slices'; "
+            f"not basis '{basis.name}' with target '{resolved.target}', fit '{resolved.fit}'"
         )
     return resolved
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from tfm_cl.errors import SceneError
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.options import grids
@@ -120,10 +121,16 @@ def plan(
     Raises
     ------
     SceneError
-        ``map.bytes`` that are too few, or a blur that its basis does not take.
+        ``map.bytes`` that are too few, a blur or deposits that its basis does not take, or deposits of
+        nothing.
     """
     decisions = {} if file is None else dict(_placed(scene, file))
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.lights)
+    if has_maps and scene.map.deposits == "depth" and not scene.primitives:
+        raise SceneError(
+            "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "
+            "the scene has none; leave it out"
+        )
     if scene.map.max_error is not None:
         if has_maps:
             chosen, why = _looked_up(scene)

@@ -22,13 +22,16 @@ from tfm_cl.reference.fitting import (
     texel_rays,
     with_numbers,
 )
-from tfm_cl.reference.geometry import Floats, Integers, edges
+from tfm_cl.reference.geometry import Floats, Integers, Rays, edges
+from tfm_cl.reference.primitives import meet
 from tfm_cl.reference.solids import clip
+from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.lights.base import texel_positions
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.scene.bodies import MarchedBody
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
@@ -36,6 +39,8 @@ DARKEST = 1e-37
 """Smallest transmittance looked up in a map: near float32's smallest normal number."""
 AUTO_RES = 64
 """Texels along a side of the map that ``density_weighting = "auto"`` looks at."""
+OWN_DEPTHS = 1 << 14
+"""Steps of a range that are as good as its points."""
 EDGE_MARGIN = 1e-3
 """Of a map's width: what passes it by further than this meets no medium (``kernels/map/lookup.h``)."""
 
@@ -146,6 +151,36 @@ def _numbers(model: MapModel, depth: Floats) -> Floats:
     return solved
 
 
+def _in_steps(scene: Scene, model: MapModel) -> tuple[list[MarchedBody], Floats]:
+    """Pick what is gathered step by step, and its weights."""
+    if model.settings.deposits == "steps":
+        return [*scene.marched], model.weights
+    these = [i for i, body in enumerate(scene.marched) if not isinstance(body, Primitives)]
+    return [scene.marched[i] for i in these], model.weights[these]
+
+
+def _of_primitives(
+    scene: Scene, model: MapModel, rays: Rays, begin: Floats, reach: Floats, end: Floats
+) -> Floats:
+    """Sum what primitives add to the numbers of rays at their own depths (FOM eq. 5-6), ``[rays, n]``.
+
+    The functionals at a depth are those of one of so many steps that which one makes no difference.
+    """
+    rows = model.functions.analysis(OWN_DEPTHS)
+    if model.settings.target == "optical-depth":
+        rows = rows[::-1].cumsum(axis=0)[::-1]
+    numbers = np.zeros((len(begin), rows.shape[1]))
+    for body, weight in zip(scene.marched, model.weights, strict=True):
+        if isinstance(body, Primitives):
+            ray, distance, channels = meet(body, rays).whole()
+            there = (distance >= begin[ray]) & (distance < reach[ray])
+            ray, distance, channels = ray[there], distance[there], channels[there]
+            v = (distance - begin[ray]) / (end - begin)[ray]
+            held = channels @ weight[: channels.shape[-1]]
+            np.add.at(numbers, ray, held * rows[(v * OWN_DEPTHS).astype(int)])
+    return numbers
+
+
 def build_map(
     scene: Scene, light: Light, like: TransmittanceMap | None = None, field: int | None = None
 ) -> Floats:
@@ -167,10 +202,13 @@ def build_map(
             if model.settings.range != "box":
                 begin, end = bilinear(model.field, positions[part])[:, :2].T
             boundaries, samples = edges(begin, end, int(steps))
-            depth = step_depths(scene.marched, model.weights, rays, boundaries, samples)[..., 0]
+            marched, weights = _in_steps(scene, model)
+            depth = step_depths(marched, weights, rays, boundaries, samples)[..., 0]
             lit = np.maximum(reach[part], boundaries[:, 0])  # the first step is always taken
             depth[boundaries[:, :-1] > lit[:, None]] = 0
             numbers[part] = _numbers(model, depth)
+            if model.settings.deposits == "depth":
+                numbers[part] += _of_primitives(scene, model, rays, begin, np.minimum(end, reach[part]), end)
             numbers[part[end <= begin]] = 0  # a ray that misses the medium stays clear
     if model.settings.target == "transmittance" and _has_one(model):
         numbers = np.eye(1, numbers.shape[1]) - numbers  # of f instead of 1 - f

@@ -60,6 +60,12 @@ class MetPoints(NamedTuple):
         held = self.radius * _integral(self.profile, low, np.maximum(low, high), square)
         return _summed(self.ray, held[:, None] * self.densities, self.rays)
 
+    def whole(self) -> tuple[Integers, Floats, Floats]:
+        """Return each pair's ray, the distance of the middle, and all that the ray gathers."""
+        half = self.half / self.radius
+        held = self.radius * _integral(self.profile, -half, half, half**2)
+        return self.ray, self.middle, held[:, None] * self.densities
+
     def thin(self, begin: Floats, end: Floats) -> Floats:
         """As of `MetThin`: 0."""
         del end
@@ -90,6 +96,10 @@ class MetThin(NamedTuple):
     def between(self, begin: Floats, end: Floats) -> Floats:
         """As of `MetPoints`."""
         return _summed(self.ray, self._within(begin, end)[:, None] * self.densities, self.rays)
+
+    def whole(self) -> tuple[Integers, Floats, Floats]:
+        """As of `MetPoints`."""
+        return self.ray, self.distance, self.densities
 
     def thin(self, begin: Floats, end: Floats) -> Floats:
         """Sum what is crossed between two distances, colours' mean, and that times where: ``[2, rays]``."""

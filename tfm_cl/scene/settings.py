@@ -90,6 +90,12 @@ class MapSettings(Model):
         description="steps along the range of a light ray, and along the light rays of the dual march; "
         "auto: at most 1.5 voxels long, 16 to 1024",
     )
+    deposits: Literal["steps", "depth"] = Field(
+        "steps",
+        description="what primitives leave in the map: steps: in each step of a light ray what lies in it, "
+        "by exact integrals; depth: all at the primitive's own depth, without steps (FOM eq. 5-6), for the "
+        "targets optical-depth and extinction with the fit l2",
+    )
     storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored coefficients")
     blur: float = Field(
         0.0,
