@@ -4,15 +4,21 @@
 #include "view/scatter.h"
 #include "view/see.h"
 
+/* Where there are but primitives, any steps hold exactly what lies in them: those of the only light serve the camera too, of
+   rays that it reaches all of. */
+#define EXACT_STEPS (TFM_GRIDS && TFM_VOXEL_GRIDS == 0 && !TFM_BODIES)
+
 /* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
                   lies along a ray is in the cache already, and lights that share its samples need no march of their
                   own; as of frame_add else
+   is_only_light  1: of the scene
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
-                           __global float4 *light_seen, __global uint *samples, int sees_camera, int4 blocks, int4 window)
+                           __global float4 *light_seen, __global uint *samples, int sees_camera, int is_only_light,
+                           int4 blocks, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   LIGHT_BUFFERS(buffers);
@@ -30,6 +36,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   SCENE(scene, pixels.x, pixels.y);
   LightSums sums = light_sums_begin();
 #if TFM_SHARED
+  (void)is_only_light;
   const CameraSums none = camera_sums_begin(media, on_ray.meets);
 #if TFM_BODIES
   if (here.count > 0)
@@ -39,6 +46,8 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums, sees_camera ? &camera : 0);
 #endif
 #else
+  CameraSums camera = camera_sums_begin(media, on_ray.meets);
+  Ints is_seen = ints(0);
   for (int k = 0; k < here.count; ++k) {
     const Lights one = {lights, here.numbers + k, 1, here.many, &buffers};
     Interval lit = on_ray.all, before = on_ray.all;
@@ -47,13 +56,21 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
       continue;
     before.end = view->paper_attenuation ? before.begin : lit.begin;
     const CameraSums dimmed = see_media(&scene, &on_ray, before, 1, active);
-    scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, 0);
+    if (EXACT_STEPS && is_only_light)
+      is_seen = active & (lit.begin == on_ray.all.begin) & (lit.end == on_ray.all.end);
+    scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, any_lane(is_seen) ? &camera : 0);
   }
 #endif
   const Frame frame = {transmittance, radiance, light_seen, samples};
   if (sees_camera) {
-#if !TFM_SHARED || TFM_BODIES
+#if TFM_SHARED && TFM_BODIES
     const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
+#elif !TFM_SHARED
+    const Ints unseen = on_ray.meets & !is_seen;
+    if (any_lane(unseen)) {
+      const CameraSums others = see_media(&scene, &on_ray, on_ray.all, 0, unseen);
+      camera = camera_sums_of(is_seen, &camera, &others);
+    }
 #endif
     sums.samples += camera.samples;
     const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);

@@ -246,18 +246,21 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
   const Floats begins = deposits->edge[0], ends = deposits->edge[end - first];
   Ints left = active & (lists->bin >= 0) & (walk->steps > first), here;
   for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
-    const int members = lists->starts[bin + 1];
-    for (int member = lists->starts[bin]; member < members; ++member) {
-      PRIMITIVE primitive = lists->primitives + lists->members[member];
-      Crossing crossing;
-      Ints crosses = here & TFM_PRIMITIVE_CROSSING(primitive, walk->ray.world, &crossing);
-      const Floats enters = crossing.t - crossing.reach, leaves = crossing.t + crossing.reach;
-      crosses &= (leaves > begins) & (enters < ends);
-      if (!any_lane(crosses))
-        continue;
-      const int low = least_int(crosses ? step_with(walk, enters, -AT_BORDER) : ints(end - 1));
-      const int high = -least_int(crosses ? -step_with(walk, leaves, AT_BORDER) : ints(-first));
-      deposit(primitive, &crossing, crosses, low > first ? low : first, high < end - 1 ? high : end - 1, deposits);
+    Near near;
+    near_begin(lists, bin, &near);
+    while (find_near(lists, walk->ray.world, begins, ends, here, &near)) {
+      int low[MOST_NEAR], high[MOST_NEAR];
+      for (int k = 0; k < near.count; ++k) {
+        const Crossing *crossing = &near.crossing[k];
+        const Floats enters = crossing->t - crossing->reach, leaves = crossing->t + crossing->reach;
+        const Ints crosses = near.crosses[k] & (leaves > begins) & (enters < ends);
+        near.crosses[k] = crosses;
+        low[k] = least_int(crosses ? step_with(walk, enters, -AT_BORDER) : ints(end - 1));
+        high[k] = -least_int(crosses ? -step_with(walk, leaves, AT_BORDER) : ints(-first));
+      }
+      for (int k = 0; k < near.count; ++k)
+        deposit(lists->primitives + near.number[k], &near.crossing[k], near.crosses[k], low[k] > first ? low[k] : first,
+                high[k] < end - 1 ? high[k] : end - 1, deposits);
     }
   }
 }
@@ -281,18 +284,19 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
   end *= length;
   Ints left = active & (lists->bin >= 0), here;
   for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
-    const int members = lists->starts[bin + 1];
-    for (int member = lists->starts[bin]; member < members; ++member) {
-      PRIMITIVE primitive = lists->primitives + lists->members[member];
-      Crossing crossing;
-      const Ints crosses = here & TFM_PRIMITIVE_CROSSING(primitive, ray, &crossing);
-      if (!any_lane(crosses))
-        continue;
-      const Floats between = TFM_PRIMITIVE_PART(primitive, &crossing, end) - TFM_PRIMITIVE_PART(primitive, &crossing, begin);
-      const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
-      for (int c = 0; c < TFM_AMOUNTS; ++c)
-        amounts->of[medium][c] += crosses ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
-    }
+    Near near;
+    near_begin(lists, bin, &near);
+    while (find_near(lists, ray, begin, end, here, &near))
+      for (int k = 0; k < near.count; ++k) {
+        PRIMITIVE primitive = lists->primitives + near.number[k];
+        const Crossing *crossing = &near.crossing[k];
+        const Floats between =
+            TFM_PRIMITIVE_PART(primitive, crossing, end) - TFM_PRIMITIVE_PART(primitive, crossing, begin);
+        const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+        for (int c = 0; c < TFM_AMOUNTS; ++c)
+          amounts->of[medium][c] +=
+              near.crosses[k] ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
+      }
   }
 }
 #define IS_MARKED(steps, n) is_marked(&(steps)->deposits, n)

@@ -5,8 +5,7 @@
 #ifndef TFM_DEPOSITS_H
 #define TFM_DEPOSITS_H
 
-#include "primitive/lists.h"
-#include "primitive/crossing.h"
+#include "primitive/near.h"
 #if TFM_TANGENTS
 #include "phase/fibres.h"
 #endif

@@ -57,6 +57,25 @@ TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *
 #endif
 }
 
+/* The one in the lanes of a mask, the other in all others. */
+TFM_INLINE CameraSums camera_sums_of(Ints mask, const CameraSums *one, const CameraSums *other)
+{
+  CameraSums sums = *other;
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums.ray.through[c] = mask ? one->ray.through[c] : other->ray.through[c];
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    for (int c = 0; c < TFM_AMOUNTS; ++c)
+      sums.total.of[m][c] = mask ? one->total.of[m][c] : other->total.of[m][c];
+  sums.distance_sum = mask ? one->distance_sum : other->distance_sum;
+  sums.opacity_sum = mask ? one->opacity_sum : other->opacity_sum;
+#if TFM_MEDIA > 1
+  for (int c = 0; c < 3; ++c)
+    sums.scattered[c] = mask ? one->scattered[c] : other->scattered[c];
+#endif
+  sums.samples = mask ? one->samples : other->samples;
+  return sums;
+}
+
 /* Eq. 7, with the ambient light that arrives scattered or reflected.
    end     of the rays: infinite where no solid is seen
    albedo  of the solids that the pixels show, 0 without (with TFM_SHADOW only) */

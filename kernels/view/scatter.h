@@ -195,8 +195,6 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       if (camera)
         camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacities[k], weights[k]);
     }
-#else
-    (void)camera;
 #endif
     for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
 #if TFM_SHARED
@@ -232,6 +230,8 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #else
         Floats opacity[TFM_CHANNELS];
         const Floats weight = take_step(media, state, &step[k], depth, opacity);
+        if (camera)
+          camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
 #endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
@@ -254,6 +254,8 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
   add_light(media, light, sum, sums);
 #endif
   sums->samples += active ? read : ints(0);
+  if (camera)
+    camera->ray = *state;
 }
 #endif
 

@@ -119,7 +119,7 @@ class Planner:
         for number, ((light, of_light), probe) in enumerate(zip(lights, probes, strict=True)):
             fit = partial(self._fit, settings, light, of_light, medium, probe)
             before = self._launcher.seconds
-            if BASES[settings.basis].needs_curves:  # learning takes longer than all else here
+            if BASES[settings.basis].learns(settings):  # learning takes longer than all else here
                 fitted = self._cache.get(
                     "functions",
                     (key, light.map_key(), shadow_res, settings, cut, extinction),
@@ -149,7 +149,7 @@ class Planner:
     ) -> Fitted:
         """Find the ranges of a map, and make the functions of its basis."""
         field, curves = _field(settings, probe), None
-        if BASES[settings.basis].needs_curves:
+        if BASES[settings.basis].learns(settings):
             ranges = None if settings.range == "box" else field
             curves = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
         return Fitted(field, functions_of(settings, curves))

@@ -75,7 +75,7 @@ def map_model(scene: Scene, like: TransmittanceMap | None = None, field: int | N
     settings = resolve(with_numbers(scene).map)
     settings = settings.replace(density_weighting=density_weighting(scene, number))
     make = BASES[settings.basis].functions
-    if make is None or BASES[settings.basis].needs_curves or settings.range != "box":
+    if make is None or BASES[settings.basis].learns(settings) or settings.range != "box":
         raise SceneError(f"the reference needs a map to compare with for basis '{settings.basis}'")
     extinction = float(fields.extinctions[number])
     return MapModel(settings, make(settings, None), np.zeros((1, 1, 4)), extinction, weights)

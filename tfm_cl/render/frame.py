@@ -194,6 +194,7 @@ class Frame:
                     frame,
                     done,
                     sees_camera=not work.camera_is_seen,
+                    is_only_light=len(self.scene.lights) == 1,
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:

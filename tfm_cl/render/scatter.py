@@ -31,6 +31,7 @@ def scatter(
     done: Callable[[float], None],
     *,
     sees_camera: bool = False,
+    is_only_light: bool = False,
 ) -> float:
     """Add the single scattering of some lights of one kind; returns device seconds.
 
@@ -45,6 +46,8 @@ def scatter(
     sees_camera
         Fill in what the camera pass does from the same samples: of the first batch, where its lights share
         them.
+    is_only_light
+        Of the scene: its samples serve the camera where they are as good.
     """
     headers, defines = scatter_variant(batch, media)
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
@@ -52,7 +55,7 @@ def scatter(
         kernel,
         batch.window,
         samples * batch.most_in_a_block + met.longest,
-        {"view": view, "sees_camera": int(sees_camera)}
+        {"view": view, "sees_camera": int(sees_camera), "is_only_light": int(is_only_light)}
         | met.arguments
         | batch.arguments
         | batch.blocks

@@ -85,6 +85,11 @@ class Defaults:
     lookup: Lookup
 
 
+def _never(choices: Choices) -> bool:
+    del choices
+    return False
+
+
 @dataclass(frozen=True)
 class Basis:
     """A representation of the transmittance along a light ray by a few coefficients."""
@@ -99,11 +104,12 @@ class Basis:
     defaults: Defaults
     functions: Callable[[Choices, Curves | None], Functions] | None
     """Makes the functions of a map; None where the kernel header accumulates in its own way.
-    `Curves`, light rays of the map itself, are given where `needs_curves` says so."""
+    `Curves`, light rays of the map itself, are given where `learns` says so."""
     targets: tuple[Target, ...] = ("transmittance", "optical-depth", "extinction")
     """The targets that the basis can approximate."""
     fits: tuple[Fit, ...] = ("l2", "visibility")
-    needs_curves: bool = False
+    learns: Callable[[Choices], bool] = _never
+    """Whether the functions of a map depend on its own light rays."""
     lerps: bool = True
     """Whether the coefficients of neighbouring texels may be interpolated."""
     counts: tuple[int, ...] = field(default=tuple(range(1, 33)))

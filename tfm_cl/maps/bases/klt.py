@@ -72,7 +72,7 @@ def _blas() -> ThreadpoolController:
 
 def learn(choices: Choices, curves: Curves | None) -> Learnt:
     """Find the functions for some light rays."""
-    assert curves is not None  # noqa: S101 - needs_curves
+    assert curves is not None  # noqa: S101 - it learns
     # Threads of BLAS wait for more work by spinning, on the cores that the light pass needs next.
     with _blas().limit(limits=1, user_api="blas"):
         return _learn(choices, curves)
@@ -133,5 +133,5 @@ KLT = Basis(
     defaults=Defaults("optical-depth", "visibility", "visible", "interpolate"),
     functions=learn,
     targets=("transmittance", "optical-depth"),
-    needs_curves=True,
+    learns=lambda _: True,
 )

@@ -82,7 +82,7 @@ def planes(choices: Choices, curves: Curves | None) -> Floats:
     """Place n planes in [0, 1], the last one at 1."""
     n = choices.coeffs
     if choices.slicing == "density":
-        assert curves is not None  # noqa: S101 - needs_curves
+        assert curves is not None  # noqa: S101 - _by_density
         return _halved_by_density(n, curves)
     even = np.arange(1, n + 1) / n
     return even**GAMMA if choices.slicing == "gamma" else even
@@ -101,6 +101,10 @@ def _halved_by_density(n: int, curves: Curves) -> Floats:
     return np.array(edges[1:])
 
 
+def _by_density(choices: Choices) -> bool:
+    return choices.slicing == "density"
+
+
 def _linear(choices: Choices, curves: Curves | None) -> Slices:
     return Slices(planes(choices, curves), cubic=False)
 
@@ -116,7 +120,7 @@ SLICES = Basis(
     defaults=Defaults("extinction", "l2", "visible", "interpolate"),
     functions=_linear,
     targets=("extinction",),
-    needs_curves=True,
+    learns=_by_density,
 )
 SLICES_CUBIC = Basis(
     name="slices-cubic",
@@ -125,5 +129,5 @@ SLICES_CUBIC = Basis(
     defaults=Defaults("extinction", "l2", "visible", "interpolate"),
     functions=_cubic,
     targets=("extinction",),
-    needs_curves=True,
+    learns=_by_density,
 )
