@@ -98,6 +98,7 @@ lookup = "reconstruct"
 slicing = "gamma"
 blur = 2.5
 blur_kernel = "box"
+deposits = "depth"
 
 [march]
 method = "dual"
@@ -187,6 +188,7 @@ def test_every_key_arrives(folder):
         slicing="gamma",
         blur=2.5,
         blur_kernel="box",
+        deposits="depth",
     )
     assert scene.march == tfm.MarchSettings(
         method="dual",
