@@ -110,7 +110,7 @@ KEYS = [
     ("map.slicing", "gamma", "gamma"),
     ("map.blur_kernel", "box", "box"),
     ("map.blur", "0", 0),
-    ("map.deposits", "depth", "depth"),
+    ("map.deposits", "steps", "steps"),
     ("light.blend", "0.5", 0.5),
     ("light.radius", "0.5", 0.5),
     ("light.samples", "9", 9),
