@@ -41,6 +41,9 @@ LEAST_TEXELS = 2.0
 """Radius, in texels or pixels, of the narrowest primitive: what is narrower is widened."""
 SMOOTH_MASS = 64 * pi / 315
 """What a smooth point of radius and density 1 holds."""
+BEND_UNIT = 2.0**-14
+"""Of 16 bits: by how much a strand's tangent at the end of a segment differs from the segment's direction, at
+most √2 along an axis. Highlights are where they should be to 5e-5 of a radian."""
 EDGE_MARGIN = 1e-3
 """Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
 meets no medium."""
@@ -65,6 +68,7 @@ def c_definitions() -> str:
         "EDGE_MARGIN": f"{EDGE_MARGIN}f",
         "LEAST_TEXELS": f"{LEAST_TEXELS}f",
         "SMOOTH_MASS": f"{SMOOTH_MASS:.9g}f",
+        "BEND_UNIT": f"{BEND_UNIT:.9g}f",
         "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
         **{f"POINT_{name.upper()}": number for name, number in POINT_PROFILES.items()},
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},

@@ -21,6 +21,18 @@ TFM_INLINE FibreAngles no_strands(void)
   return angles;
 }
 
+/* t t^T of the unit vector along a tangent of any length; 0 of none. */
+TFM_INLINE void tangent_products(Vec3 t, Floats *products)
+{
+  const Floats inverse = 1.0f / greatest(dot3(t, t), floats(FLT_MIN));
+  products[0] = inverse * t.x * t.x;
+  products[1] = inverse * t.y * t.y;
+  products[2] = inverse * t.z * t.z;
+  products[3] = inverse * t.x * t.y;
+  products[4] = inverse * t.x * t.z;
+  products[5] = inverse * t.y * t.z;
+}
+
 TFM_INLINE Floats along_tangents(const Floats *m, Vec3 a, Vec3 b)
 {
   return m[0] * a.x * b.x + m[1] * a.y * b.y + m[2] * a.z * b.z + m[3] * (a.x * b.y + a.y * b.x) +

@@ -9,7 +9,7 @@ typedef struct {
   Floats t;        /* ray parameter at the middle */
   Floats reach;    /* ray parameter from there to either end */
   Floats inverse;  /* from the ray parameter to s */
-  Floats x, root;  /* of a point: how near the ray passes to its centre; largest s */
+  Floats x, root;  /* of a point how near the ray passes to its centre, of a segment where along it; largest s */
   Floats weight;   /* multiplies all */
 } Crossing;
 

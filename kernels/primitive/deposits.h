@@ -1,7 +1,8 @@
 /* What primitives leave along the rays of a march: the optical depth of their density goes to the steps that they lie in,
    by its exact integral between the steps' ends (of an opacity FOM eq. 4), before anything else sees the steps.
    Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ray,
-   crossing) and TFM_PRIMITIVE_PART(primitive, crossing, t), each one of theirs. */
+   crossing), TFM_PRIMITIVE_PART(primitive, crossing, t) and TFM_PRIMITIVE_TANGENT(primitive, crossing), each one of
+   theirs. */
 #ifndef TFM_DEPOSITS_H
 #define TFM_DEPOSITS_H
 
@@ -45,6 +46,10 @@ TFM_INLINE int next_marked(const Deposits *deposits, int n, int until)
 TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints crosses, int low, int high, Deposits *deposits)
 {
   const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+#if TFM_TANGENTS
+  Floats products[TANGENTS];
+  tangent_products(TFM_PRIMITIVE_TANGENT(primitive, crossing), products);
+#endif
   Floats before = TFM_PRIMITIVE_PART(primitive, crossing, deposits->edge[low - deposits->first]);
   for (int n = low; n <= high; ++n) {
     const int i = n - deposits->first;
@@ -62,8 +67,6 @@ TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints cros
     }
 #endif
 #if TFM_TANGENTS
-    const float x = primitive->tangent[0], y = primitive->tangent[1], z = primitive->tangent[2];
-    const float products[TANGENTS] = {x * x, y * y, z * z, x * y, x * z, y * z};
     for (int k = 0; k < TANGENTS; ++k)
       deposits->tangents[i][k] += products[k] * part;
 #endif

@@ -50,6 +50,14 @@ TFM_INLINE Floats point_part(PRIMITIVE point, const Crossing *crossing, Floats t
   return crossing->weight * gaussian_integral(s);
 }
 
+/* None. */
+TFM_INLINE Vec3 point_tangent(PRIMITIVE point, const Crossing *crossing)
+{
+  (void)point;
+  (void)crossing;
+  return vec3(floats(0.0f), floats(0.0f), floats(0.0f));
+}
+
 /* What is narrower than a few texels becomes a smooth point that holds as much: maps of any resolution have the same mean
    optical depth. Its depth stays. Returns the optical depth that the unit of its profile stands for. */
 TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
@@ -64,8 +72,6 @@ TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Pri
   seen->is_thin = 0;
   seen->profile = is_small ? POINT_SMOOTH : set->profile;
   seen->shape[0] = 1.0f / (across * across);
-  for (int axis = 0; axis < 3; ++axis)
-    seen->tangent[axis] = 0.0f;
   seen->shape[1] = radius;
   seen->shape[2] = 1.0f / radius;
   const float held = set->mass * radius * radius * radius * source->amount;

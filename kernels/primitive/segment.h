@@ -16,6 +16,9 @@
 #define PEAK_STRAND 1.875f
 /* Sine of the angle between a ray and a strand, squared, below which it looks along it. */
 #define ALONG_STRAND 1e-8f
+/* What the tangents at both ends have beside the direction of the segment, along one axis: 16 bits each, of BEND_UNIT. */
+#define FIRST_BEND(bits) ((float)(short)((bits) & 0xffff))
+#define SECOND_BEND(bits) ((float)((bits) >> 16))
 
 /* The lanes whose ray, of a unit direction, crosses the segment. */
 TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
@@ -41,13 +44,28 @@ TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
   const Floats covered = is_narrow ? PEAK_STRAND * radius / reach * x * x : floats(1.0f);
   cross_at(away + u * slope, segment->reach * 1e-3f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
            crossing);
-  return (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
+  const Ints crosses = (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
+  crossing->x = crosses ? u : floats(0.0f);
+  return crosses;
 }
 
 TFM_INLINE Floats segment_part(PRIMITIVE segment, const Crossing *crossing, Floats t)
 {
   (void)segment;
   return crossing->weight * place_in(crossing, t);
+}
+
+/* The tangent where the axis is crossed, of any length: from that at one end to that at the other. A strand that does not
+   bend keeps the direction of its segments exactly. */
+TFM_INLINE Vec3 segment_tangent(PRIMITIVE segment, const Crossing *crossing)
+{
+  const Vec3 along = uniform_vec3(segment->shape);
+  const Floats inverse = reciprocal_sqrt(greatest(dot3(along, along), floats(FLT_MIN)));
+  const Floats first = BEND_UNIT * (0.5f - crossing->x), second = BEND_UNIT * (0.5f + crossing->x);
+  __global const int *bends = segment->bends;
+  return vec3(inverse * along.x + first * FIRST_BEND(bends[0]) + second * SECOND_BEND(bends[0]),
+              inverse * along.y + first * FIRST_BEND(bends[1]) + second * SECOND_BEND(bends[1]),
+              inverse * along.z + first * FIRST_BEND(bends[2]) + second * SECOND_BEND(bends[2]));
 }
 
 /* As of point_seen. */
@@ -73,7 +91,7 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   seen->is_thin = 1;
   seen->profile = 0;
   for (int axis = 0; axis < 3; ++axis)
-    seen->tangent[axis] = square > 0.0f ? seen->shape[axis] / sqrt(square) : 0.0f;
+    seen->bends[axis] = as_int(source->c[axis]);
   return 1.0f;
 }
 

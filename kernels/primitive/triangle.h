@@ -52,6 +52,14 @@ TFM_INLINE Floats triangle_part(PRIMITIVE triangle, const Crossing *crossing, Fl
   return crossing->weight * place_in(crossing, t);
 }
 
+/* None. */
+TFM_INLINE Vec3 triangle_tangent(PRIMITIVE triangle, const Crossing *crossing)
+{
+  (void)triangle;
+  (void)crossing;
+  return vec3(floats(0.0f), floats(0.0f), floats(0.0f));
+}
+
 /* As of point_seen. */
 TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
 {
@@ -83,8 +91,6 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   seen->reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
   seen->is_thin = 1;
   seen->profile = is_small;
-  for (int axis = 0; axis < 3; ++axis)
-    seen->tangent[axis] = 0.0f;
   return 1.0f;
 }
 

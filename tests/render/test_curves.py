@@ -28,7 +28,7 @@ from thin_primitives import (
     scene_of,
     solid_angles,
 )
-from tolerances import FAST_MATH, LANES
+from tolerances import FAST_MATH, LANES, PASS
 
 import tfm_cl as tfm
 from tfm_cl.device.device import choose_device
@@ -203,6 +203,71 @@ def test_a_bent_strand_has_neither_gaps_nor_double_cover_beyond_its_wedges(rende
     assert set(crossings[~away].tolist()) == {0, 1, 2}
 
 
+# --- highlights --------------------------------------------------------------------------------------------
+
+SHINY = tfm.KajiyaKay(specular=0.7, exponent=40)
+RADIUS, BEGIN, END = 0.6, -20.0, 200.0
+"""Of an arc around the origin, degrees from x to y."""
+STEEPEST = np.exp(-0.5) * np.sqrt(SHINY.exponent)
+"""Of a highlight's height, per radian: cosᵖ(x) is about exp(-p x²/2), whose flank is steepest at p x² = 1."""
+
+
+def arc(count, width):
+    angles = np.radians(np.linspace(BEGIN, END, count + 1))
+    points = RADIUS * np.stack([np.cos(angles), np.sin(angles), np.zeros(count + 1)], axis=1)
+    medium = tfm.Medium(sigma_s=1.0, phase=SHINY)
+    return tfm.Curves(points, [count + 1], width, opacity=0.9, medium=medium)
+
+
+@pytest.mark.lanes
+@pytest.mark.parametrize("count", [8, 16, 64])
+def test_an_arc_of_few_segments_shines_as_a_circle_does(renderer, count):
+    """But for its first and last segment, whose ends have no neighbours.
+
+    Where the axis is crossed the tangent is that of the circle. Beside it, at b of the circle's radius, its
+    angle errs by b times that from the segment's middle. Were it the segment's, it would err by all of that:
+    some 45 times as much.
+    """
+    camera = tfm.Camera(from_=(0, 0, 9), to=(0, 0, 0), fov=9, res=(160, 160))
+    travel = np.array([0.8, 0.3, -0.5]) / np.linalg.norm([0.8, 0.3, -0.5])
+    sun = tfm.SunLight(from_=tuple(-travel), to=(0, 0, 0))
+    march = tfm.MarchSettings(steps=40)
+    scene = tfm.Scene(arc(count, 0.004), WHITE, camera, [sun], march=march)
+    image = renderer.render(scene, method="dual").image.reshape(-1, 4).astype(float)
+    origins, directions = camera.rays()
+    places = origins - origins[:, 2:] / directions[:, 2:] * directions
+    angles = np.degrees(np.arctan2(places[:, 1], places[:, 0]))
+    angles = np.where(angles < BEGIN - 5, angles + 360, angles)
+    step = (END - BEGIN) / count
+    shown = (image[:, 3] > 0.02) & (angles > BEGIN + step) & (angles < END - step)
+    assert shown.sum() > 400
+    tangents = np.stack([-places[:, 1], places[:, 0], np.zeros(len(places))], axis=1)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    expected = SHINY.evaluate_strand(tangents, travel, -directions)[shown]
+    found = image[shown, 0] / image[shown, 3]
+    highest = expected.max()
+    assert highest > 3 * expected.min()
+    beside = LEAST / 2 * camera.pixel_width * 9 / RADIUS
+    assert np.abs(found - expected).max() < STEEPEST * beside * np.radians(step / 2) * highest
+
+
+def test_a_straight_strand_of_many_segments_shines_as_one(renderer):
+    part = np.sort(np.random.default_rng(3).uniform(0, 1, 14))[:, None]
+    points = np.concatenate([ENDS[:1], (1 - part) * ENDS[0] + part * ENDS[1], ENDS[1:]])
+    many, one = (tfm.Curves(ends, [len(ends)], 0.15, opacity=OPACITY) for ends in (points, ENDS))
+    found, expected = (
+        renderer.render(scene_of(body, medium=FIBRES), method="dual").image for body in (many, one)
+    )
+    assert expected[..., :3].max() > 0.3
+    np.testing.assert_allclose(found, expected, atol=PASS * expected.max())
+
+
+def test_a_bent_strand_shines_as_the_reference_says(renderer):
+    points = [[-0.6, -0.3, 0.1], [-0.3, 0.4, 0.2], [0.2, 0.3, -0.1], [0.3, -0.4, 0.0], [0.8, -0.2, 0.3]]
+    strand = tfm.Curves(points, [5], 0.3, opacity=0.7, medium=FIBRES)
+    assert_agrees_with_reference(renderer, scene_of(strand), "dual")
+
+
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
@@ -294,9 +359,10 @@ def some(curves, numbers):
 def test_order_and_splitting_change_nothing(renderer, method):
     strands = many(medium=None, colour=colours(200))
     mixed = np.random.default_rng(8).permutation(200)
-    expected = renderer.render(scene_of(strands), method=method)
+    expected = renderer.render(scene_of(strands, medium=FIBRES), method=method)
     for bodies in ((some(strands, mixed),), (some(strands, mixed[:70]), some(strands, mixed[70:]))):
-        assert_same(renderer.render(scene_of(*bodies), method=method), expected, ROUNDED)
+        found = renderer.render(scene_of(*bodies, medium=FIBRES), method=method)
+        assert_same(found, expected, ROUNDED)
 
 
 @pytest.mark.slow

@@ -47,6 +47,7 @@ FUNCTIONS = {
     "seen": ("(set)->kind", "(source, set, eye, seen)"),
     "crossing": ("(primitive)->kind", "(primitive, ray, crossing)"),
     "part": ("(primitive)->kind", "(primitive, crossing, t)"),
+    "tangent": ("(primitive)->kind", "(primitive, crossing)"),
 }
 """What the header of each kind of primitive has: by what the kind is told, and the arguments."""
 

@@ -32,6 +32,8 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 """Gauss-Legendre, exact up to degree 7: a smooth point's density along a ray has degree 6."""
 SINGULAR = 1e-12
 """Of the determinant were all at right angles: below that a ray runs along a strand or a triangle."""
+TURNS_BACK = 1e-6
+"""Length of the sum of two unit vectors, below which they point in opposite directions."""
 
 
 class MetPoints(NamedTuple):
@@ -154,10 +156,8 @@ def meet(body: Primitives, rays: Rays) -> Met:
     origins, directions = rays.origins[ray], rays.directions[ray]
     tangent = np.zeros((len(number), 3))
     if isinstance(body, Curves):
-        crossed, distance = _cross_strands(corners, body.widths[number] / 2, origins, directions)
-        along = corners[:, 1] - corners[:, 0]
-        length = np.linalg.norm(along, axis=1, keepdims=True)
-        np.divide(along, length, out=tangent, where=length > 0)
+        crossed, distance, place = _cross_strands(corners, body.widths[number] / 2, origins, directions)
+        tangent[crossed] = tangents_of(body, number[crossed], place[crossed])
     else:
         crossed, distance = _cross_triangles(corners, origins, directions)
     return MetThin(
@@ -183,10 +183,40 @@ def _near(body: Primitives, rays: Rays) -> Iterator[tuple[Integers, Integers, Fl
         yield ray, first + primitive, middle[ray, primitive], square[ray, primitive]
 
 
+def tangents_of(body: Curves, number: Integers, place: Floats) -> Floats:
+    """Return unit tangents ``[n, 3]`` at places on segments, from 0 at one end to 1 at the other.
+
+    Those at both ends are mixed; each is halfway between the directions of the segments that meet there. At
+    the ends of a strand, and where it turns back, it is the direction of the segment itself.
+    """
+    own = _direction(body, number)
+    first, last = own.copy(), own.copy()
+    follows, leads = body.goes_on[number], np.append(body.goes_on[1:], False)[number]
+    first[follows] += _direction(body, number[follows] - 1)
+    last[leads] += _direction(body, number[leads] + 1)
+    at_ends = [np.where(_length(both) > TURNS_BACK, _unit(both), own) for both in (first, last)]
+    return _unit((1 - place[:, None]) * at_ends[0] + place[:, None] * at_ends[1])
+
+
+def _direction(body: Curves, number: Integers) -> Floats:
+    return _unit(body.corners[number, 1] - body.corners[number, 0])
+
+
+def _length(vectors: Floats) -> Floats:
+    length: Floats = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return length
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Make vectors as long as 1; what has no length stays 0."""
+    length = _length(vectors)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
 def _cross_strands(
     ends: Floats, radii: Floats, origins: Floats, directions: Floats
-) -> tuple[NDArray[np.bool_], Floats]:
-    """Find which rays cross which segments, and where.
+) -> tuple[NDArray[np.bool_], Floats, Floats]:
+    """Find which rays cross which segments, how far away, and how far along these, from 0 to 1.
 
     Both lines are closest at t and u, the least squares of a + u (b - a) - (o + t d). ``ends [n, 2, 3]``,
     ``radii [n, 2]``.
@@ -200,7 +230,7 @@ def _cross_strands(
     found[solvable] = np.linalg.solve(square[solvable], right)[..., 0]
     t, u = found.T
     apart = np.linalg.norm(ends[:, 0] + u[:, None] * along - origins - t[:, None] * directions, axis=1)
-    return solvable & (u >= 0) & (u < 1) & (apart < (1 - u) * radii[:, 0] + u * radii[:, 1]), t
+    return solvable & (u >= 0) & (u < 1) & (apart < (1 - u) * radii[:, 0] + u * radii[:, 1]), t, u
 
 
 def _cross_triangles(

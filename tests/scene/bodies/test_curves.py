@@ -6,7 +6,10 @@ from scenes import turned
 from tolerances import ROUNDED
 
 import tfm_cl as tfm
+from tfm_cl.constants import BEND_UNIT
+from tfm_cl.device.structs.declared import SOURCE
 from tfm_cl.errors import VolumeError
+from tfm_cl.reference.primitives import tangents_of
 
 POINTS = np.array([[0.0, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 2], [0, 0, 3]])
 """Of a strand of two segments and one of one."""
@@ -228,6 +231,71 @@ def test_what_has_no_density_says_why():
     assert curves().why_empty == ""
     assert curves(opacity=0.0).why_empty == "all densities are 0"
     assert curves(colour=(0, 0, 0)).why_empty == "all densities times their colours are 0"
+
+
+# --- tangents --------------------------------------------------------------------------------------------
+
+
+def tangents_of_device(body):
+    """At both ends of each segment, [segments, 2, 3], as kernels are told them."""
+    structs = np.zeros(len(body.corners), SOURCE.dtype)
+    body.fill_sources(structs, np.zeros(3))
+    bends = np.ascontiguousarray(structs["c"]).view(np.int16).reshape(-1, 3, 2)
+    along = body.corners[:, 1] - body.corners[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    own = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    return own[:, None] + BEND_UNIT * np.swapaxes(bends, 1, 2)
+
+
+def tangents_of_reference(body):
+    number = np.arange(len(body.corners))
+    return np.stack([tangents_of(body, number, np.full(len(number), end)) for end in (0.0, 1.0)], axis=1)
+
+
+HALF = np.sqrt(0.5)
+BENT = {
+    "a right angle": (
+        [[0, 0, 0], [3, 0, 0], [3, 1, 0]],
+        [[[1, 0, 0], [HALF, HALF, 0]], [[HALF, HALF, 0], [0, 1, 0]]],
+    ),
+    "a corner: a point twice": (
+        [[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]],
+        [[[1, 0, 0], [1, 0, 0]], None, [[0, 1, 0], [0, 1, 0]]],
+    ),
+    "turning back": (
+        [[0, 0, 0], [1, 0, 0], [0.5, 0, 0]],
+        [[[1, 0, 0], [1, 0, 0]], [[-1, 0, 0], [-1, 0, 0]]],
+    ),
+}
+every_tangent = pytest.mark.parametrize("tangents", [tangents_of_device, tangents_of_reference])
+
+
+@every_tangent
+@pytest.mark.parametrize("bent", BENT)
+def test_a_tangent_is_halfway_between_those_of_the_segments(tangents, bent):
+    points, expected = BENT[bent]
+    found = tangents(tfm.Curves(points, [len(points)], 0.1))
+    for one, wanted in zip(found, expected, strict=True):
+        if wanted is not None:  # a segment without a length, which no ray crosses
+            np.testing.assert_allclose(one, wanted, atol=BEND_UNIT / 2)
+
+
+@every_tangent
+def test_strands_do_not_bend_towards_each_other(tangents):
+    """Though one begins where the other ends."""
+    found = tangents(tfm.Curves([[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]], [2, 2], 0.1))
+    np.testing.assert_array_equal(found, [[[1, 0, 0]] * 2, [[0, 1, 0]] * 2])
+
+
+def test_kernels_are_told_the_tangents_of_the_reference(rng):
+    points = rng.normal(0, 1, (300, 3))
+    body = tfm.Curves(points, [50, 3, 100, 2, 145], 0.1)
+    expected = tangents_of_reference(body)
+    # Also of others that are made of them.
+    matrix = turned(30, (1, 2, 3), (2, 2, 2), (1, -1, 0.5))
+    moved = tangents_of_device(body.transformed(matrix).with_density(0.5))
+    np.testing.assert_allclose(tangents_of_device(body), expected, atol=0.51 * BEND_UNIT)
+    np.testing.assert_allclose(moved, expected @ matrix[:3, :3].T / 2, atol=0.51 * BEND_UNIT)
 
 
 # --- the same ones otherwise -----------------------------------------------------------------------------

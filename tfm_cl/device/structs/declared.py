@@ -123,7 +123,7 @@ SOURCE = Struct(
     (
         Field("float", "a", 3, "centre, end or corner"),
         Field("float", "b", 3, "the other end, or the next corner"),
-        Field("float", "c", 3, "the last corner"),
+        Field("float", "c", 3, "the last corner; of a segment the bits of its bends"),
         Field("float", "radius", 2, "world, at either end"),
         Field("float", "amount", 1, "density at its middle, or opacity"),
         Field("float", "colour", 3, "extinction relative to the density, RGB"),
@@ -156,6 +156,6 @@ PRIMITIVE = Struct(
         Field("int", "medium", 1, "number of its medium"),
         Field("float", "shape", 8, "as its kind has it"),
         Field("int", "is_thin", 1, "1: rays cross it in one place"),
-        Field("float", "tangent", 3, "unit vector along a strand, 0 without"),
+        Field("int", "bends", 3, "of a segment: its tangents at both ends, less its direction"),
     ),
 )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.constants import BEND_UNIT
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.scene.bodies.primitives import colours_of, numbers_of, positions_of
@@ -22,12 +23,16 @@ Floats = NDArray[np.float64]
 
 MEAN_SINE = np.pi / 4
 """Of the angle between a strand and rays of all directions: how much of its length is seen."""
+TURNS_BACK = 1e-6
+"""Sum of two segments' directions below which the strand turns back: tangents there are these directions."""
 
 
 class Curves(ThinPrimitives):
     """Strands: each a polyline of ribbons that face every ray, of one opacity across their width.
 
-    A strand that is narrower than a texel or a pixel covers a part of it.
+    A strand that is narrower than a texel or a pixel covers a part of it. What it scatters depends on its
+    tangent, which turns along each segment: at a point it is halfway between the directions of the segments
+    that meet there. A point that is given twice is a corner.
 
     Parameters
     ----------
@@ -62,6 +67,8 @@ class Curves(ThinPrimitives):
         float64 [segments, 2, 3]: where each begins and ends, world.
     widths
         float64 [segments, 2]: there.
+    goes_on
+        bool [segments]: whether each begins where the one before it ends, on the same strand.
     """
 
     HEADER: ClassVar[str] = "primitive/segment.h"
@@ -96,6 +103,7 @@ class Curves(ThinPrimitives):
             depths = depths_of(each_of(1.0 if opacity is None else opacity, strand), count, label)[segments]
         shades = colours_of(None if colour is None else _rows_of(colour, strand), count, label)
         rgb = None if shades is None else shades[segments].mean(axis=1)
+        self.goes_on = np.diff(first, prepend=-2) == 1
         self._fill(places[segments], depths.mean(axis=1), rgb, medium)
 
     def _fill(
@@ -131,6 +139,27 @@ class Curves(ThinPrimitives):
         """As `Primitives.fill_sources`."""
         structs["a"], structs["b"] = self.corners[:, 0] - origin, self.corners[:, 1] - origin
         structs["radius"], structs["amount"] = self.widths / 2, self.densities
+        structs["c"] = self._bends().view(np.float32)
+
+    def _bends(self) -> NDArray[np.int32]:
+        """Return what unit tangents have beside their segment's direction, [segments, 3], of `BEND_UNIT`.
+
+        That at the first end is in the lower 16 bits, that at the other in the upper ones. The tangent at a
+        point is halfway between the directions of both segments, within 90° of either: none between two ends
+        points backwards.
+        """
+        along, lengths = self.corners[:, 1] - self.corners[:, 0], self.lengths[:, None]
+        along = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 0)
+        later = np.flatnonzero(self.goes_on)
+        halfway = along[later - 1] + along[later]
+        length = np.linalg.norm(halfway, axis=1, keepdims=True)
+        turns = length[:, 0] > TURNS_BACK
+        later, halfway = later[turns], halfway[turns] / length[turns]
+        first, second = np.zeros((2, *along.shape), np.int32)
+        first[later] = np.rint((halfway - along[later]) / BEND_UNIT)
+        second[later - 1] = np.rint((halfway - along[later - 1]) / BEND_UNIT)
+        bends: NDArray[np.int32] = first & 0xFFFF | second << 16
+        return bends
 
     def crossed(self, origin: Floats, direction: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """As `ThinPrimitives.crossed`: where the ray passes the axis within the width."""
@@ -147,7 +176,7 @@ class Curves(ThinPrimitives):
     def _like(self, corners: Floats, depths: Floats, scale: float) -> Self:
         other = object.__new__(type(self))
         other.source, other.chosen = self.source, dict(self.chosen)
-        other.widths = self.widths * scale
+        other.widths, other.goes_on = self.widths * scale, self.goes_on
         other._fill(corners, depths, self._colour, self.medium)
         return other
 
