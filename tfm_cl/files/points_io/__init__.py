@@ -4,11 +4,10 @@ To add a format, write a module with ``read(path)`` that returns
 `tfm_cl.files.points_io.stored.StoredPoints`, and add it to ``FORMATS``.
 """
 
-import importlib
 from pathlib import Path
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.paths import check_readable
+from tfm_cl.files.formats import read_stored
 from tfm_cl.files.points_io.stored import StoredPoints
 
 FORMATS: dict[str, str] = {
@@ -33,18 +32,7 @@ def read_points(path: Path) -> StoredPoints:
     VolumeError
         The file is missing, damaged, too large or of unknown type, or has no points.
     """
-    module_name = FORMATS.get(path.suffix.lower())
-    if module_name is None:
-        known = " ".join(sorted(FORMATS))
-        raise VolumeError(f"{path}: not a known format of points '{path.suffix}'; known: {known}")
-    check_readable(path, VolumeError)
-    module = importlib.import_module(f"{__name__}.{module_name}")
-    try:
-        points: StoredPoints = module.read(path)
-    except OSError as error:
-        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if not len(points.positions):
-        raise VolumeError(f"{path}: holds no points")
+    points: StoredPoints = read_stored(path, __name__, FORMATS, "points")
     return points
 
 
