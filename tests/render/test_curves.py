@@ -4,40 +4,43 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from thin_primitives import (
+from primitive_scenes import (
+    BALLS,
     BLUE,
     BORDER,
     CAMERA,
     CORNERS,
     DEPTH_OF_ONE,
     FIBRES,
+    FOG,
+    GRID,
     HARDLY,
     LIGHT,
     LIGHT_KINDS,
     LIGHTS,
     SAMPLED,
-    SCENE,
     SIZES,
     SOLIDS,
     WHITE,
     assert_agrees_with_reference,
+    assert_lanes_agree,
+    assert_makes_numbers,
     assert_same,
+    both_methods,
+    colours,
     depth_in_picture,
+    every_light,
     map_of,
     opaque_at_last,
     scene_of,
     solid_angles,
 )
-from tolerances import FAST_MATH, LANES, PASS
+from tolerances import FAST_MATH, PASS
 
 import tfm_cl as tfm
-from tfm_cl.device.device import choose_device
-from tfm_cl.device.launch import Launcher
 
 LEAST = 3.0
 """Width, in texels or pixels, below which a strand is widened."""
-both_methods = pytest.mark.parametrize("method", ["tfm", "dual"])
-every_light = pytest.mark.parametrize("light", LIGHTS)
 
 # --- one strand, in closed form ----------------------------------------------------------------------------
 
@@ -280,23 +283,16 @@ def tuft(seed=1, strands=7, opacity=0.6, width=(0.2, 0.28), **changes):
     return tfm.Curves(points.reshape(-1, 3), [9] * strands, widths, opacity=opacity, **changes)
 
 
-def colours(count=7, seed=5):
-    return np.random.default_rng(seed).uniform(0, 1.5, (count, 3))
-
-
 TUFT = tuft()
-GRID = SCENE.volume
-FOG = tfm.EverywhereVolume(density=0.12, medium=WHITE)
-BALLS = tfm.Points([[0.3, 0.2, 0.1], [-0.4, 0.1, -0.3]], [0.5, 0.4], 1.5)
 MIXTURES = {
     "alone": (TUFT,),
     "fibres": (TUFT.with_medium(FIBRES),),
     "opaque": (tuft(opacity=1.0),),
-    "coloured": (tuft(colour=colours()),),
+    "coloured": (tuft(colour=colours(7)),),
     "two bodies of their own media": (tuft(medium=FIBRES), tuft(4, medium=BLUE)),
     "with a grid": (GRID, TUFT.with_medium(FIBRES)),
     "with points": (BALLS, TUFT.with_medium(FIBRES)),
-    "all kinds": (GRID, BALLS.with_medium(BLUE), tuft(medium=FIBRES, colour=colours()), FOG),
+    "all kinds": (GRID, BALLS.with_medium(BLUE), tuft(medium=FIBRES, colour=colours(7)), FOG),
 }
 
 
@@ -390,10 +386,7 @@ def test_extreme_strands_make_numbers(renderer, extreme, method):
     points = [[-0.5, 0, 0], [0.5, 0.2, 0.1], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1]]
     strands = tfm.Curves(points, [2, 2], **{"width": 0.2, **EXTREMES[extreme]}, medium=FIBRES)
     result = renderer.render(scene_of(strands), method=method)
-    for picture in (result.image, *result.aovs.values()):
-        assert np.isfinite(picture).all()
-        assert picture.min() >= 0
-    assert result.image[..., 3].max() <= 1
+    assert_makes_numbers(result)
 
 
 def test_all_strands_behind_the_camera(renderer):
@@ -407,12 +400,7 @@ def test_all_strands_behind_the_camera(renderer):
 @pytest.mark.parametrize("bodies", [(many(medium=FIBRES),), (many(), GRID, FOG)], ids=["fibres", "mixed"])
 def test_lanes_agree(new_renderer, device_name, bodies, method):
     scene = scene_of(*bodies, camera=CAMERA.replace(res=(45, 31)), lights=[LIGHT])
-    pictures = []
-    for lanes in Launcher(choose_device(device_name)).lanes_possible:
-        with new_renderer(lanes=lanes) as renderer:
-            pictures.append(renderer.render(scene, method=method))
-    for one, other in pairwise(pictures):
-        assert_same(one, other, LANES)
+    assert_lanes_agree(new_renderer, device_name, scene, method)
 
 
 UNSHADED = 0.98

@@ -1,21 +1,35 @@
 """Points: particles in maps and pictures, against closed forms, the float64 reference and each other."""
 
-from itertools import pairwise
-
 import numpy as np
+import primitive_scenes
 import pytest
-from scenes import blobs, make_scene
+from primitive_scenes import (
+    BLUE,
+    BROWN,
+    CORNERS,
+    GRID,
+    LIGHT,
+    LIGHTS,
+    SAMPLED,
+    SCENE,
+    WHITE,
+    assert_lanes_agree,
+    assert_makes_numbers,
+    assert_same,
+    both_methods,
+    colours,
+    every_light,
+    map_of,
+)
+from scenes import blobs
 from scipy.integrate import quad
-from tolerances import FAST_MATH, LANES, PASS
+from tolerances import FAST_MATH, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.device.device import choose_device
-from tfm_cl.device.launch import Launcher
 from tfm_cl.errors import SceneError
 from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.lights import PointLight, SpotLight, SunLight
-from tfm_cl.scene.lights.base import texel_positions
 from tfm_cl.scene.settings import ShadowSettings
 from tfm_cl.scene.solids import PlaneSolid, SphereSolid
 
@@ -25,23 +39,15 @@ DEPTH_OF_ONE = 5e-6
 """Optical depth of one point near 0.5, at a distance of some units that is rounded to 2e-7 of them."""
 BESIDE = 4e-6
 """x = 1 - b²/r² of rays that pass a point's middle at b: by how much the direction of rays rounds that."""
-SAMPLED = 0.01
-"""Of what a point holds that is as wide as four texels at least, and sampled at their middles."""
 WIDEST = 2.0
 """Radius, in texels or pixels, below which a point is widened."""
 
-WHITE = tfm.Medium(sigma_s=1.0)
-BROWN = tfm.Medium(sigma_s=(0.8, 0.5, 0.25), sigma_a=(0.2, 0.4, 0.6), phase=tfm.HenyeyGreenstein(-0.3))
-BLUE = tfm.Medium(sigma_s=(0.2, 0.5, 1.0), sigma_a=0.1, phase=tfm.HenyeyGreenstein(0.6))
 HAZE = tfm.Medium(sigma_s=(1.0, 0.9, 0.8), sigma_a=0.05, phase=tfm.HenyeyGreenstein(0.5))
 FOG = tfm.EverywhereVolume(density=0.12, medium=HAZE)
-SCENE = make_scene()
 CAMERA = SCENE.camera
-LIGHT = SCENE.lights[0].replace(intensity=(60, 50, 40))
 PROFILES = ["ball", "gaussian", "smooth"]
 
 every_profile = pytest.mark.parametrize("profile", PROFILES)
-both_methods = pytest.mark.parametrize("method", ["tfm", "dual"])
 
 
 # --- one point, in closed form -----------------------------------------------------------------------------
@@ -62,8 +68,6 @@ SIZES = [1 / 50, 0.4, 1.9, 2.1, 8, 50]
 """Radius in texels or pixels."""
 ASIDE = np.array([0.213, 0.121, -0.3])
 """Where the point is."""
-CORNERS = np.array([[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]])
-"""Of what hardly anything holds: so that bounds, and what a map looks at, do not depend on the point."""
 
 
 def _gauss(s):
@@ -116,28 +120,6 @@ def test_one_point_in_the_picture(renderer, profile):
         assert (np.abs(result.image[..., 3] + np.expm1(-expected)) <= rounded).all(), size
 
 
-LIGHTS = {
-    "spot": SpotLight(from_=(0, 0.5, 8), to=(0, 0, 0), cone=18),
-    "sun": SunLight(from_=(0.5, 1, 8), to=(0, 0, 0)),
-    "point": PointLight(from_=(0.5, 0, 6)),
-}
-every_light = pytest.mark.parametrize("light", LIGHTS)
-
-
-def map_of(renderer, points, light, res):
-    """Optical depths of the texels' whole rays, these rays, whether they are lit, and the fitted light."""
-    settings = tfm.MapSettings(
-        basis="fourier", coeffs=3, target="extinction", fit="l2", range="box", res=res, steps=32
-    )
-    (light_map,) = renderer.build_maps(tfm.Scene(points, WHITE, lights=[light], map=settings))
-    rays = reference.texel_rays(light_map.light, res)
-    begin, end = reference.march_bounds(points, *rays, margin=light_map.medium.margin)
-    lit = (end > begin) & light_map.light.reaches(rays.at(end))
-    # The first coefficient of the series is the integral of the extinction.
-    depth = np.where(lit, light_map.coefficients[..., 0].astype(float).ravel(), 0)
-    return depth, rays, lit, light_map.light
-
-
 @pytest.mark.lanes
 @pytest.mark.quick("spot")
 @every_light
@@ -150,21 +132,11 @@ def test_one_point_in_a_map(renderer, light):
             width = wide / res
             radius = size * width
             density = 0.5 / radius * bright_enough(size)
-            depth, rays, lit, used = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
-            # What is widened at the bounds makes these wider.
-            width = used.footprint(np.linalg.norm(used.frame().world_from_light[:3, 3] - ASIDE)) / res
-            expected, rounded = depth_of(profile, radius, density, rays, width)
-            expected = np.where(lit, expected, 0)
+            found = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
+            expected, rounded = depth_of(profile, radius, density, found.rays, found.texel_at(ASIDE))
+            expected = np.where(found.lit, expected, 0)
             assert expected.max() > 0.005
-            assert (np.abs(depth - expected) <= rounded).all(), (profile, size)
-
-
-def area_of_texels(light, res):
-    """World area across parallel rays, or solid angle, that each texel stands for, at its middle."""
-    middles, step = texel_positions(res), 0.25 / res
-    around = [light.rays(middles + step * np.array(to)) for to in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-    left, right, up, down = (rays[0 if isinstance(light, SunLight) else 1] for rays in around)
-    return np.linalg.norm(np.cross(left - right, up - down), axis=1) / (2 * step * res) ** 2
+            assert (np.abs(found.depth - expected) <= rounded).all(), (profile, size)
 
 
 @pytest.mark.quick("spot")
@@ -177,11 +149,10 @@ def test_the_mean_optical_depth_of_a_map_does_not_depend_on_its_resolution(rende
         if light != "sun":
             held /= ((ASIDE - LIGHTS[light].from_) ** 2).sum()
         for res in (24, 64, 256):  # a radius of 0.4 to 5 texels
-            depth, _, _, fitted = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
-            found = (depth * area_of_texels(fitted, res)).sum()
+            found = map_of(renderer, alone(profile, radius, density), LIGHTS[light], res)
             # The border of a ball is sharp: more of it lies between the texels' middles.
             tolerance = 3 * SAMPLED if profile == "ball" else SAMPLED
-            assert found == pytest.approx(held, rel=tolerance), (profile, res)
+            assert (found.depth * found.areas).sum() == pytest.approx(held, rel=tolerance), (profile, res)
 
 
 @pytest.mark.lanes
@@ -239,8 +210,8 @@ def test_light_rays_gather_all_points_that_they_cross(renderer, rng, light, res)
     fitted = AMONG[light].fitted(bounds)
     middle = fitted.frame().world_from_light[:3, 3]
     points = scattered_points(rng, middle, lambda distance: fitted.footprint(distance) / res)
-    depth, rays, lit, _ = map_of(renderer, points, AMONG[light], res)
-    assert_gathers_all(depth[lit], points, rays.part(np.flatnonzero(lit)))
+    found = map_of(renderer, points, AMONG[light], res)
+    assert_gathers_all(found.depth[found.lit], points, found.rays.part(np.flatnonzero(found.lit)))
 
 
 @pytest.mark.quick("160")
@@ -262,21 +233,12 @@ def random_points(seed=1, profile="smooth", count=7, **changes):
     return tfm.Points(positions, radii, rng.uniform(0.5, 2, count), profile=profile, **changes)
 
 
-def colours(count=7, seed=5):
-    return np.random.default_rng(seed).uniform(0, 1.5, (count, 3))
-
-
 CLOUD = random_points()
-GRID = SCENE.volume
 
 
 def scene_of(*bodies, **changes):
-    settings = {
-        "march": tfm.MarchSettings(steps=30, cutoff=0.0),
-        "map": SCENE.map.replace(density_weighting=10.0, res=48, steps=24),
-        "lights": [LIGHT],
-    }
-    return SCENE.replace(volume=bodies, **(settings | changes))
+    settings = {"camera": CAMERA, "map": SCENE.map.replace(density_weighting=10.0, res=48, steps=24)}
+    return primitive_scenes.scene_of(*bodies, **(settings | changes))
 
 
 def assert_equals_reference(renderer, save_on_failure, scene, method, **options):
@@ -304,7 +266,7 @@ def test_every_profile(renderer, save_on_failure, profile, method):
 
 
 MIXTURES = {
-    "coloured": (random_points(colour=colours()),),
+    "coloured": (random_points(colour=colours(7)),),
     "two bodies of their own media": (
         random_points(medium=BLUE, profile="gaussian"),
         random_points(4, "ball", medium=BROWN),
@@ -318,9 +280,9 @@ MIXTURES = {
         tfm.BoxVolume(from_=(-0.9, -0.7, -0.5), to=(0.5, 0.6, 0.9), density=0.7),
         tfm.SphereVolume(centre=(0.5, 0.3, 0.4), radius=0.6, density=0.9, medium=BROWN),
     ),
-    "coloured beside a grid": (random_points(colour=colours()), GRID.with_medium(BLUE)),
+    "coloured beside a grid": (random_points(colour=colours(7)), GRID.with_medium(BLUE)),
     "all kinds": (
-        random_points(colour=colours(), medium=BLUE),
+        random_points(colour=colours(7), medium=BLUE),
         GRID,
         random_points(4).with_medium(BROWN),
         FOG,
@@ -380,7 +342,7 @@ def test_every_kind_of_light(renderer, save_on_failure, light, method):
 @both_methods
 @pytest.mark.parametrize("light", ["sun", "point light inside a point"])
 def test_lights_on_coloured_points_of_several_bodies(renderer, save_on_failure, light, method):
-    bodies = random_points(colour=colours(), medium=BLUE), random_points(4, medium=BROWN)
+    bodies = random_points(colour=colours(7), medium=BLUE), random_points(4, medium=BROWN)
     assert_equals_reference(renderer, save_on_failure, scene_of(*bodies, lights=[LIGHT_KINDS[light]]), method)
 
 
@@ -484,10 +446,7 @@ EXTREMES = {
 def test_extreme_points_make_numbers(renderer, extreme, method):
     points = tfm.Points([[0, 0, 0], [0.5, 0.2, 0.1]], *EXTREMES[extreme])
     result = renderer.render(scene_of(points), method=method)
-    for picture in (result.image, *result.aovs.values()):
-        assert np.isfinite(picture).all()
-        assert picture.min() >= 0
-    assert result.image[..., 3].max() <= 1
+    assert_makes_numbers(result)
     assert (result.image[..., 3].max() > 0) == (extreme != "of no density")
 
 
@@ -513,14 +472,6 @@ def some(points, numbers):
     colour = None if points.colour is None else points.colour[numbers]
     of_them = points.positions[numbers], points.radii[numbers], points.densities[numbers]
     return tfm.Points(*of_them, profile=points.profile, colour=colour)
-
-
-def assert_same(result, expected, tolerance):
-    brightest = float(expected.image[..., :3].max())
-    assert brightest > 0.1
-    np.testing.assert_allclose(result.image, expected.image, atol=tolerance * max(1, brightest))
-    for name in ("transmittance", "depth"):
-        np.testing.assert_allclose(result.aovs[name], expected.aovs[name], atol=20 * tolerance, err_msg=name)
 
 
 ROUNDED = 50 * FAST_MATH
@@ -589,12 +540,7 @@ def test_points_without_density_change_nothing(renderer):
 )
 def test_lanes_agree(new_renderer, device_name, bodies, method):
     scene = scene_of(*bodies, camera=CAMERA.replace(res=(45, 31)))
-    pictures = []
-    for lanes in Launcher(choose_device(device_name)).lanes_possible:
-        with new_renderer(lanes=lanes) as renderer:
-            pictures.append(renderer.render(scene, method=method))
-    for one, other in pairwise(pictures):
-        assert_same(one, other, LANES)
+    assert_lanes_agree(new_renderer, device_name, scene, method)
 
 
 def sampled(grid, parts):

@@ -1,13 +1,17 @@
-"""What tests of strands and of polygons have in common: scenes, maps of one light, how results compare."""
+"""What tests of points, strands and polygons have in common: scenes, maps of a light, how results compare."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import pytest
 from scenes import make_scene
-from tolerances import PASS
+from tolerances import LANES, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
+from tfm_cl.device.device import choose_device
+from tfm_cl.device.launch import Launcher
 from tfm_cl.reference.geometry import Rays
 from tfm_cl.scene.lights import PointLight, SpotLight, SunLight
 from tfm_cl.scene.lights.base import texel_positions
@@ -21,9 +25,12 @@ FIBRES = tfm.Medium(sigma_s=(0.8, 0.5, 0.25), sigma_a=0.2, phase={"type": "kajiy
 SCENE = make_scene()
 CAMERA = SCENE.camera.replace(res=(96, 72))
 LIGHT = SCENE.lights[0].replace(intensity=(60, 50, 40))
+GRID = SCENE.volume
+FOG = tfm.EverywhereVolume(density=0.12, medium=WHITE)
+BALLS = tfm.Points([[0.3, 0.2, 0.1], [-0.4, 0.1, -0.3]], [0.5, 0.4], 1.5)
 
 SIZES = [1 / 50, 0.4, 0.9, 1.1, 3, 8, 50]
-"""Of a primitive, in the widths of texels or pixels below which it is widened."""
+"""Of a thin one, in the widths of texels or pixels below which it is widened."""
 CORNERS = np.array([[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]])
 """Of what hardly anything holds: so that what a map looks at does not depend on what is in it."""
 HARDLY = 1e-9
@@ -31,7 +38,7 @@ HARDLY = 1e-9
 DEPTH_OF_ONE = 5e-6
 """Optical depth of one crossing, of an opacity that is rounded to float32 before its logarithm is taken."""
 SAMPLED = 0.01
-"""Of the area that is covered by what is widened, sampled at the middles of pixels."""
+"""Of what is widened: the area that it covers, or what it holds, sampled at the middles of pixels."""
 BORDER = 4e-6
 """World units by which float32 places a ray at a distance of some units."""
 
@@ -41,6 +48,12 @@ LIGHTS = {
     "point": PointLight(from_=(0.5, 0, 6)),
 }
 """That see `CORNERS`."""
+every_light = pytest.mark.parametrize("light", LIGHTS)
+both_methods = pytest.mark.parametrize("method", ["tfm", "dual"])
+
+
+def colours(count, seed=5):
+    return np.random.default_rng(seed).uniform(0, 1.5, (count, 3))
 
 
 def opaque_at_last(opacity, covered):
@@ -65,9 +78,18 @@ class LightMap:
         return self.light.footprint(away) / len(self.depth) ** 0.5
 
     @property
+    def areas(self):
+        """World area across a sun's rays, or solid angle, that each texel stands for, at its middle."""
+        res = int(len(self.depth) ** 0.5)
+        middles, step = texel_positions(res), 0.25 / res
+        around = [self.light.rays(middles + step * np.array(to)) for to in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        left, right, up, down = (rays[0 if isinstance(self.light, SunLight) else 1] for rays in around)
+        return np.linalg.norm(np.cross(left - right, up - down), axis=1) / (2 * step * res) ** 2
+
+    @property
     def covered(self):
-        """Area across a sun's rays, or solid angle, that is dark."""
-        return (-np.expm1(-self.depth) * area_of_texels(self.light, int(len(self.depth) ** 0.5))).sum()
+        """Area that is dark, of `areas`."""
+        return (-np.expm1(-self.depth) * self.areas).sum()
 
 
 def map_of(renderer, body, light, res):
@@ -81,14 +103,6 @@ def map_of(renderer, body, light, res):
     lit = (end > begin) & light_map.light.reaches(rays.at(end))
     depth = np.where(lit, light_map.coefficients[..., 0].astype(float).ravel(), 0)
     return LightMap(depth, rays, lit, light_map.light)
-
-
-def area_of_texels(light, res):
-    """World area across parallel rays, or solid angle, that each texel stands for, at its middle."""
-    middles, step = texel_positions(res), 0.25 / res
-    around = [light.rays(middles + step * np.array(to)) for to in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-    left, right, up, down = (rays[0 if isinstance(light, SunLight) else 1] for rays in around)
-    return np.linalg.norm(np.cross(left - right, up - down), axis=1) / (2 * step * res) ** 2
 
 
 def depth_in_picture(renderer, body, camera):
@@ -161,3 +175,21 @@ def assert_same(result, expected, tolerance):
     np.testing.assert_allclose(result.image, expected.image, atol=tolerance * max(1, brightest))
     for name in ("transmittance", "depth"):
         np.testing.assert_allclose(result.aovs[name], expected.aovs[name], atol=20 * tolerance, err_msg=name)
+
+
+def assert_makes_numbers(result):
+    """Whatever the scene: finite, none of them negative, and no more than opaque."""
+    for picture in (result.image, *result.aovs.values()):
+        assert np.isfinite(picture).all()
+        assert picture.min() >= 0
+    assert result.image[..., 3].max() <= 1
+
+
+def assert_lanes_agree(new_renderer, device_name, scene, method):
+    """However many rays a work-item carries."""
+    pictures = []
+    for lanes in Launcher(choose_device(device_name)).lanes_possible:
+        with new_renderer(lanes=lanes) as renderer:
+            pictures.append(renderer.render(scene, method=method))
+    for one, other in pairwise(pictures):
+        assert_same(one, other, LANES)
