@@ -88,8 +88,10 @@ TFM_INLINE LightPath light_path(const Scene *scene, LIGHT light, const LightBuff
   path.distance = sample.distance;
 #endif
 #if MEETS_PRIMITIVES
+  /* The light's texels are as many as bins have, all of which are whole: both are powers of two. */
   const int4 bins = buffers->lists.bins;
-  const Ints bin = bin_of(bins, rounded_down(sample.u * (float)bins.x), rounded_down(sample.v * (float)bins.y));
+  const Ints bin = bin_of(bins, rounded_down(sample.u * (float)(bins.x << bins.z)),
+                          rounded_down(sample.v * (float)(bins.y << bins.z)));
   path.bin = bin >= 0 ? bin + light->first_bin : bin;
 #endif
 #if TFM_BODIES

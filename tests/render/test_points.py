@@ -27,7 +27,7 @@ from tolerances import FAST_MATH, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import DeviceMemoryError, SceneError
 from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.lights import PointLight, SpotLight, SunLight
 from tfm_cl.scene.settings import ShadowSettings
@@ -523,6 +523,31 @@ def test_what_a_ray_gathers_does_not_depend_on_its_steps(renderer, steps):
     march = tfm.MarchSettings(steps=steps, cutoff=0.0)
     found = renderer.render(scene_of(many(), march=march)).aovs["transmittance"]
     np.testing.assert_allclose(found, expected, atol=steps * FAST_MATH)
+
+
+ALIKE = [LIGHT_KINDS["point light"].replace(from_=place) for place in ((2.2, 3.0, 1.2), (-4, 5, 6))]
+"""Near and far: the same points are in more bins of the near one's."""
+
+
+@both_methods
+@pytest.mark.parametrize(
+    "most",
+    [12_000, 1000, 2 * len(CLOUD.positions)],
+    ids=["of one light", "of both together", "but those of one bin"],
+)
+def test_lists_that_are_too_long_have_larger_bins(renderer, monkeypatch, method, most):
+    """All lights' alike. The sums have the same terms in the same order."""
+    scene = scene_of(CLOUD, lights=ALIKE)
+    expected = renderer.render(scene, method=method).image
+    assert expected[..., :3].max() > 0.3
+    monkeypatch.setattr("tfm_cl.device.primitives.MOST_LISTED", most)
+    np.testing.assert_array_equal(renderer.render(scene, method=method).image, expected)
+
+
+def test_lists_of_all_lights_that_are_too_long_in_one_bin_are_refused(renderer, monkeypatch):
+    monkeypatch.setattr("tfm_cl.device.primitives.MOST_LISTED", 2 * len(CLOUD.positions) - 1)
+    with pytest.raises(DeviceMemoryError, match="2 lights meet primitives in 14 lists' entries"):
+        renderer.render(scene_of(CLOUD, lights=ALIKE), method="dual")
 
 
 def test_points_without_density_change_nothing(renderer):

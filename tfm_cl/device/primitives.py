@@ -259,7 +259,7 @@ class PrimitivesOnDevice:
             counts = launcher.download(places, (runs, columns * rows), np.int32)
             lengths = counts.sum(axis=0, dtype=np.int64)
             total = int(lengths.sum())
-            if 4 * total <= min(launcher.largest_buffer, 4 * MOST_LISTED):
+            if self._fit(total):
                 break
             if columns * rows == 1:
                 raise DeviceMemoryError(f"{count:,} primitives are more than a list of the device holds")
@@ -273,6 +273,41 @@ class PrimitivesOnDevice:
         where = launcher.upload("where lists begin", starts.astype(np.int32))
         bins = columns, rows, edge.bit_length() - 1, 0
         return Listed(seen, where, members, bins, int(lengths.max(initial=0)), total)
+
+    def joined(self, seen: cl.Buffer, eyes: Sequence[Eye]) -> Joined:
+        """List what the rays of several eyes may meet, in bins of one size, one eye after the other.
+
+        Parameters
+        ----------
+        seen
+            Of `seen`: alike for all eyes, which widen nothing and have as many texels.
+        eyes
+            At least one.
+
+        Raises
+        ------
+        DeviceMemoryError
+            Lists that the device cannot hold, whatever the size of bins.
+        """
+        finest = 1
+        while True:
+            lists = [self.listed(seen, eye, finest) for eye in eyes]
+            edges = {1 << one.bins[2] for one in lists}
+            if len(edges) > 1:
+                finest = max(edges)
+                continue
+            total = sum(one.total for one in lists)
+            if self._fit(total):
+                return _joined(self._launcher, lists)
+            if lists[0].bins[:2] == (1, 1):
+                raise DeviceMemoryError(
+                    f"{len(lists)} lights meet primitives in {total:,} lists' entries: render fewer at once"
+                )
+            finest = 2 * max(edges)
+
+    def _fit(self, entries: int) -> bool:
+        """Tell whether the device can hold so many entries of lists."""
+        return 4 * entries <= min(self._launcher.largest_buffer, 4 * MOST_LISTED)
 
     def _variant(self, eye: Eye) -> tuple[tuple[str, ...], dict[str, int | str]]:
         """Return headers and macros of kernels that see with an eye."""
@@ -288,17 +323,13 @@ class Joined:
     """Of each eye, the number of its first bin."""
 
 
-def join_lists(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
-    """Put the lists of eyes with as many bins one after the other."""
+def _joined(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
+    """Put the lists of eyes with the same bins one after the other."""
     first, bins = lists[0], lists[0].bins[0] * lists[0].bins[1]
     numbers = bins * np.arange(len(lists), dtype=np.int32)
     if len(lists) == 1:
         return Joined(first, numbers)
     ends = np.cumsum([0, *(one.total for one in lists)])
-    if ends[-1] > MOST_LISTED or any(one.bins != first.bins for one in lists):
-        raise DeviceMemoryError(
-            f"{len(lists)} lights meet primitives in {ends[-1]:,} lists' entries: render fewer lights at once"
-        )
     members = launcher.empty("the lights' lists of primitives", 4 * max(int(ends[-1]), 1), reuse=True)
     starts = np.zeros(bins * len(lists) + 1, np.int32)
     for i, one in enumerate(lists):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import NUMBERS_UNIT, STORAGE_BITS
 from tfm_cl.device import launch
-from tfm_cl.device.primitives import BINS_OF_LIGHT, Eye, join_lists
+from tfm_cl.device.primitives import BINS_OF_LIGHT, Eye
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
@@ -331,7 +331,7 @@ class Batches:
             of_light = launcher.upload("the light", light_structs(self._scene, [light]))
             eyes.append(Eye.of_light(light, of_light, media.primitives.origin, BINS_OF_LIGHT, widens=False))
         seen = media.primitives.seen(media.sets, eyes[0])
-        joined = join_lists(launcher, [media.primitives.listed(seen, eye, finest=1) for eye in eyes])
+        joined = media.primitives.joined(seen, eyes)
         self._structs["first_bin"][batch] = joined.first_bins
         return {
             f"light_{name.removeprefix('bin_')}": value for name, value in joined.listed.arguments().items()
