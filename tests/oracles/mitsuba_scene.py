@@ -14,10 +14,15 @@ voxels of any size and direction. Bodies of several phase functions are rendered
 black, and added up: single scattering is linear in what scatters. `volpath` takes all three colours of a
 sample from the free flights of one: that has no bias as long as nothing is opaque in one colour and clear in
 another.
+
+Balls of constant density are spheres with a medium in each, so they may not overlap, nor may other media
+reach into them. Points of other profiles are sampled on a grid. A surface has no phase function, so strands
+and polygons are black: strands opaque cones with round ends and joints, polygons masks of some opacity.
 """
 
 import os
 import re
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,6 +38,10 @@ OLDEST_LLVM = 17
 """Dr.Jit aborts the process on some older ones (15 was seen to)."""
 HARD_EDGE = 1e-5
 """Part of a spot's half angle over which it may soften: Mitsuba divides by the width of the edge."""
+VOXELS = 128
+"""Along each axis of the grid that points of a smooth profile are sampled on."""
+FAR = 100.0
+"""Half the side of the square that stands for a plane; world units."""
 
 
 def find_llvm():
@@ -60,7 +69,7 @@ def mitsuba_variant():
 
 
 class MitsubaScene:
-    """The same scene for Mitsuba; its lights are those that `emitter` knows, its solids spheres.
+    """The same scene for Mitsuba; its lights are those that `emitter` knows, its solids those of `shape`.
 
     Parameters
     ----------
@@ -68,9 +77,11 @@ class MitsubaScene:
         What `tfm_cl` renders.
     backlit
         Instead of its lights, radiance 1 from everywhere, unscattered: the image is the transmittance.
+    whole_pixels
+        Rays through places in the pixels at random, not through their centres.
     """
 
-    def __init__(self, scene, *, backlit=False):
+    def __init__(self, scene, *, backlit=False, whole_pixels=False):
         camera = scene.camera
         description = {
             "type": "scene",
@@ -89,14 +100,20 @@ class MitsubaScene:
         else:
             description |= {f"light {n}": emitter(light) for n, light in enumerate(scene.lights)}
         description |= {f"solid {n}": shape(solid) for n, solid in enumerate(scene.solids)}
-        self.res = camera.res
-        media, box = media_of(scene)[: 1 if backlit else None], bounding_box(scene)
-        assert len(media) == 1 or not scene.solids, (
+        for n, body in enumerate(scene.bodies):
+            description |= {f"body {n}, {name}": each for name, each in shapes_of(body, scene).items()}
+        self.res, self.whole_pixels = camera.res, whole_pixels
+        media = media_of(scene)[: 1 if backlit else None]
+        assert len(media) < 2 or not scene.solids, (
             "each phase function's picture would have the solids' light"
         )
-        eye = np.linalg.solve(box, [*camera.from_, 1])[:3]
-        inside = (eye > 0).all() and (eye < 1).all()
-        self.scenes = [mi.load_dict(description | enclosed(medium, box)) for medium in media]
+        held, inside = [{}], False
+        if media:
+            box = bounding_box(scene)
+            held = [enclosed(medium, box) for medium in media]
+            eye = np.linalg.solve(box, [*camera.from_, 1])[:3]
+            inside = (eye > 0).all() and (eye < 1).all()
+        self.scenes = [mi.load_dict(description | each) for each in held]
         """Their radiances add up."""
         self.media_at_eye = [medium_in(each) if inside else None for each in self.scenes]
 
@@ -109,10 +126,10 @@ class MitsubaScene:
         width, height = self.res
         count = width * height * samples
         pixel = dr.arange(mi.UInt32, count) // samples
-        position = mi.Point2f(
-            (mi.Float(pixel % width) + 0.5) / width, (mi.Float(pixel // width) + 0.5) / height
-        )
-        radiance = np.array(self._radiance(position, seed, count), dtype=np.float64).T
+        sampler = independent(seed, count)
+        x, y = sampler.next_2d() if self.whole_pixels else (0.5, 0.5)
+        position = mi.Point2f((mi.Float(pixel % width) + x) / width, (mi.Float(pixel // width) + y) / height)
+        radiance = np.array(self._radiance(position, sampler), dtype=np.float64).T
         return radiance.reshape(height, width, samples, 3).mean(axis=2)
 
     def _scalar(self, samples, seed):
@@ -120,14 +137,14 @@ class MitsubaScene:
         sampler = independent(seed, 1)
         image = np.zeros((height, width, 3))
         for row, column in np.ndindex(height, width):
-            position = [(column + 0.5) / width, (row + 0.5) / height]
             for _ in range(samples):
-                image[row, column] += np.array(self._radiance(position, sampler=sampler)) / samples
+                x, y = sampler.next_2d() if self.whole_pixels else (0.5, 0.5)
+                position = [(column + x) / width, (row + y) / height]
+                image[row, column] += np.array(self._radiance(position, sampler)) / samples
         return image
 
-    def _radiance(self, position, seed=0, count=1, sampler=None):
+    def _radiance(self, position, sampler):
         ray, _ = self.scenes[0].sensors()[0].sample_ray(0.0, 0.5, position, [0.5, 0.5])
-        sampler = sampler or independent(seed, count)
         return sum(
             scene.integrator().sample(scene, sampler, ray, medium)[0]
             for scene, medium in zip(self.scenes, self.media_at_eye, strict=True)
@@ -174,8 +191,8 @@ def medium_in(scene):
 
 
 def media_of(scene):
-    """Descriptions of media whose pictures add up, one for each phase function."""
-    phases = dict.fromkeys(scene.medium_of(body).phase for body in scene.bodies)
+    """Descriptions of media whose pictures add up, one for each phase function; none of `shapes_of`."""
+    phases = dict.fromkeys(scene.medium_of(body).phase for body in scene.bodies if not is_shapes(body))
     return [mixture(scene, phase) for phase in phases]
 
 
@@ -183,6 +200,8 @@ def mixture(scene, phase):
     """Description of all bodies together, of which those of one phase function scatter."""
     parts = []
     for body in scene.bodies:
+        if is_shapes(body):
+            continue
         medium = scene.medium_of(body)
         scatters = medium.phase == phase
         albedo = scatters * np.array(medium.sigma_s) / np.maximum(medium.sigma_t, 1e-30)  # 0 of nothing
@@ -206,11 +225,14 @@ def mixture(scene, phase):
 
 
 def extinction(body, sigma_t):
-    """Description of the volume of σ_t of a grid or a box."""
+    """Description of the volume of σ_t of a grid, of a box, or of points that have no edge."""
     if isinstance(body, tfm.Volume):
         colour = 1.0 if body.colour is None else body.colour
         values = body.density_scale * np.pad(body.data[..., None] * colour, [(1, 1)] * 3 + [(0, 0)]) * sigma_t
         box, between = padded_box(body), "trilinear"
+    elif isinstance(body, tfm.Points):
+        (low, high), between = body.bounds, "trilinear"
+        values, box = sampled(body, low, high) * sigma_t, box_between(low, high)
     else:
         assert isinstance(body, tfm.BoxVolume), "no description of such a body"
         values = body.density * np.pad(np.ones((1, 1, 1, 1)), [(1, 1)] * 3 + [(0, 0)]) * sigma_t
@@ -222,6 +244,107 @@ def extinction(body, sigma_t):
         "raw": True,
         "filter_type": between,
         "to_world": mi.ScalarTransform4f(box),
+    }
+
+
+def sampled(points, low, high):
+    """Density of points at the voxels' centres of a grid, ``[z, y, x, RGB]``."""
+    axes = [np.linspace(a, b, 2 * VOXELS + 1)[1::2] for a, b in zip(low, high, strict=True)]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    profile = {"gaussian": lambda square: np.exp(-4.5 * square), "smooth": lambda square: (1 - square) ** 3}
+    values = np.zeros((*x.shape, 3))
+    for centre, radius, density, colour in each_of(points):
+        square = ((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2) / radius**2
+        values += np.where(square < 1, density * profile[points.profile](square), 0)[..., None] * colour
+    return values.transpose(2, 1, 0, 3)
+
+
+def each_of(points):
+    """Middle, radius, density and colour of each."""
+    colours = np.ones((len(points.positions), 3)) if points.colour is None else points.colour
+    return zip(points.positions, points.radii, points.densities, colours, strict=True)
+
+
+def is_shapes(body):
+    """Whether Mitsuba has shapes for it."""
+    return isinstance(body, tfm.Curves | tfm.Polygons) or getattr(body, "profile", None) == "ball"
+
+
+def shapes_of(body, scene):
+    """Mitsuba's shapes, by name, for balls, strands and polygons; none for other bodies."""
+    if not is_shapes(body):
+        return {}
+    medium = scene.medium_of(body)
+    if isinstance(body, tfm.Points):
+        return balls(body, medium)
+    assert not np.any(medium.sigma_s), "surfaces here are black"
+    assert body.colour is None, "surfaces here are grey"
+    assert np.all(np.equal(medium.sigma_t, 1)), "an opacity is of one crossing at sigma_t = 1"
+    return {"strands": strands(body)} if isinstance(body, tfm.Curves) else veils(body)
+
+
+def balls(points, medium):
+    """A sphere with a medium of its own for each point."""
+    apart = np.linalg.norm(points.positions[:, None] - points.positions, axis=2)
+    assert (apart >= np.add.outer(points.radii, points.radii))[~np.eye(len(apart), dtype=bool)].all()
+    albedo = np.array(medium.sigma_s) / medium.sigma_t
+    return {
+        f"ball {n}": {
+            "type": "sphere",
+            "center": centre.tolist(),
+            "radius": float(radius),
+            "bsdf": {"type": "null"},
+            "interior": homogeneous(density * colour * medium.sigma_t, albedo, medium.phase),
+        }
+        for n, (centre, radius, density, colour) in enumerate(each_of(points))
+    }
+
+
+def homogeneous(sigma_t, albedo, phase):
+    """Description of a medium; its colours are to be within [0, 1]."""
+    largest = max(float(np.max(sigma_t)), 1e-30)
+    return {
+        "type": "homogeneous",
+        "scale": largest,
+        "sigma_t": rgb(np.divide(sigma_t, largest)),
+        "albedo": rgb(albedo),
+        "phase": {"type": "hg", "g": getattr(phase, "g", 0.0)},
+    }
+
+
+def strands(curves):
+    """Cones, of each segment a curve of its own: they have round ends, so joints are the same."""
+    assert curves.opacity > 1 - 1e-6, "Mitsuba's strands are opaque"
+    ends = np.concatenate([curves.corners, curves.widths[..., None] / 2], axis=2)
+    lines = [[" ".join(f"{number:.9g}" for number in end) for end in segment] for segment in ends]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "strands.txt"
+        path.write_text("\n\n".join("\n".join(segment) for segment in lines) + "\n", encoding="ascii")
+        return mi.load_dict({"type": "linearcurve", "filename": str(path), "bsdf": black(1.0)})
+
+
+def veils(polygons):
+    """A mesh for each opacity."""
+    found = {}
+    for n, depth in enumerate(np.unique(polygons.densities)):
+        corners = polygons.corners[polygons.densities == depth]
+        properties = mi.Properties()
+        properties["bsdf"] = mi.load_dict(black(-np.expm1(-depth)))
+        mesh = mi.Mesh("veil", 3 * len(corners), len(corners), props=properties)
+        parameters = mi.traverse(mesh)
+        parameters["vertex_positions"] = corners.ravel().astype(np.float32)
+        parameters["faces"] = np.arange(3 * len(corners), dtype=np.uint32)
+        parameters.update()
+        found[f"veil {n}"] = mesh
+    return found
+
+
+def black(opacity):
+    """A surface that takes a part of the light that crosses it, from either side, and sends none back."""
+    return {
+        "type": "mask",
+        "opacity": float(opacity),
+        "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))}},
     }
 
 
@@ -286,10 +409,19 @@ def emitter(light):
 
 
 def shape(solid):
-    """Mitsuba's description of a `tfm_cl.scene.solids.SphereSolid` without a transform."""
-    assert (solid.shape, solid.world_from_object.tolist()) == ("sphere", np.eye(4).tolist())
+    """Mitsuba's description of a sphere or a plane of `tfm_cl.scene.solids`, without a transform."""
+    assert solid.world_from_object.tolist() == np.eye(4).tolist()
     surface = {"type": "diffuse", "reflectance": rgb(solid.albedo)}
-    return {"type": "sphere", "center": list(solid.centre), "radius": solid.radius, "bsdf": surface}
+    if solid.shape == "sphere":
+        return {"type": "sphere", "center": list(solid.centre), "radius": solid.radius, "bsdf": surface}
+    assert solid.shape == "plane", "no description of such a solid"
+    up = np.eye(3)[np.abs(solid.normal).argmin()].tolist()
+    to_world = mi.ScalarTransform4f().look_at(solid.point, np.add(solid.point, solid.normal), up)
+    return {
+        "type": "rectangle",
+        "to_world": to_world @ mi.ScalarTransform4f().scale(FAR),
+        "bsdf": {"type": "twosided", "bsdf": surface},
+    }
 
 
 def write_exr(path, image):
