@@ -1,6 +1,6 @@
 /* Which primitives the rays of a camera or a light may meet: lists for the bins of its pixels or texels (count, sum, fill).
-   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_SEEN(source, set, eye, seen), one
-   of theirs; TFM_FROM_LIGHT, 1 with a light header included before, 0 for the camera. */
+   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_SEEN(source, set, eye, seen,
+   ball), one of theirs; TFM_FROM_LIGHT, 1 with a light header included before, 0 for the camera. */
 #if TFM_FROM_LIGHT
 #include "light/sample.h"
 #define ORIGIN LIGHT light
@@ -15,8 +15,9 @@
 /* Primitives as they are seen from somewhere.
    sets       of which body a primitive is
    footprint  width of a texel: at the origin, and what it gains per unit of distance
-   seen       out */
-__kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 footprint, __global Primitive *seen, int count)
+   seen, balls  out */
+__kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 footprint, __global Primitive *seen,
+                             __global float4 *balls, int count)
 {
   const int i = (int)get_global_id(0);
   if (i >= count)
@@ -25,7 +26,9 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   SET set = sets + source->set;
   __global Primitive *found = seen + i;
   const Eye eye = {{origin.x, origin.y, origin.z}, footprint.x, footprint.y};
-  const float amount = TFM_PRIMITIVE_SEEN(source, set, &eye, found);
+  float4 ball;
+  const float amount = TFM_PRIMITIVE_SEEN(source, set, &eye, found, &ball);
+  balls[i] = ball;
   for (int k = 0; k < 3; ++k) {
     __global const float *row = set->weights + 3 * k;
     found->amount[k] = amount * (row[0] * source->colour[0] + row[1] * source->colour[1] + row[2] * source->colour[2]);
@@ -57,12 +60,12 @@ TFM_INLINE void texels_of(LIGHT light, int4 size, Vec3 centre, Floats reach, Flo
 
 /* Lists the primitives of each bin, or only counts them. A work-item sees to a run of them, so that lists come in order,
    whatever runs first.
-   primitives   as seen from the origin of the rays
+   balls        around the primitives as they are seen from the origin of the rays
    size         texels along x and y
    bins         columns, rows, texels along a side of a bin, primitives of a run
    places       [runs, bins]: how many of a run each bin has, out where nothing is written; else where the next one goes
    bin_members  out, where writes is not 0 */
-__kernel void list_primitives(ORIGIN, PRIMITIVE primitives, int4 size, int4 bins, __global int *places,
+__kernel void list_primitives(ORIGIN, __global const float4 *balls, int4 size, int4 bins, __global int *places,
                               __global int *bin_members, int count, int writes)
 {
   const int run = (int)get_global_id(0), first = run * bins.w;
@@ -77,10 +80,11 @@ __kernel void list_primitives(ORIGIN, PRIMITIVE primitives, int4 size, int4 bins
   for (int start = first; start < end; start += TFM_LANES) {
     FloatArray place[3], reach;
     for (int lane = 0; lane < TFM_LANES; ++lane) {
-      PRIMITIVE one = primitives + (start + lane < end ? start + lane : end - 1);
-      for (int axis = 0; axis < 3; ++axis)
-        place[axis].lane[lane] = one->centre[axis];
-      reach.lane[lane] = one->reach;
+      const float4 ball = balls[start + lane < end ? start + lane : end - 1];
+      place[0].lane[lane] = ball.x;
+      place[1].lane[lane] = ball.y;
+      place[2].lane[lane] = ball.z;
+      reach.lane[lane] = ball.w;
     }
     Floats low[2 * IMAGES], high[2 * IMAGES];
     TEXELS_OF(vec3(place[0].lanes, place[1].lanes, place[2].lanes), reach.lanes, low, high);

@@ -119,7 +119,7 @@ typedef struct {
 #if TFM_PRIMITIVES
 #define PADDED_GRIDS(name, x, y) \
   PADDED_VOXELS(name);           \
-  name.lists = (Lists){primitives, bin_starts, bin_members, bins, bin_of(bins, x, y)}
+  name.lists = (Lists){primitives, balls, bin_starts, bin_members, bins, bin_of(bins, x, y)}
 #else
 #define PADDED_GRIDS(name, x, y) PADDED_VOXELS(name)
 #endif

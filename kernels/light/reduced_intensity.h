@@ -33,10 +33,12 @@
 #elif MEETS_PRIMITIVES
 /* Which primitives the light's rays meet, as in primitive/lists.h; bins of one light after those of another. */
 #define LIGHT_ARGUMENTS                                                                               \
-  PRIMITIVE light_primitives, __global const int *light_starts, __global const int *light_members,    \
-      int4 light_bins, __global const float *shadow, __global const float4 *texture
-#define LIGHT_BUFFERS(buffers) \
-  const LightBuffers buffers = {{light_primitives, light_starts, light_members, light_bins, ints(-1)}, shadow, texture}
+  PRIMITIVE light_primitives, __global const float4 *light_balls, __global const int *light_starts,   \
+      __global const int *light_members, int4 light_bins, __global const float *shadow,               \
+      __global const float4 *texture
+#define LIGHT_BUFFERS(buffers)                                                                                           \
+  const LightBuffers buffers = {{light_primitives, light_balls, light_starts, light_members, light_bins, ints(-1)}, \
+                                shadow, texture}
 #else
 #define LIGHT_ARGUMENTS __global const float *shadow, __global const float4 *texture
 #define LIGHT_BUFFERS(buffers) const LightBuffers buffers = {shadow, texture}

@@ -1,6 +1,6 @@
 /* What primitives leave along the rays of a march: the optical depth of their density goes to the steps that they lie in,
    by its exact integral between the steps' ends (of an opacity FOM eq. 4), before anything else sees the steps.
-   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ray,
+   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ball, ray,
    crossing), TFM_PRIMITIVE_PART(primitive, crossing, t) and TFM_PRIMITIVE_TANGENT(primitive, crossing), each one of
    theirs. */
 #ifndef TFM_DEPOSITS_H

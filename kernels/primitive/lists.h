@@ -5,14 +5,17 @@
 #include "core/ray.h"
 
 /* primitives   as seen from where the rays come from
+   balls        around all that rays may meet of each: centre and radius
    bin_starts   [bins + 1]: where the members of each begin
    bin_members  numbers of primitives, rising in each bin
    bins         columns and rows of bins, texels along a side of a bin as a power of two, 0 */
 #define PRIMITIVE_ARGUMENTS \
-  PRIMITIVE primitives, __global const int *bin_starts, __global const int *bin_members, int4 bins
+  PRIMITIVE primitives, __global const float4 *balls, __global const int *bin_starts, \
+      __global const int *bin_members, int4 bins
 
 typedef struct {
   PRIMITIVE primitives;
+  __global const float4 *balls;
   __global const int *starts, *members;
   int4 bins;
   Ints bin; /* of each lane; -1: none */

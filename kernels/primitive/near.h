@@ -1,8 +1,8 @@
 /* Members of a list that rays cross, a few at a time, in three loops: which of them rays come near, how they cross these,
    and what follows from that. Processors seldom guess right which are near: the first loop only counts them, so that the
    second is straight, and a CPU works on several crossings at once.
-   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ray,
-   crossing), one of theirs. */
+   Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ball,
+   ray, crossing), one of theirs. */
 #ifndef TFM_NEAR_H
 #define TFM_NEAR_H
 
@@ -29,12 +29,11 @@ TFM_INLINE void near_begin(const Lists *lists, int bin, Near *near)
   near->end = lists->starts[bin + 1];
 }
 
-/* Whether the rays of some lanes, of unit directions, cross a primitive's ball between two ray parameters. */
-TFM_INLINE int comes_near(PRIMITIVE primitive, Ray ray, Floats begin, Floats end, Ints here)
+/* Whether the rays of some lanes, of unit directions, cross a ball between two ray parameters. */
+TFM_INLINE int comes_near(float4 ball, Ray ray, Floats begin, Floats end, Ints here)
 {
-  const float reach = primitive->reach;
-  const Vec3 away = vec3(primitive->centre[0] - ray.origin.x, primitive->centre[1] - ray.origin.y,
-                         primitive->centre[2] - ray.origin.z);
+  const float reach = ball.w;
+  const Vec3 away = vec3(ball.x - ray.origin.x, ball.y - ray.origin.y, ball.z - ray.origin.z);
   const Floats t = dot3(away, ray.direction);
   const Vec3 beside = vec3(away.x - t * ray.direction.x, away.y - t * ray.direction.y, away.z - t * ray.direction.z);
   return any_lane(here & (dot3(beside, beside) < reach * reach) & (t + reach > begin) & (t - reach < end));
@@ -48,11 +47,12 @@ TFM_INLINE int find_near(const Lists *lists, Ray ray, Floats begin, Floats end, 
     int found = 0;
     for (const int until = member + MOST_NEAR < near->end ? member + MOST_NEAR : near->end; member < until; ++member) {
       near->number[found] = lists->members[member];
-      found += comes_near(lists->primitives + near->number[found], ray, begin, end, here);
+      found += comes_near(lists->balls[near->number[found]], ray, begin, end, here);
     }
     for (int k = 0; k < found; ++k) {
       const int number = near->number[k];
-      const Ints crosses = here & TFM_PRIMITIVE_CROSSING(lists->primitives + number, ray, &near->crossing[count]);
+      const Ints crosses = here & TFM_PRIMITIVE_CROSSING(lists->primitives + number, lists->balls[number], ray,
+                                                         &near->crossing[count]);
       near->number[count] = number;
       near->crosses[count] = crosses;
       count += any_lane(crosses);

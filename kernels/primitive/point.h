@@ -24,10 +24,9 @@ TFM_INLINE Floats gaussian_integral(Floats s)
 
 /* The lanes whose ray, of a unit direction, crosses the point. shape: 1 / the square of its radius across the ray, its
    radius along it, and 1 / that. */
-TFM_INLINE Ints point_crossing(PRIMITIVE point, Ray ray, Crossing *crossing)
+TFM_INLINE Ints point_crossing(PRIMITIVE point, float4 ball, Ray ray, Crossing *crossing)
 {
-  const Vec3 to_centre = vec3(point->centre[0] - ray.origin.x, point->centre[1] - ray.origin.y,
-                              point->centre[2] - ray.origin.z);
+  const Vec3 to_centre = vec3(ball.x - ray.origin.x, ball.y - ray.origin.y, ball.z - ray.origin.z);
   crossing->t = dot3(to_centre, ray.direction);
   const Vec3 beside = vec3(to_centre.x - crossing->t * ray.direction.x, to_centre.y - crossing->t * ray.direction.y,
                            to_centre.z - crossing->t * ray.direction.z);
@@ -60,15 +59,13 @@ TFM_INLINE Vec3 point_tangent(PRIMITIVE point, const Crossing *crossing)
 
 /* What is narrower than a few texels becomes a smooth point that holds as much: maps of any resolution have the same mean
    optical depth. Its depth stays. Returns the optical depth that the unit of its profile stands for. */
-TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
+TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen, float4 *ball)
 {
   const float place[3] = {source->a[0], source->a[1], source->a[2]};
   const float narrowest = LEAST_TEXELS * texel_at(eye, place), radius = source->radius[0];
   const int is_small = radius < narrowest;
   const float across = is_small ? narrowest : radius;
-  for (int axis = 0; axis < 3; ++axis)
-    seen->centre[axis] = place[axis];
-  seen->reach = across;
+  *ball = (float4)(place[0], place[1], place[2], across);
   seen->is_thin = 0;
   seen->profile = is_small ? POINT_SMOOTH : set->profile;
   seen->shape[0] = 1.0f / (across * across);

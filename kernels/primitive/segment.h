@@ -21,11 +21,10 @@
 #define SECOND_BEND(bits) ((float)((bits) >> 16))
 
 /* The lanes whose ray, of a unit direction, crosses the segment. */
-TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
+TFM_INLINE Ints segment_crossing(PRIMITIVE segment, float4 ball, Ray ray, Crossing *crossing)
 {
   const Vec3 along = uniform_vec3(segment->shape);
-  const Vec3 from = vec3(segment->centre[0] - ray.origin.x, segment->centre[1] - ray.origin.y,
-                         segment->centre[2] - ray.origin.z);
+  const Vec3 from = vec3(ball.x - ray.origin.x, ball.y - ray.origin.y, ball.z - ray.origin.z);
   const Vec3 d = ray.direction;
   const Floats away = dot3(from, d), slope = dot3(along, d);
   /* Across the ray: the axis is beside + u across, for u from -1/2 to 1/2. */
@@ -42,7 +41,7 @@ TFM_INLINE Ints segment_crossing(PRIMITIVE segment, Ray ray, Crossing *crossing)
   const Floats reach = is_narrow ? greatest(least_radius, PEAK_STRAND * radius) : radius;
   const Floats x = 1.0f - distance / (reach * reach);
   const Floats covered = is_narrow ? PEAK_STRAND * radius / reach * x * x : floats(1.0f);
-  cross_at(away + u * slope, segment->reach * 1e-3f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
+  cross_at(away + u * slope, ball.w * 1e-3f, segment->shape[7] * depth_of_opacity(segment->shape[5] * covered),
            crossing);
   const Ints crosses = (x > 0.0f) & (u >= -0.5f) & (u < 0.5f) & !is_along;
   crossing->x = crosses ? u : floats(0.0f);
@@ -69,13 +68,12 @@ TFM_INLINE Vec3 segment_tangent(PRIMITIVE segment, const Crossing *crossing)
 }
 
 /* As of point_seen. */
-TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
+TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen, float4 *ball)
 {
   float middle[3], square = 0.0f;
   for (int axis = 0; axis < 3; ++axis) {
     const float along = source->b[axis] - source->a[axis];
     middle[axis] = 0.5f * (source->a[axis] + source->b[axis]);
-    seen->centre[axis] = middle[axis];
     seen->shape[axis] = along;
     square += along * along;
   }
@@ -87,7 +85,8 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   seen->shape[6] = narrowest;
   seen->shape[7] = 1.0f / set->extinction;
   const float widened = PEAK_STRAND * (widest < narrowest ? widest : narrowest);
-  seen->reach = 0.5f * sqrt(square) + fmax(widest, fmax(narrowest, widened));
+  const float reach = 0.5f * sqrt(square) + fmax(widest, fmax(narrowest, widened));
+  *ball = (float4)(middle[0], middle[1], middle[2], reach);
   seen->is_thin = 1;
   seen->profile = 0;
   for (int axis = 0; axis < 3; ++axis)

@@ -16,11 +16,10 @@ TFM_INLINE Vec3 cross3(Vec3 a, Vec3 b)
 }
 
 /* The lanes whose ray, of a unit direction, crosses the triangle. */
-TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, Ray ray, Crossing *crossing)
+TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, float4 ball, Ray ray, Crossing *crossing)
 {
   const Vec3 first = uniform_vec3(triangle->shape), second = uniform_vec3(triangle->shape + 3);
-  const Vec3 from = vec3(ray.origin.x - triangle->centre[0], ray.origin.y - triangle->centre[1],
-                         ray.origin.z - triangle->centre[2]);
+  const Vec3 from = vec3(ray.origin.x - ball.x, ray.origin.y - ball.y, ray.origin.z - ball.z);
   const Vec3 normal = cross3(first, second);
   const Floats facing = dot3(normal, ray.direction);
   Floats covered = floats(1.0f), t;
@@ -28,7 +27,7 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, Ray ray, Crossing *crossin
   if (triangle->profile) {
     t = -dot3(from, ray.direction);
     const Vec3 beside = vec3(from.x + t * ray.direction.x, from.y + t * ray.direction.y, from.z + t * ray.direction.z);
-    const float inverse = 1.0f / (triangle->reach * triangle->reach);
+    const float inverse = 1.0f / (ball.w * ball.w);
     const Floats x = 1.0f - inverse * dot3(beside, beside);
     crosses = x > 0.0f;
     const Floats root = x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
@@ -42,7 +41,7 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, Ray ray, Crossing *crossin
     t = -dot3(from, normal) * inverse;
     crosses = is_seen & (u >= 0.0f) & (v >= 0.0f) & (u + v < 1.0f);
   }
-  cross_at(t, triangle->reach * 1e-4f, triangle->shape[7] * depth_of_opacity(triangle->shape[6] * covered), crossing);
+  cross_at(t, ball.w * 1e-4f, triangle->shape[7] * depth_of_opacity(triangle->shape[6] * covered), crossing);
   return crosses;
 }
 
@@ -61,7 +60,7 @@ TFM_INLINE Vec3 triangle_tangent(PRIMITIVE triangle, const Crossing *crossing)
 }
 
 /* As of point_seen. */
-TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen)
+TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global Primitive *seen, float4 *ball)
 {
   float middle[3], farthest = 0.0f;
   float squares[3] = {0.0f, 0.0f, 0.0f};
@@ -79,8 +78,6 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   farthest = sqrt(farthest);
   const float narrowest = LEAST_TEXELS * texel_at(eye, middle);
   const int is_small = farthest < narrowest;
-  for (int axis = 0; axis < 3; ++axis)
-    seen->centre[axis] = is_small ? middle[axis] : source->a[axis];
   seen->shape[6] = 1.0f - exp(-set->extinction * source->amount);
   seen->shape[7] = 1.0f / set->extinction;
   /* The ball around the first corner is larger than that around the middle. A disc is wide enough for its middle to be
@@ -88,7 +85,9 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   __global const float *u = seen->shape, *v = seen->shape + 3;
   const float x = u[1] * v[2] - u[2] * v[1], y = u[2] * v[0] - u[0] * v[2], z = u[0] * v[1] - u[1] * v[0];
   const float area = 0.5f * sqrt(x * x + y * y + z * z);
-  seen->reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
+  const float reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
+  *ball = is_small ? (float4)(middle[0], middle[1], middle[2], reach)
+                   : (float4)(source->a[0], source->a[1], source->a[2], reach);
   seen->is_thin = 1;
   seen->profile = is_small;
   return 1.0f;

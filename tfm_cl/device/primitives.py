@@ -44,8 +44,8 @@ BINS_OF_LIGHT = 128
 
 
 FUNCTIONS = {
-    "seen": ("(set)->kind", "(source, set, eye, seen)"),
-    "crossing": ("(primitive)->kind", "(primitive, ray, crossing)"),
+    "seen": ("(set)->kind", "(source, set, eye, seen, ball)"),
+    "crossing": ("(primitive)->kind", "(primitive, ball, ray, crossing)"),
     "part": ("(primitive)->kind", "(primitive, crossing, t)"),
     "tangent": ("(primitive)->kind", "(primitive, crossing)"),
 }
@@ -102,10 +102,19 @@ class Eye:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """Primitives as an eye sees them."""
+
+    primitives: cl.Buffer
+    balls: cl.Buffer
+    """float4 each: centre and radius of a ball around all that rays may meet of it."""
+
+
+@dataclass(frozen=True)
 class Listed:
     """Lists of primitives, and these as the eye sees them."""
 
-    primitives: cl.Buffer
+    seen: Seen
     starts: cl.Buffer
     """int [bins + 1]: where each list begins; the last is where all end."""
     members: cl.Buffer
@@ -123,7 +132,8 @@ class Listed:
     def arguments(self) -> dict[str, Any]:
         """Return what kernels whose rays have these bins take."""
         return {
-            "primitives": self.primitives,
+            "primitives": self.seen.primitives,
+            "balls": self.seen.balls,
             "bin_starts": self.starts,
             "bin_members": self.members,
             "bins": self.bins,
@@ -197,11 +207,13 @@ class PrimitivesOnDevice:
             struct["weights"] = weight.ravel()
         return self._launcher.upload("the kinds of primitives", structs)
 
-    def seen(self, sets: cl.Buffer, eye: Eye) -> cl.Buffer:
+    def seen(self, sets: cl.Buffer, eye: Eye) -> Seen:
         """Return the primitives as an eye sees them: eyes that widen nothing see the same."""
         launcher, count = self._launcher, self.count
         headers, defines = self._variant(eye)
-        seen = launcher.empty("the primitives as they are seen", PRIMITIVE.dtype.itemsize * count, reuse=True)
+        what = "the primitives as they are seen"
+        seen = launcher.empty(what, PRIMITIVE.dtype.itemsize * count, reuse=True)
+        balls = launcher.empty(what, 16 * count, reuse=True)
         launcher.run(
             launcher.kernels.kernel("see_primitives", "primitives.cl", headers, defines),
             (count,),
@@ -211,17 +223,18 @@ class PrimitivesOnDevice:
                 "origin": (*eye.origin.tolist(), 0.0),
                 "footprint": eye.footprint,
                 "seen": seen,
+                "balls": balls,
                 "count": count,
             },
         )
-        return seen
+        return Seen(seen, balls)
 
     def listed_by_light(self, sets: cl.Buffer, light: Light, of_light: cl.Buffer, res: int) -> Listed:
         """List what the rays of a fitted light's map meet; its struct is on the device."""
         eye = Eye.of_light(light, of_light, self.origin, res)
         return self.listed(self.seen(sets, eye), eye)
 
-    def listed(self, seen: cl.Buffer, eye: Eye, finest: int | None = None) -> Listed:
+    def listed(self, seen: Seen, eye: Eye, finest: int | None = None) -> Listed:
         """List what the rays of an eye may meet.
 
         Parameters
@@ -247,7 +260,7 @@ class PrimitivesOnDevice:
             places = launcher.empty("the lengths of lists", 4 * runs * columns * rows, reuse=True)
             arguments = {
                 **eye.arguments,
-                "primitives": seen,
+                "balls": seen.balls,
                 "size": (*eye.size, 0, 0),
                 "bins": (columns, rows, edge, run),
                 "places": places,
@@ -274,7 +287,7 @@ class PrimitivesOnDevice:
         bins = columns, rows, edge.bit_length() - 1, 0
         return Listed(seen, where, members, bins, int(lengths.max(initial=0)), total)
 
-    def joined(self, seen: cl.Buffer, eyes: Sequence[Eye]) -> Joined:
+    def joined(self, seen: Seen, eyes: Sequence[Eye]) -> Joined:
         """List what the rays of several eyes may meet, in bins of one size, one eye after the other.
 
         Parameters
@@ -339,7 +352,7 @@ def _joined(launcher: Launcher, lists: Sequence[Listed]) -> Joined:
             launcher.copy(one.members, members, 4 * one.total, first=0, to=4 * int(ends[i]))
     longest = max(one.longest for one in lists)
     where = launcher.upload("where the lights' lists begin", starts)
-    return Joined(Listed(first.primitives, where, members, first.bins, longest, int(ends[-1])), numbers)
+    return Joined(Listed(first.seen, where, members, first.bins, longest, int(ends[-1])), numbers)
 
 
 def _finest(size: tuple[int, int]) -> int:

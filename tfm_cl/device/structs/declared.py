@@ -148,8 +148,6 @@ PRIMITIVE = Struct(
     "Primitive",
     "A primitive as it is seen from a camera or a light. World: from the device's origin.",
     (
-        Field("float", "centre", 3, "of the ball around it"),
-        Field("float", "reach", 1, "radius of that"),
         Field("float", "amount", 3, "optical depth that the unit of its profile stands for"),
         Field("int", "kind", 1, "number of its kind"),
         Field("int", "profile", 1, "as its kind has it"),
