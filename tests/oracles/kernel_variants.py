@@ -155,7 +155,7 @@ EVERY_BASIS = {name: MapSettings(basis=name) for name in BASES} | {
     "klt 15": MapSettings(basis="klt", coeffs=15, target="transmittance", fit="l2"),
 }
 """Every basis by itself, and the kinds of target and fit."""
-EVALUATED = ("dct", "klt", "slices", "moments", "nodes")
+EVALUATED = ("dct", "klt", "slices", "moments", "trig-moments", "nodes")
 """The kinds of evaluation; the light pass's program evaluates every basis."""
 STORED: Choices = {"storage": list(STORAGE_BITS), "range": ("box", "visible"), "lookup": list(LOOKUPS)}
 

@@ -10,7 +10,7 @@ from tfm_cl.maps.bases import BASES
 
 pytestmark = pytest.mark.lanes
 
-LINEAR = ["fourier", "hcos", "moments", "piecewise", "slices", "slices-cubic", "wavelets"]
+LINEAR = ["fourier", "hcos", "moments", "piecewise", "slices", "slices-cubic", "trig-moments", "wavelets"]
 """Bases whose default numbers are linear in the density."""
 
 

@@ -12,6 +12,7 @@ from tfm_cl.maps.bases.moments import MOMENTS
 from tfm_cl.maps.bases.nodes import NODES, NODES_T
 from tfm_cl.maps.bases.piecewise import PIECEWISE
 from tfm_cl.maps.bases.slices import SLICES, SLICES_CUBIC
+from tfm_cl.maps.bases.trigonometric_moments import TRIGONOMETRIC_MOMENTS
 from tfm_cl.maps.bases.wavelets import WAVELETS
 
 BASES: dict[str, Basis] = {
@@ -27,6 +28,7 @@ BASES: dict[str, Basis] = {
         PIECEWISE,
         WAVELETS,
         MOMENTS,
+        TRIGONOMETRIC_MOMENTS,
         NODES,
         NODES_T,
     )
