@@ -44,12 +44,19 @@
 
 typedef struct {
   Floats sum[TFM_N_COEFF];
+#if TFM_OWN_DEPTH
+  Floats in_places[TFM_N_COEFF]; /* of what does not fill a step */
+#endif
 } BasisState;
 
 TFM_INLINE void basis_begin(BasisState *state)
 {
   for (int j = 0; j < TFM_N_COEFF; ++j)
     state->sum[j] = floats(0.0f);
+#if TFM_OWN_DEPTH
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    state->in_places[j] = floats(0.0f);
+#endif
 }
 
 /* e^(i m pi u) for m = 1 ... M as pairs, u in [0, 1]. */
@@ -80,6 +87,19 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
   }
 }
 
+#if TFM_OWN_DEPTH
+/* Adds an optical depth that lies at v. */
+TFM_INLINE void basis_deposit(__global const float *table, BasisState *state, Floats v, Floats depth)
+{
+  (void)table;
+  Floats powers[TFM_N_COEFF - 1];
+  circle_powers(v, powers);
+  state->in_places[0] += depth;
+  for (int j = 1; j < TFM_N_COEFF; ++j)
+    state->in_places[j] += powers[j - 1] * depth;
+}
+#endif
+
 TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
                              const BasisState *state, int most, Floats *c)
 {
@@ -100,6 +120,10 @@ TFM_INLINE void basis_finish(MAP map, __global const float *table, Ints active,
     sine_before = sine;
     sine = next;
   }
+#if TFM_OWN_DEPTH
+  for (int j = 0; j < TFM_N_COEFF; ++j)
+    c[j] += active ? state->in_places[j] : floats(0.0f);
+#endif
 }
 
 /* The functions in the order of their frequencies, cosine first; for even M the first is 1. Twice the frequency: */

@@ -63,7 +63,15 @@ def test_fourier_numbers_are_sums_over_the_points(renderer, rng):
 @pytest.mark.quick("slices-8", "moments-7")
 @pytest.mark.parametrize(
     ("basis", "coeffs"),
-    [("hcos", 6), ("legendre", 6), ("slices", 8), ("wavelets", 8), ("piecewise", 8), ("moments", 7)],
+    [
+        ("hcos", 6),
+        ("legendre", 6),
+        ("slices", 8),
+        ("wavelets", 8),
+        ("piecewise", 8),
+        ("moments", 7),
+        ("trig-moments", 5),
+    ],
 )
 def test_every_linear_basis_is_that_of_many_steps(renderer, rng, basis, coeffs):
     """Of leaves, which are crossed in one place."""
