@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.primitives import Primitives
+from tfm_cl.scene.bodies.thin import ThinPrimitives
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -131,6 +133,12 @@ def plan(
             "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "
             "the scene has none; leave it out"
         )
+    if has_maps and _covers(scene):
+        scene = scene.replace(map=scene.map.replace(target="transmittance"))
+        decisions["map.target"] = Decision(
+            "transmittance",
+            "strands and polygons cover texels or do not: light is in between, not depth",
+        )
     if scene.map.max_error is not None:
         if has_maps:
             chosen, why = _looked_up(scene)
@@ -152,6 +160,20 @@ def plan(
         decisions |= _of_map(scene.map, resolved)
     decisions |= {key: Decision(number, why) for key, (number, _, why) in wanted.items()}
     return Plan(decided, resolved, decisions)
+
+
+def _covers(scene: Scene) -> bool:
+    """Tell whether the best basis is to interpolate the transmittance between texels.
+
+    It does as well with the optical depth in smooth media only: halfway between clear and opaque, half of an
+    optical depth of 16 is dark.
+    """
+    asked = scene.map
+    return (
+        asked.basis in ("auto", BEST)
+        and asked.target == "auto"
+        and any(isinstance(body, ThinPrimitives) for body in scene.primitives)
+    )
 
 
 def with_lookup(scene: Scene) -> Scene:
