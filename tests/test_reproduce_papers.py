@@ -1,6 +1,6 @@
 """The papers' figures made anew: verdicts follow from the numbers, and a tiny run makes all of them."""
 
-import importlib.util
+import importlib
 import json
 import math
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SCRIPT = Path(__file__).resolve().parents[1] / "scripts" / "reproduce_papers.py"
+SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 VERDICT = re.compile(r"holds|holds when .+|does not hold")
 
 EXACT = 1e-9
@@ -20,18 +20,50 @@ RANGE = 0.03
 
 
 @pytest.fixture(scope="module")
-def papers():
-    spec = importlib.util.spec_from_file_location("reproduce_papers", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["reproduce_papers"] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["reproduce_papers"]
+def modules():
+    """The script and its modules, which import each other as scripts do."""
+    names = ("claims", "lab", "rays", "tfm_2011", "fom_2010", "osm_2001")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(SCRIPTS)
+        script = importlib.import_module("reproduce_papers")
+        yield {"script": script, **{name: importlib.import_module(f"reproduce.{name}") for name in names}}
+    for name in [name for name in sys.modules if name.startswith("reproduce")]:
+        del sys.modules[name]
 
 
 @pytest.fixture(scope="module")
-def tiny(papers):
-    return papers.Sizes(
+def papers(modules):
+    return modules["script"]
+
+
+@pytest.fixture(scope="module")
+def claims(modules):
+    return modules["claims"]
+
+
+@pytest.fixture(scope="module")
+def lab(modules):
+    return modules["lab"]
+
+
+@pytest.fixture(scope="module")
+def rays(modules):
+    return modules["rays"]
+
+
+@pytest.fixture(scope="module")
+def tfm_2011(modules):
+    return modules["tfm_2011"]
+
+
+@pytest.fixture(scope="module")
+def fom_2010(modules):
+    return modules["fom_2010"]
+
+
+@pytest.fixture(scope="module")
+def tiny(lab):
+    return lab.Sizes(
         map_res=64,
         picture=0.05,
         fine_steps=60,
@@ -55,61 +87,61 @@ def tiny(papers):
         ((False, True), "holds when b"),
     ],
 )
-def test_verdicts(papers, outcomes, expected):
-    cases = tuple(papers.Case(name, {"": 1.0}, holds) for name, holds in zip("abc", outcomes, strict=False))
-    assert papers.Claim("text", "paper", cases).verdict == expected
+def test_verdicts(claims, outcomes, expected):
+    cases = tuple(claims.Case(name, {"": 1.0}, holds) for name, holds in zip("abc", outcomes, strict=False))
+    assert claims.Claim("text", "paper", cases).verdict == expected
 
 
-def test_cases_compare_what_they_say(papers):
-    assert papers.at_least("a", 2.0, 2.0).holds
-    assert not papers.at_least("a", 1.9, 2.0).holds
-    assert papers.at_most("a", 2.0, 2.0).holds
-    assert not papers.at_most("a", 2.1, 2.0).holds
-    assert papers.smaller("a", FOM=1.0, OSM=2.0).holds
-    assert not papers.smaller("a", FOM=2.0, OSM=2.0).holds
-    claim = papers.Claim(
-        "text", "1", (papers.smaller("a", n_7=1.0, n_15=0.98765), papers.at_most("", 2.0, 1))
+def test_cases_compare_what_they_say(claims):
+    assert claims.at_least("a", 2.0, 2.0).holds
+    assert not claims.at_least("a", 1.9, 2.0).holds
+    assert claims.at_most("a", 2.0, 2.0).holds
+    assert not claims.at_most("a", 2.1, 2.0).holds
+    assert claims.smaller("a", FOM=1.0, OSM=2.0).holds
+    assert not claims.smaller("a", FOM=2.0, OSM=2.0).holds
+    claim = claims.Claim(
+        "text", "1", (claims.smaller("a", n_7=1.0, n_15=0.98765), claims.at_most("", 2.0, 1))
     )
     assert claim.measured == "a: n 7 1, n 15 0.9877; 2"
 
 
 @pytest.mark.parametrize("basis", ["fourier", "slices", "piecewise"])
-def test_a_homogeneous_ray_is_exact(papers, basis):
-    steps = np.full((2, papers.CELLS), [[0.004], [0.01]])
-    found = papers.reconstructed(basis, 7, steps)
-    np.testing.assert_allclose(found, papers.accumulated(steps), rtol=0, atol=EXACT)
+def test_a_homogeneous_ray_is_exact(rays, basis):
+    steps = np.full((2, rays.CELLS), [[0.004], [0.01]])
+    found = rays.reconstructed(basis, 7, steps)
+    np.testing.assert_allclose(found, rays.accumulated(steps), rtol=0, atol=EXACT)
 
 
-def test_slices_are_exact_at_their_planes(papers, rng):
-    steps = rng.random((3, papers.CELLS))
-    found, exact = papers.reconstructed("slices", 8, steps), papers.accumulated(steps)
-    np.testing.assert_allclose(found[:, :: papers.CELLS // 8], exact[:, :: papers.CELLS // 8], rtol=EXACT)
+def test_slices_are_exact_at_their_planes(rays, rng):
+    steps = rng.random((3, rays.CELLS))
+    found, exact = rays.reconstructed("slices", 8, steps), rays.accumulated(steps)
+    np.testing.assert_allclose(found[:, :: rays.CELLS // 8], exact[:, :: rays.CELLS // 8], rtol=EXACT)
     assert np.abs(found - exact).max() > 100 * EXACT
 
 
-def test_cosines_hold_a_cosine(papers):
-    exact = (0.6 + 0.3 * np.cos(np.pi * papers.MIDDLES))[None] ** 2
-    np.testing.assert_allclose(papers.cosines(exact, 2, 2.0), exact, rtol=0, atol=EXACT)
-    assert np.abs(papers.cosines(exact, 2, 1.0) - exact).max() > 100 * EXACT
+def test_cosines_hold_a_cosine(rays, tfm_2011):
+    exact = (0.6 + 0.3 * np.cos(np.pi * rays.MIDDLES))[None] ** 2
+    np.testing.assert_allclose(tfm_2011.cosines(exact, 2, 2.0), exact, rtol=0, atol=EXACT)
+    assert np.abs(tfm_2011.cosines(exact, 2, 1.0) - exact).max() > 100 * EXACT
 
 
-def test_ringing_of_a_thin_slab(papers):
-    assert papers.ringing(7, papers.slab(1.0, 1.0, hard=True)) < EXACT
-    assert papers.ringing(7, papers.slab(0.05, 1.0, hard=True)) > papers.NEGLIGIBLE
-    assert papers.slab(0.3, 2.0, hard=False).sum() == pytest.approx(2)
+def test_ringing_of_a_thin_slab(claims, fom_2010):
+    assert fom_2010.ringing(7, fom_2010.slab(1.0, 1.0, hard=True)) < EXACT
+    assert fom_2010.ringing(7, fom_2010.slab(0.05, 1.0, hard=True)) > claims.NEGLIGIBLE
+    assert fom_2010.slab(0.3, 2.0, hard=False).sum() == pytest.approx(2)
 
 
-def test_roughness_is_blind_to_smooth_errors(papers, rng):
+def test_roughness_is_blind_to_smooth_errors(lab, rng):
     truth = np.ones((40, 40, 4), np.float32)
     smooth, rough = truth.copy(), truth.copy()
     smooth[..., :3] += 0.1
     rough[..., :3] += 0.1 * rng.choice((-1, 1), (40, 40, 1))
-    assert papers.roughness(smooth, truth) < EXACT < papers.roughness(rough, truth)
+    assert lab.roughness(smooth, truth) < EXACT < lab.roughness(rough, truth)
 
 
-def test_puffs_lie_on_the_light_axis(papers, tiny):
-    base = papers.Lab(None, tiny).side("plume")
-    scene = papers.with_puffs(base, 20, 30, [(-0.8, 2.0, 0.5)])
+def test_puffs_lie_on_the_light_axis(lab, fom_2010, tiny):
+    base = lab.Lab(None, tiny).side("plume")
+    scene = fom_2010.with_puffs(base, 20, 30, [(-0.8, 2.0, 0.5)])
     was, data = base.volume, scene.volume.data
 
     assert data.shape[2] == was.shape[2] + 50
@@ -123,11 +155,11 @@ def test_puffs_lie_on_the_light_axis(papers, tiny):
     np.testing.assert_allclose(world[:3], (-0.8, *base.lights[0].to[1:]), atol=was.voxel_size.max())
 
 
-def test_the_papers_numbers_are_theirs(papers):
+def test_the_papers_numbers_are_theirs(claims, tfm_2011):
     """Table 1 and figure 10 as printed, which claims quote again in words."""
-    assert papers.PAPER_SSIM["figure", 10.0][0] == papers.PLAUSIBLE
-    assert round(papers.PAPER_FPS["plume"][2] / papers.PAPER_FPS["plume"][0], 2) == 0.81
-    np.testing.assert_allclose(papers.PAPER_SPEEDUP, (9.1, 8.9, 8.7), atol=0.05)
+    assert tfm_2011.PAPER_SSIM["figure", 10.0][0] == claims.PLAUSIBLE
+    assert round(tfm_2011.PAPER_FPS["plume"][2] / tfm_2011.PAPER_FPS["plume"][0], 2) == 0.81
+    np.testing.assert_allclose(tfm_2011.PAPER_SPEEDUP, (9.1, 8.9, 8.7), atol=0.05)
 
 
 def read(folder):
@@ -179,7 +211,7 @@ def test_unknown_studies_are_refused(papers, capsys):
 
 
 @pytest.mark.slow
-def test_all_studies_tiny(papers, tiny, tmp_path, device_name):
+def test_all_studies_tiny(papers, claims, tiny, tmp_path, device_name):
     papers.reproduce(papers.STUDIES, tiny, tmp_path, device_name)
     report = check(tmp_path, papers.STUDIES)
 
@@ -198,4 +230,4 @@ def test_all_studies_tiny(papers, tiny, tmp_path, device_name):
     assert (farther - far) / length == pytest.approx(0.05, abs=RANGE)
     for row in report["studies"]["fom_fig5"]["rows"][1:]:
         if "control" in row[1]:
-            assert float(row[2]) < papers.NEGLIGIBLE  # the puffs themselves cannot be seen
+            assert float(row[2]) < claims.NEGLIGIBLE  # the puffs themselves cannot be seen
