@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from reproduce.lab import STAND_INS
+
 # If a paper gives a number, that is the bound; if it gives a word, this is our reading of it.
 INDISTINGUISHABLE = 0.99
 """Smallest SSIM that counts as 'almost indistinguishable': the least in TFM's table 1 with 8 coefficients is
@@ -68,6 +70,18 @@ class Claim:
             if len(kept) <= len(broken)
             else f"holds when not {'; '.join(broken)}"
         )
+
+    @property
+    def changed(self) -> str:
+        """Where particles and hair say otherwise than the voxels that stood for them; may be empty."""
+        outcomes = {case.where: case.holds for case in self.cases}
+        pairs = (
+            (case, case.where.replace(real, voxels, 1))
+            for case in self.cases
+            for real, voxels in STAND_INS.items()
+            if case.where.startswith(real)
+        )
+        return "; ".join(case.where for case, other in pairs if outcomes.get(other, case.holds) != case.holds)
 
     @property
     def measured(self) -> str:

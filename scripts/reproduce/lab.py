@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -13,11 +14,30 @@ from numpy.typing import NDArray
 
 import tfm_cl as tfm
 from tfm_cl.metrics import REC709, lit_mask
+from tfm_cl.scene import placement
+
+VOLUMES = Path(__file__).resolve().parents[2] / "volumes"
+sys.path.append(str(VOLUMES))
+
+import hair  # noqa: E402 - a generator there
 
 Floats = NDArray[np.float64]
-VOLUMES = Path(__file__).resolve().parents[2] / "volumes"
-SMOKE, CLOUD, HARD = "plume", "cumulus", "figure"
 Image = NDArray[np.float32]
+
+SMOKE, CLOUD, HARD = "plume", "cumulus", "figure"
+"""Voxels: smoke, a cloud, and hard edges."""
+PARTICLES, KNOT = "particles", "spirals"
+"""16,384 points each: FOM's plume, and a structure as complex as that of its figure 1(b)."""
+HAIR, FUR = "wavy", "fur"
+"""Strands on a head."""
+LINES = "hair"
+"""What cases call the paper's model of hair."""
+STAND_INS = {PARTICLES: SMOKE, LINES: SMOKE}
+"""By particles and hair: the voxels that stood for them before there were any."""
+METHODS = {"FOM": "fourier", "OSM": "slices", "OSM (piecewise)": "piecewise"}
+"""Bases by what the papers call them; the last is OSM as FOM section 5.1 writes it."""
+PAIR = ("FOM", "OSM")
+"""Those compared in pictures and along rays."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +59,20 @@ class Sizes:
     """Frame size for the speeds in TFM figure 10."""
     coarse_and_fine: tuple[int, int] = (32, 512)
     """Sizes of the maps in FOM figure 4."""
+    plane_counts: tuple[int, ...] = (4, 8, 16)
+    """Numbers of planes in OSM figure 3."""
     slice_counts: tuple[int, ...] = (4, 8, 16, 24, 32)
     """Numbers of planes in OSM figure 4."""
     rays: int = 24
     """Texels along each side of the map in studies of single rays."""
+    paper_res: int = 512
+    """Size of the maps of particles and strands: that of FOM's pictures, and of OSM's."""
+    portrait: int = 480
+    """Pixels along each side of pictures of hair, times `picture`."""
+    full_hair: bool = True
+    """Time maps of 350,000 segments, as many as in OSM plate 1, and not of the sample."""
+    samples: int = 400
+    """Ends of strands at which shadows are followed on the host."""
 
 
 QUICK = Sizes(
@@ -56,6 +86,9 @@ QUICK = Sizes(
     coarse_and_fine=(16, 128),
     slice_counts=(4, 8, 16),
     rays=12,
+    paper_res=128,
+    full_hair=False,
+    samples=100,
 )
 Seconds = dict[str, float]
 
@@ -84,6 +117,14 @@ SIDE_DISTANCE = 5.0
 """Distance from the centre of the medium to the light of `Lab.side`, in radii of the medium."""
 WHITE = (10.0, 10.0, 10.0)
 """Intensity of the lights placed by this script."""
+OPAQUE_HAIR = 0.85
+"""Opacity of a strand, as in ``volumes/hair.toml``."""
+HAIR_MEDIUM = tfm.Medium(
+    sigma_s=(0.75, 0.55, 0.3), sigma_a=(0.25, 0.45, 0.7), phase=tfm.KajiyaKay(specular=0.35, exponent=50)
+)
+"""That of wavy hair there."""
+HAIR_STEPS = {"map": 3, "march": 2}
+"""Steps for strands over those for smoke, as there: what is shorter than a step is averaged."""
 
 
 class Lab:
@@ -96,28 +137,51 @@ class Lab:
         self.side = cache(self._side)
 
     def _scene(self, name: str) -> tfm.Scene:
+        if name in (HAIR, FUR):
+            return self.tuft(name)
         scene = self._small(tfm.Scene.load(VOLUMES / f"{name}.toml"))
+        res = self.sizes.map_res if scene.grids else self.sizes.paper_res
         return scene.replace(
-            map=tfm.MapSettings(basis="dct", coeffs=8, res=self.sizes.map_res, steps=self.sizes.steps),
+            map=tfm.MapSettings(basis="dct", coeffs=8, res=res, steps=self.sizes.steps),
             march=tfm.MarchSettings(steps=self.sizes.steps),
         )
 
     def _side(self, name: str) -> tfm.Scene:
-        """Return a sample scene under one white light from the left, along the grid's x axis."""
+        """Return a sample under one white light from the left, along x; of solids only heads stay."""
         scene = self.scene(name)
-        low, high = scene.grids[0].occupied_bounds
+        low, high = scene.occupied_bounds
         centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         at = centre - (SIDE_DISTANCE * radius, 0, 0)
         cone = float(np.degrees(np.arcsin(1 / SIDE_DISTANCE))) + 0.5
         light = tfm.SpotLight(from_=tuple(at), to=tuple(centre), cone=cone, intensity=WHITE)
-        return scene.replace(lights=(light,))
+        return scene.replace(lights=(light,), solids=scene.solids if name in (HAIR, FUR) else ())
+
+    def tuft(self, style: str, opacity: float = OPAQUE_HAIR, *, full: bool = False) -> tfm.Scene:
+        """Return hair or fur on an opaque head, in one light; ``full``: as large as the papers' models."""
+        if full:
+            held = hair.STYLES[style].full_tuft()
+        else:
+            with np.load(VOLUMES / f"{style}.npz") as stored:
+                held = dict(stored)
+        strands = tfm.Curves(
+            held["points"], held["counts"], held["width"], opacity=opacity, medium=HAIR_MEDIUM
+        )
+        side = max(16, round(self.sizes.portrait * self.sizes.picture))
+        res, steps = self.sizes.paper_res, self.sizes.steps
+        return tfm.Scene(
+            strands,
+            camera=placement.camera_for([strands], res=(side, side)),
+            map=tfm.MapSettings(basis="slices", coeffs=32, res=res, steps=HAIR_STEPS["map"] * steps),
+            march=tfm.MarchSettings(steps=HAIR_STEPS["march"] * steps),
+            solids=[tfm.SphereSolid(radius=hair.BALL, albedo=(0.3, 0.2, 0.15))],
+        )
 
     def _small(self, scene: tfm.Scene) -> tfm.Scene:
         width, height = (max(16, round(side * self.sizes.picture)) for side in scene.camera.res)
         return scene.replace(camera=scene.camera.replace(res=(width, height)))
 
     def image(self, scene: tfm.Scene, method: str = "tfm", **changes: Any) -> Image:
-        """Render with other settings of the map."""
+        """Render, with other settings of the map where some are given."""
         return self.renderer.render(with_map(scene, **changes), method=method).image
 
     def error(self, image: Image, truth: Image) -> float:
@@ -156,6 +220,15 @@ def with_map(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
     return scene.replace(map=scene.map.replace(**changes))
 
 
+def opacity_map(scene: tfm.Scene, method: str, n: int, **changes: Any) -> tfm.Scene:
+    """Return the scene with a map of n numbers a texel by FOM or OSM (`METHODS`).
+
+    All studies of theirs make their maps here: one range of depths for all rays, as in both papers, unless
+    ``changes`` say otherwise.
+    """
+    return with_map(scene, **{"basis": METHODS[method], "coeffs": n, "range": "global", **changes})
+
+
 def with_march(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
     """Return the scene with other settings of the march."""
     return scene.replace(march=scene.march.replace(**changes))
@@ -168,7 +241,16 @@ def rms(values: Floats) -> float:
 
 def roughness(image: Image, truth: Image) -> float:
     """RMS of the Laplacian of the error's luminance over the lit pixels, over the reference's mean there."""
-    error = (image - truth)[..., :3].astype(np.float64) @ REC709
-    laplacian = sum(np.roll(error, shift, axis) for shift in (1, -1) for axis in (0, 1)) - 4 * error
-    lit = lit_mask(truth)
-    return rms(laplacian[lit]) / float((truth[lit, :3] @ REC709).mean())
+    return _roughness(image - truth, truth)
+
+
+def busyness(image: Image) -> float:
+    """Return the same of a picture itself: how much neighbouring pixels differ."""
+    return _roughness(image, image)
+
+
+def _roughness(image: Image, reference: Image) -> float:
+    luminance = image[..., :3].astype(np.float64) @ REC709
+    laplacian = sum(np.roll(luminance, shift, axis) for shift in (1, -1) for axis in (0, 1)) - 4 * luminance
+    lit = lit_mask(reference)
+    return rms(laplacian[lit]) / float((reference[lit, :3] @ REC709).mean())

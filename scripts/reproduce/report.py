@@ -24,7 +24,8 @@ def markdown(studies: dict[str, Study], facts: dict[str, Any]) -> str:
     ]
     for name, study in studies.items():
         for claim in study.claims:
-            cells = (claim.text, f"**{claim.verdict}**", claim.measured, claim.paper)
+            changed = f"; otherwise than voxels: {claim.changed}" if claim.changed else ""
+            cells = (claim.text, f"**{claim.verdict}**{changed}", claim.measured, claim.paper)
             lines.append(f"| [{name}](#{name}) | " + " | ".join(map(_cell, cells)) + " |")
     for name, study in studies.items():
         lines += ["", f'<a id="{name}"></a>', f"## {study.title}", study.how, ""]
@@ -47,7 +48,9 @@ def numbers(studies: dict[str, Study], facts: dict[str, Any]) -> dict[str, Any]:
     """Return all numbers for JSON."""
     found = {}
     for name, study in studies.items():
-        claims = [{**asdict(claim), "verdict": claim.verdict} for claim in study.claims]
+        claims = [
+            {**asdict(claim), "verdict": claim.verdict, "changed": claim.changed} for claim in study.claims
+        ]
         found[name] = {"title": study.title, "how": study.how, "claims": claims, "rows": study.rows}
     return {**facts, "studies": _finite(found)}
 
