@@ -107,12 +107,15 @@ class Timings:
         return f"The least of the rounds counts; their median is typically {self.noise:.2f} times as much."
 
 
-def _least(samples: Sequence[Seconds]) -> Seconds:
+def least_of(samples: Sequence[Seconds]) -> Seconds:
+    """Return the smallest of each."""
     return {name: min(sample[name] for sample in samples) for name in samples[0]}
 
 
 BRIEF = 4
 """Number of times that a measurement of a tenth of a second is repeated in a round."""
+LONG = 1.0
+"""Seconds of a measurement that are enough: it is not repeated within the round."""
 SIDE_DISTANCE = 5.0
 """Distance from the centre of the medium to the light of `Lab.side`, in radii of the medium."""
 WHITE = (10.0, 10.0, 10.0)
@@ -195,7 +198,7 @@ class Lab:
         for _ in range(self.sizes.rounds):
             for key, measure in measurements.items():
                 found[key].append(measure())
-        least = {key: _least(samples) for key, samples in found.items()}
+        least = {key: least_of(samples) for key, samples in found.items()}
         noise = [
             float(np.median([sample[name] for sample in samples])) / least[key][name]
             for key, samples in found.items()
@@ -206,12 +209,12 @@ class Lab:
 
     def frame_seconds(self, scene: tfm.Scene, method: str = "tfm", times: int = 1) -> Seconds:
         """Device seconds of both passes, the smallest of several measurements."""
-        samples = []
-        for _ in range(times):
+        samples: list[Seconds] = []
+        while len(samples) < times and not (samples and sum(samples[-1].values()) > LONG):
             maps = self.renderer.build_maps(scene) if method == "tfm" else []
             view = self.renderer.render(scene, maps=maps, method=method).stats.seconds["view_pass"]
             samples.append({"map": sum(built.buffers.seconds for built in maps), "view": view})
-        least = _least(samples)
+        least = least_of(samples)
         return {**least, "frame": sum(least.values())}
 
 

@@ -239,7 +239,7 @@ def osm_fig5(lab: Lab) -> Study:
             "OSM eq. 1, figure 5: Ω never falls from one map to the next (largest fall over the largest Ω, "
             f"at most {ROUNDING:g})",
             "pictures only",
-            (at_most("", max(fall, 0.0), ROUNDING),),
+            (at_most("", max(0.0, fall), ROUNDING),),
         ),
         Claim(
             "OSM section 2: each pixel stores the opacity relative to the light at its position (mean of "
@@ -430,14 +430,13 @@ def osm_plate3(lab: Lab) -> Study:
     )
     many = truths["many maps"]
     white, part = white_of(many.astype(np.float64)), lit_window(many)
-    panels = []
-    for n, image in images.items():
-        panels += [
-            (f"fur, N = {n}", image[part], white),
-            (f"N = {n}: |error| × 4", 4 * np.abs(image - many)[part], white),
-        ]
-    panels += [(what, image[part], white) for what, image in truths.items()]
-    figure = pictures([panels[:3], panels[3:]], 3.4)
+    panels = [(f"fur, N = {n}", image[part], white) for n, image in images.items()]
+    differences = [
+        (f"N = {n}: |difference| × 4 to many maps", 4 * np.abs(image - many)[part], white)
+        for n, image in images.items()
+    ]
+    seen = [(what, image[part], white) for what, image in truths.items()]
+    figure = pictures([[*panels, seen[0]], [*differences, seen[1]]], 3.4)
     return Study("OSM plate 3: fur with few and many maps", how, claims, rows, figure)
 
 
