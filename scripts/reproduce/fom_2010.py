@@ -115,8 +115,7 @@ def fom_fig1(lab: Lab) -> Study:
                 curves(plot, f"{name}: the ray with most features", exact[ray], {"FOM, n = 15": found[ray]})
     claim = Claim(
         "FOM figure 1(c): with 15 coefficients exact and reconstructed T coincide almost exactly, in spite "
-        "of "
-        f"several features (median over rays of the largest difference, at most {COINCIDES:g})",
+        f"of several features (median over rays of the largest difference, at most {COINCIDES:g})",
         "plot only",
         tuple(cases),
     )
@@ -139,7 +138,7 @@ EXACT_STEPS = 2048
 def fom_fig2(lab: Lab) -> Study:
     """Show the coefficient map, and compare it with sums over the particles."""
     base = lab.side(PARTICLES)
-    rows = [["steps", "texels", *("largest error", "RMS error"), "largest error of T behind all"]]
+    rows = [["steps", "texels", "largest error", "RMS error", "largest error of T behind all"]]
     exactly, ends = [], []
     for times in FIG2_STEPS:
         steps = times * lab.sizes.steps
@@ -191,7 +190,7 @@ def _summed_coefficients(
 
 
 def _map_figure(found: tfm.TransmittanceMap) -> Figure:
-    """Draw every number of a map as the paper's two targets would show them, and T behind all."""
+    """Draw every number of a map, and T behind all."""
     names = [f"{letter}{k}" for k in range(1, USUAL // 2 + 1) for letter in "ab"]
     numbers = dict(zip(["a0 / 2", *names], np.moveaxis(found.coefficients, -1, 0), strict=True))
     figure = Figure(figsize=(10.4, 5.6), dpi=90, layout="constrained")
@@ -513,8 +512,7 @@ def fom_fig7(lab: Lab) -> Study:
     claims = [
         Claim(
             "FOM 7.2, figure 7: an outlier has negligible effect on the reconstruction (7 coefficients, at "
-            "most "
-            f"{NEGLIGIBLE:g})",
+            f"most {NEGLIGIBLE:g})",
             "negligible",
             tuple(cases),
         ),

@@ -283,8 +283,7 @@ def tfm_fig7(lab: Lab) -> Study:
             shown_rows.append([("dual march", truth[part], white), *captioned, *difference])
     claim = Claim(
         "TFM 6.2: density weighting drastically reduces ringing in dense media (16 coefficients: error with "
-        "α = "
-        f"1 over error with α = 10, at least {DRASTIC:g})",
+        f"α = 1 over error with α = 10, at least {DRASTIC:g})",
         "pictures only",
         tuple(cases),
     )
