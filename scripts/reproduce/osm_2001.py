@@ -157,10 +157,10 @@ def osm_fig4(lab: Lab) -> Study:
         for what, colour in zip(whats, COLOURS, strict=False):
             series = [found["N", n][what] for n in counts]
             of_maps.append(_line(f"{name}, {what}", counts, series, axes[2 * i], colour))
-        several = [pixels["pixels", share] for share in SHARES]
+        several = [pixels["pixels", share] / 1000 for share in SHARES]
         series = [found["pixels", share]["view"] for share in SHARES]
         of_samples.append(_line(f"{name}, view", several, series, axes[2 * i + 1], COLOURS[1]))
-        for plot, along in zip(axes[2 * i :], ("planes N", "pixels"), strict=False):
+        for plot, along in zip(axes[2 * i :], ("planes N", "thousand pixels"), strict=False):
             plot.set_xlabel(along)
             plot.set_ylabel(f"{name}: time, × frame at N = {counts[0]}")
             plot.legend(fontsize=7)
