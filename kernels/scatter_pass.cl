@@ -6,7 +6,11 @@
 
 /* Where there are but primitives, any steps hold exactly what lies in them: those of the only light serve the camera too, of
    rays that it reaches all of. */
-#define EXACT_STEPS (TFM_GRIDS && TFM_VOXEL_GRIDS == 0 && !TFM_BODIES)
+#if TFM_GRIDS && TFM_VOXEL_GRIDS == 0 && TFM_BODIES == 0
+#define EXACT_STEPS 1
+#else
+#define EXACT_STEPS 0
+#endif
 
 /* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
                   lies along a ray is in the cache already, and lights that share its samples need no march of their

@@ -172,10 +172,13 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
 /* Adds an optical depth that lies at v. table: [OWN_DEPTH_ROWS][n], as of a march of so many steps; no fit. */
 TFM_INLINE void basis_deposit(__global const float *table, BasisState *state, Floats v, Floats depth)
 {
-  const Ints row = TO_INTS(v * (float)OWN_DEPTH_ROWS);
-  const Ints first = TFM_N_COEFF * (row < OWN_DEPTH_ROWS - 1 ? row : ints(OWN_DEPTH_ROWS - 1));
+  /* Rows stand for the middles of the steps. */
+  const Floats place = v * (float)OWN_DEPTH_ROWS - 0.5f;
+  const Ints row = TO_INTS(clamp_to(place, (float)(OWN_DEPTH_ROWS - 2)));
+  const Floats behind = depth * (place - TO_FLOATS(row)), near = depth - behind;
   for (int j = 0; j < TFM_N_COEFF; ++j)
-    state->sum[j] += depth * gather_floats(table, first + j);
+    state->sum[j] += near * gather_floats(table, TFM_N_COEFF * row + j) +
+                     behind * gather_floats(table, TFM_N_COEFF * (row + 1) + j);
 }
 #endif
 
