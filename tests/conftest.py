@@ -24,15 +24,28 @@ def pytest_addoption(parser):
     parser.addoption("--cl-device", default=None, help="part of the OpenCL device's name; default PoCL")
 
 
-SLOW_LANES = {"kernels": (), "lights": (), "bases": ("the device's lanes",)}
-"""Folder -> how many rays a work-item are left to the slow step; else one, which no CPU chooses by itself.
-Compiling takes most of the time: every basis is quick with one, device functions with both."""
+DEVICE, ONE = ("the device's lanes",), ("1 lane",)
+SLOW_LANES = {
+    "kernels": (),
+    "lights": (),
+    "bases": DEVICE,
+    "test_homogeneous": DEVICE,
+    "test_lattice": DEVICE,
+    "test_lit_stretches": DEVICE,
+    "test_maps_of_bases": DEVICE,
+    "test_points": DEVICE,
+    "test_several_volumes": DEVICE,
+    "test_solids": DEVICE,
+}
+"""Module or folder -> how many rays a work-item are left to the slow step; else one, which no CPU chooses by
+itself. Compiling takes most of the time, and less than half as much with one: where a module has many kernels
+that is quick, and modules beside it have the device's own number. Device functions are quick with both."""
 
 
 def pytest_collection_modifyitems(items):
     """Mark as slow what differs in the rays a work-item only, and all but the `quick` cases of a test."""
     for item in items:
-        slow = SLOW_LANES.get(item.path.parent.name, ("1 lane",))
+        slow = SLOW_LANES.get(item.path.stem, SLOW_LANES.get(item.path.parent.name, ONE))
         quick = item.get_closest_marker("quick")
         if any(lanes in item.name for lanes in slow) or (quick and case_of(item) not in quick.args):
             item.add_marker(pytest.mark.slow)

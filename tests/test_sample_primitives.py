@@ -234,7 +234,7 @@ def test_scenes_hold_their_bodies(name):
     assert [type(body) for body in sample_scene(name).bodies] == SCENES[name]
 
 
-@pytest.mark.quick("spirals")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_every_body_is_seen_in_its_scene(renderer, name):
     scene = sample_scene(name)

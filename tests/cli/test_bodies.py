@@ -88,6 +88,7 @@ def test_each_body_is_seen(picture, scene):
         assert np.abs(alone - whole).max() > 0.005
 
 
+@pytest.mark.slow
 def test_both_methods_agree(picture, scene):
     """In 64 texels a side: what is tested is that they show the same, not how well."""
     numbers = ("--map-res", "64", "--light-steps", "64", "--steps", "64")
@@ -139,6 +140,7 @@ def test_a_flag_of_the_medium_leaves_the_media_of_bodies(cli, scene):
     assert [volume["medium"]["phase"]["g"] for volume in table["volume"][1:]] == [-0.3, 0.4]
 
 
+@pytest.mark.slow
 def test_layers_and_statistics_of_a_mixture(cli, scene, folder, tiny):
     done = cli(
         *("render", scene(), "-o", "a.exr", "--aov", "depth,transmittance,light_transmittance,map_error"),

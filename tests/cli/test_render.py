@@ -300,6 +300,7 @@ def test_verbose_prints_every_option(render, cloud):
     assert "\n# camera.from = " in done.err
 
 
+@pytest.mark.slow
 def test_a_lattice_that_was_chosen_is_told(render, cloud):
     lights = "".join(f'[[light]]\ntype = "sun"\nfrom = [{x}, 3, 1]\nto = [0, 0, 0]\n' for x in (1, 2, 3))
     scene = cloud.with_name("suns.toml")

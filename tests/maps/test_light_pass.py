@@ -187,6 +187,7 @@ def test_auto_weighting_follows_the_optical_depth(renderer, small_scene):
     assert alpha(1000.0, sigma_s=0.01) > 16  # so that float32 holds e^{-τ/α} where it is still seen
 
 
+@pytest.mark.slow
 def test_a_weighting_that_float32_cannot_hold_is_reported(renderer, small_scene):
     scene = small_scene.replace(
         volume=small_scene.volume.with_density_scale(4000),

@@ -117,6 +117,7 @@ def test_the_residual_is_the_error_along_the_texel_s_ray(renderer):
     assert 0 < light_map.error < light_map.residual.max()
 
 
+@pytest.mark.slow
 def test_map_error_shows_the_residual(renderer):
     # Of one basis and size, so that one program serves: it is the steps of the map that err.
     coarse_scene, fine_scene = scene_with(basis="klt", steps=16), scene_with(basis="klt", steps=96)

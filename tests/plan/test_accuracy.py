@@ -155,6 +155,7 @@ def test_of_a_crop(renderer):
     assert result.image.shape == (20, 20, 4)
 
 
+@pytest.mark.slow
 def test_a_sample_of_the_pixels_is_honest(renderer, monkeypatch):
     monkeypatch.setattr(accuracy, "PIXELS", 400)
     monkeypatch.setattr(accuracy, "LEAST_PIXELS", 400)
@@ -170,6 +171,7 @@ def test_maps_are_built_for_it_and_serve(renderer):
     assert given.stats.error_estimate <= scene.map.max_error
 
 
+@pytest.mark.slow
 def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
     scene = scene_of()
     first = renderer.render(scene)

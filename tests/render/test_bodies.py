@@ -122,7 +122,7 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
 # --- against the float64 reference -------------------------------------------------------------------------
 
 
-@pytest.mark.quick("a grid in fog-tfm", "all kinds-tfm")
+@pytest.mark.quick("all kinds-tfm")
 @both_methods
 @every_mixture
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, mixture, method):
@@ -142,7 +142,7 @@ LIGHT_KINDS = {
 FROM_INFINITY = ("sun", "sky")
 
 
-@pytest.mark.quick("sun-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("light", LIGHT_KINDS)
 def test_every_kind_of_light(renderer, save_on_failure, light, method):
@@ -415,7 +415,7 @@ def halves(volume, axis, at):
     return parts
 
 
-@pytest.mark.quick("its own-1-8-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize(("axis", "at"), [(0, 5), (1, 8), (2, 1)])
 @pytest.mark.parametrize("volume", [CLOUD, CLOUD.with_medium(BROWN)], ids=["the scene's", "its own"])

@@ -29,7 +29,7 @@ def density_along(t):
     return float(np.clip((1 + voxel / 2 - abs(t)) / voxel, 0, 1))
 
 
-@pytest.mark.quick("none-projective-tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("sampling", ["projective", "world"])
 @pytest.mark.parametrize("falloff", ["none", "inverse-square"])

@@ -63,7 +63,7 @@ def precise(scene, **of_map):
 # ----------------------------------------------------------------------------------------- pictures
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_each_channel_is_that_of_the_reference(renderer, method, save_on_failure):
     scene = precise(coloured_scene(rainbow()))
@@ -265,6 +265,7 @@ def test_maps_of_another_colour_are_refused(renderer):
     renderer.render(scene.replace(volume=rescaled), maps=maps)
 
 
+@pytest.mark.slow
 def test_maps_are_not_looked_at_by_the_dual_march(renderer):
     scene = coloured_scene(rainbow())
     image = renderer.render(scene, maps=renderer.build_maps(make_scene()), method="dual").image

@@ -254,6 +254,7 @@ def test_an_arc_of_few_segments_shines_as_a_circle_does(renderer, count):
     assert np.abs(found - expected).max() < STEEPEST * beside * np.radians(step / 2) * highest
 
 
+@pytest.mark.slow
 def test_a_straight_strand_of_many_segments_shines_as_one(renderer):
     part = np.sort(np.random.default_rng(3).uniform(0, 1, 14))[:, None]
     points = np.concatenate([ENDS[:1], (1 - part) * ENDS[0] + part * ENDS[1], ENDS[1:]])
@@ -407,7 +408,8 @@ UNSHADED = 0.98
 """Of the light: what arrives where nothing is in its way, on the mean."""
 
 
-@pytest.mark.parametrize("res", [48, pytest.param(512, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("res", [48, 512])
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
 def test_strands_of_one_layer_do_not_shade_themselves(renderer, tilt, res):
     """Seen from where the light is, nothing is in its way, with texels wider and narrower than strands."""

@@ -374,6 +374,7 @@ def test_of_solids(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["misses", "swallowed", "thinner than a pixel", "intensity 0"])
 def test_from_maps_it_is_the_same_reason(renderer, name):
     scene, reason = OF_LIGHTS[name]
@@ -402,6 +403,7 @@ def test_of_black_textures(renderer, textures):
     assert told(renderer, lit_by(EnvironmentLight(texture=path, samples=2))) == black
 
 
+@pytest.mark.slow
 def test_of_a_texture_that_is_black_where_it_is_needed(renderer, textures):
     pixels = np.zeros((64, 64, 3))
     pixels[0, 0] = 255

@@ -272,6 +272,7 @@ def test_many_lights_are_the_sum_of_each(renderer, rng, volume):
     assert (together.aovs["samples"] == np.sum([result.aovs["samples"] for result in alone], axis=0)).all()
 
 
+@pytest.mark.slow
 def test_batches_do_not_show(renderer, rng, monkeypatch):
     scene = scene_of(VOLUMES["box"], random_lights(rng, 20), solids=SOLIDS, march=tfm.MarchSettings(steps=10))
     whole = renderer.render(scene)

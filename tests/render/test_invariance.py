@@ -76,7 +76,7 @@ def test_windows_follow_the_time_that_launches_take():
     assert areas[0][1] > 2 * areas[0][0]
 
 
-@pytest.mark.quick("work_group3")
+@pytest.mark.slow
 @pytest.mark.parametrize("work_group", [None, (1, 1), (4, 2), (3, 5), (16, 16)])
 def test_work_groups_do_not_show(new_renderer, renderer, small_scene, work_group):
     expected = renderer.render(small_scene)
@@ -130,14 +130,7 @@ DEGENERATE = {
 }
 
 
-@pytest.mark.quick(
-    "empty volume-tfm",
-    "a plate of one voxel-tfm",
-    "optical depth 10^25-tfm",
-    "pin-sharp cone-tfm",
-    "light and camera at one point inside-tfm",
-    "largest float density-dual",
-)
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("case", DEGENERATE)
 def test_degenerate_scenes_give_finite_pictures(renderer, case, method):

@@ -137,7 +137,7 @@ CASES = {
 }
 
 
-@pytest.mark.quick("sun, spot, point", "coloured suns in a coloured medium")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_is_as_close_as_the_plan_says(renderer, case):
     found, truth = check_close(renderer, scene_of(**CASES[case]))
@@ -379,6 +379,7 @@ def test_an_empty_grid_is_black(renderer):
     assert renderer.render(on_lattice(scene_of(volume=empty))).image.max() == 0
 
 
+@pytest.mark.slow
 def test_a_light_and_the_camera_at_a_voxel_beside_the_density(renderer):
     # A block's voxels reach beyond what has density: the light is as near as it may be, at the centre of one.
     scene = scene_of([BESIDE], LUMP, camera=CAMERA.replace(from_=BESIDE.from_, fov=80, res=(16, 16)))
@@ -451,6 +452,7 @@ def test_launches_batches_and_crops_do_not_show_in_the_error(renderer, monkeypat
     assert np.abs(difference).max() <= LIGHTS
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_same_where_its_error_is_asked_for(renderer):
     scene = on_lattice(scene_of([*WHITE, EDGE]))
     plain, asked = renderer.render(scene), renderer.render(scene, aovs=["lattice_error", "map_error"])
@@ -460,7 +462,7 @@ def test_the_picture_is_the_same_where_its_error_is_asked_for(renderer):
     assert asked.stats.samples == plain.stats.samples
 
 
-@pytest.mark.quick("solids", "dual march")
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [*OTHERS, "dual march"])
 def test_without_a_lattice_its_error_is_zero(renderer, what):
     scene, method = (scene_of([SUN]), "dual") if what == "dual march" else (OTHERS[what][0], "tfm")

@@ -290,8 +290,8 @@ MIXTURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.lanes
-@pytest.mark.quick("with a grid-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", MIXTURES)
 def test_mixtures(renderer, save_on_failure, mixture, method):
@@ -386,8 +386,8 @@ MARCHES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.lanes
-@pytest.mark.quick("in every step-dual")
 @both_methods
 @pytest.mark.parametrize("march", MARCHES)
 def test_settings_of_the_march(renderer, save_on_failure, march, method):

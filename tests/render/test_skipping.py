@@ -156,7 +156,7 @@ def test_skipping_does_not_show(renderer, gappy, sampling, method):
     assert skipped.stats.samples["view_pass"] < every.stats.samples["view_pass"]
 
 
-@pytest.mark.quick("7-camera inside-tfm", "300-light inside-dual", "300-a wide lens close by-tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("steps", [7, 300])
@@ -171,6 +171,7 @@ def test_skipping_does_not_show_from_anywhere(renderer, view, steps, method):
         check_equal(skipped, every, SKIPPING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "along", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (1, 0.6, 0), (0, 1, -0.7), (-1, 0.01, 0.4)]

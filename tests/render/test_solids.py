@@ -94,7 +94,7 @@ def check_equal(renderer, save_on_failure, scene, method):
     assert difference.max(initial=0) < 10 * MAP_PASS
 
 
-@pytest.mark.quick("several-spot-tfm", "several-spot-dual", "mesh inside-spot-tfm")
+@pytest.mark.quick("several-spot-tfm", "mesh inside-spot-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(("solids", "light"), CASES)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solids, light, method):
@@ -157,7 +157,7 @@ def test_shadow_maps_tend_to_exact_visibility(renderer, solids, filtering):
     assert errors[2] < 2e-3
 
 
-@pytest.mark.quick("spot", "sun")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", ["spot", "sun", "point"])
 def test_a_plane_that_camera_and_light_are_above_needs_no_shadow_map(renderer, light):
     scene = solid_scene("plane through", light, ambient=None, shadow=ShadowSettings(res=4))
@@ -281,7 +281,7 @@ def test_a_tilted_plane_in_clear_air_has_no_acne(renderer, light, normal):
     assert (difference <= LAMBERT * (expected[hit] + expected[hit].max() / 10)).all()
 
 
-@pytest.mark.quick("sun")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", CLEAR_LIGHTS)
 def test_shadows_on_a_plane_end_where_the_silhouette_does(renderer, light):
     light, floor = CLEAR_LIGHTS[light], np.array([0, -0.8, 0])

@@ -1082,6 +1082,7 @@ def test_real_renderer(volume, out, device_name):
     assert curves["exact"][-1] < curves["exact"][0] <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("with_report")
 def test_a_lattice_beside_the_map_looked_up_at_every_sample(volume, out, device_name):
     lines, options = [], plain(device_name, bases=("klt",), coeffs=(8,), density_weightings=["auto"])
