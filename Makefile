@@ -10,7 +10,7 @@ demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus
 	mkdir -p out
 	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
 
-test: lint  ## the tests a change must pass: five to six minutes on two cores
+test: lint  ## the tests a change must pass: five minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 test-slow: $(INSTALLED)  ## the rest: minutes

@@ -125,6 +125,7 @@ def test_rounds_end_in_time(bench, capsys):
     assert "the time is up" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_plain_c_renders_the_same(bench, renderer, tmp_path):
     volume = tfm.Volume(

@@ -249,6 +249,7 @@ def check(folder, names):
     return report
 
 
+@pytest.mark.slow
 def test_studies_of_single_rays(papers, tmp_path, device_name, capsys):
     names = ["tfm_fig8", "fom_fig1", "fom_fig6", "fom_fig8"]
     arguments = ["--quick", "--only", ",".join(names), "-o", str(tmp_path)]

@@ -68,6 +68,7 @@ def test_files_are_small(name):
 # -------------------------------------------------------------------------------------------- particles
 
 
+@pytest.mark.slow
 def test_plume_is_reproduced(modules):
     assert_same(modules["particles"].smoke_plume().arrays(), "particles")
 

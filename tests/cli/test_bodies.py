@@ -96,6 +96,7 @@ def test_both_methods_agree(picture, scene):
     assert np.abs(tfm_image - dual).mean() < 0.02 * dual.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_printed_configuration_is_the_same_picture(cli, picture, scene, folder, tiny, method):
     path = scene()

@@ -162,6 +162,7 @@ def test_half_precision_holds_any_units(renderer):
     assert 0 < expected[expected > 0].min() < 0.1
 
 
+@pytest.mark.slow
 def test_colours_reuse_a_map_that_was_fitted_for_others(renderer):
     """The fit and the range are made for one extinction; half of it still finds its shadows."""
     scene = scene_with(basis="klt", res=48, steps=48)

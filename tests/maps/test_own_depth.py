@@ -64,7 +64,7 @@ def test_fourier_numbers_are_sums_over_the_points(renderer, rng):
         assert (np.abs(light_map.coefficients[..., j] - expected) <= allowed + PASS).all(), j
 
 
-@pytest.mark.quick("slices-8")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("basis", "coeffs"),
     [

@@ -122,6 +122,7 @@ def test_what_is_given_stays(renderer, given, march):
     assert march.items() <= result.scene.march.to_dict().items()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_one_line(renderer):
     scene = scene_of(error=0.002, of_map={"res": 16, "steps": 16, "coeffs": 3})
     with pytest.raises(SceneError) as raised:
@@ -163,6 +164,7 @@ def test_a_sample_of_the_pixels_is_honest(renderer, monkeypatch):
     check(renderer, scene.replace(camera=CAMERA.replace(res=(240, 180))))
 
 
+@pytest.mark.slow
 def test_maps_are_built_for_it_and_serve(renderer):
     scene = scene_of()
     maps = renderer.build_maps(scene)

@@ -711,6 +711,7 @@ def test_maps_of_other_fields_are_refused_by_the_body_s_name(renderer, change):
     assert renderer.render(recoloured(number, medium), method="dual", maps=maps).image.max() > 0
 
 
+@pytest.mark.slow
 def test_one_medium_for_all_grids_may_take_any_colour(renderer):
     maps = renderer.build_maps(scene_of(CLOUD, OTHER, FOG))
     scene = scene_of(CLOUD, OTHER, FOG, medium=BLUE)

@@ -116,6 +116,7 @@ def test_a_constant_colour_is_another_extinction(renderer, method):
     assert difference[seen].max() <= TWICE * truth.aovs["depth"].max()
 
 
+@pytest.mark.slow
 def test_the_paper_s_weighting_belongs_to_the_coloured_density(renderer):
     scene = precise(coloured_scene(constant(0.5, 0.5, 0.5)), density_weighting=5.0)
     medium = scene.medium
@@ -272,6 +273,7 @@ def test_maps_are_not_looked_at_by_the_dual_march(renderer):
     np.testing.assert_array_equal(image, renderer.render(scene, method="dual").image)
 
 
+@pytest.mark.slow
 def test_its_channels_are_put_on_the_device_once(renderer, monkeypatch):
     built, build = [], renderers.build_bricks
 
@@ -372,6 +374,7 @@ def test_sums_and_the_scale_chosen_from_them_count_the_colour(data, rgb):
     )  # 2 digits
 
 
+@pytest.mark.slow
 def test_leaves_are_coloured_too(renderer):
     colour = rainbow()
     dense = coloured_scene(colour)
@@ -733,6 +736,7 @@ def test_print_config_and_set(folder, capsys):
     assert tomllib.loads(capsys.readouterr().out)["volume"]["colour"] == ["r", "g", "b"]
 
 
+@pytest.mark.slow
 def test_a_bare_archive_renders_in_its_colours(folder, capsys):
     tiny = ("--res", "16x9", "--method", "dual", "--steps", "8", "--light-steps", "8")
     images = []

@@ -266,6 +266,7 @@ def test_a_straight_strand_of_many_segments_shines_as_one(renderer):
     np.testing.assert_allclose(found, expected, atol=PASS * expected.max())
 
 
+@pytest.mark.slow
 def test_a_bent_strand_shines_as_the_reference_says(renderer):
     points = [[-0.6, -0.3, 0.1], [-0.3, 0.4, 0.2], [0.2, 0.3, -0.1], [0.3, -0.4, 0.0], [0.8, -0.2, 0.3]]
     strand = tfm.Curves(points, [5], 0.3, opacity=0.7, medium=FIBRES)

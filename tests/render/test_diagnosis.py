@@ -339,7 +339,7 @@ def test_of_medium_and_camera(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
 
 
-@pytest.mark.quick("intensity 0", "misses", "ends before", "thinner than a pixel", "swallowed", "too faint")
+@pytest.mark.quick("intensity 0", "misses", "ends before", "thinner than a pixel", "swallowed")
 @pytest.mark.parametrize(("scene", "reason"), OF_LIGHTS.values(), ids=OF_LIGHTS)
 def test_of_lights(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
@@ -368,7 +368,7 @@ def test_a_scene_without_lights_asks_for_more_ambient_light(renderer):
     assert told(renderer, scene).endswith("of the medium: raise ambient.radiance")
 
 
-@pytest.mark.quick("hides the medium")
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "reason"), OF_SOLIDS.values(), ids=OF_SOLIDS)
 def test_of_solids(renderer, scene, reason):
     assert_told(told(renderer, scene), reason)
@@ -425,6 +425,7 @@ def test_within_a_crop(renderer):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("volume", [VOLUME, coloured(1, 0, 0), tfm.SphereVolume()], ids=str)
 def test_a_picture_with_light_is_not_asked(renderer, monkeypatch, volume):
     monkeypatch.setattr("tfm_cl.render.diagnosis.why_black", None)

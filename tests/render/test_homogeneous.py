@@ -298,6 +298,7 @@ def test_crop_is_a_part_of_the_frame(renderer, rng):
         assert (part.aovs[name] == layer[3:41, 5:50]).all(), name
 
 
+@pytest.mark.slow
 def test_lights_with_solids_against_the_reference(renderer, rng):
     scene = scene_of(
         VOLUMES["box"], random_lights(rng, 64), solids=SOLIDS, shadow=tfm.ShadowSettings(res=1024)
@@ -344,6 +345,7 @@ def test_solids_outside_the_medium(renderer):
         assert_close(renderer.render(scene).image, expected(scene)[0], SHADOW_EDGE / 4)
 
 
+@pytest.mark.slow
 def test_small_lights_have_small_shadow_maps(renderer, monkeypatch):
     sizes = []
     shadow_maps = Visibility.shadow_maps

@@ -11,6 +11,7 @@ from tfm_cl.errors import DeviceMemoryError, SceneError
 pytestmark = pytest.mark.lanes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_crop_is_a_part_of_the_frame(renderer, small_scene, method):
     full = renderer.render(small_scene, method=method)
@@ -28,6 +29,7 @@ def test_a_crop_outside_the_frame_is_refused(renderer, small_scene, crop):
         renderer.render(small_scene, crop=crop)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_tiles_do_not_show(renderer, small_scene, method, monkeypatch):
     scene = small_scene.replace(camera=small_scene.camera.replace(res=(61, 47)))

@@ -72,6 +72,7 @@ def all_shaded(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_lights_beside_solids_need_no_shadow_maps(session, new_renderer, rng, monkeypatch):
     scene = lamps(rng, SOLIDS)
     result = session.render(scene)
@@ -84,6 +85,7 @@ def test_lights_beside_solids_need_no_shadow_maps(session, new_renderer, rng, mo
     assert np.array_equal(result.image, expected.image)
 
 
+@pytest.mark.slow
 def test_a_floor_under_camera_and_lights_shades_nothing_that_is_seen(session, rng, monkeypatch):
     scene = lamps(rng, [FLOOR])
     result = session.render(scene)
@@ -132,6 +134,7 @@ def test_only_what_has_moved_is_traced_again(session, rng, rays):
     assert made.get("shadow map", 0) < LAMPS / 10
 
 
+@pytest.mark.slow
 def test_lights_on_grids_that_meet_no_solid_trace_none(session, new_renderer, rays, monkeypatch):
     beside = SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=20, intensity=3)
     scene = make_scene(lights=[beside], solids=[BALL.replace(centre=(4, 0.6, 0.2))])

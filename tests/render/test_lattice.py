@@ -169,6 +169,7 @@ def test_lanes_do_not_show(device_name, new_renderer, renderer, lanes, case):
     assert np.abs(found - expected).max() <= tolerance * expected.max()
 
 
+@pytest.mark.slow
 def test_halving_the_voxels_quarters_the_error(renderer):
     coarse, fine = (
         scene_of([SUN], a_blob(shape, voxel_size=2.4 / shape[2]), steps=200)
@@ -322,7 +323,7 @@ OTHERS = {
 }
 
 
-@pytest.mark.quick("two media", "sharp phase function")
+@pytest.mark.slow
 @pytest.mark.parametrize("what", OTHERS)
 def test_what_no_lattice_can_hold_is_looked_up_at_every_sample(renderer, what):
     scene, why = OTHERS[what]

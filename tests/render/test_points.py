@@ -329,8 +329,8 @@ LIGHT_KINDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.lanes
-@pytest.mark.quick("sun-tfm")
 @both_methods
 @pytest.mark.parametrize("light", LIGHT_KINDS)
 def test_every_kind_of_light(renderer, save_on_failure, light, method):
@@ -440,7 +440,7 @@ EXTREMES = {
 }
 
 
-@pytest.mark.quick("tiny-tfm", "huge-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("extreme", EXTREMES)
 def test_extreme_points_make_numbers(renderer, extreme, method):

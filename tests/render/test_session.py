@@ -91,7 +91,7 @@ def session(new_renderer):
         yield renderer
 
 
-@pytest.mark.quick("camera", "albedo", "camera in endless fog", "density", "place of one of two grids")
+@pytest.mark.quick("camera", "albedo", "camera in endless fog", "density")
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_frame_makes_what_it_must(session, renderer, change):
     before, after, expected = CHANGES[change]
@@ -139,6 +139,7 @@ def test_the_first_frame_makes_everything(session):
     assert session.render(SCENE).stats.made == {"bricks": 1, "probe": 2, "map": 2}
 
 
+@pytest.mark.slow
 def test_functions_that_a_basis_learns_are_learnt_once(session, monkeypatch):
     learnt, functions_of = [], maps.functions_of
     monkeypatch.setattr(maps, "functions_of", lambda *of: learnt.append(of) or functions_of(*of))
@@ -160,6 +161,7 @@ def test_what_was_probed_before_takes_no_time(session, basis):
     assert second.plan.seconds == 0
 
 
+@pytest.mark.slow
 def test_the_host_s_time_is_what_neither_device_nor_compiler_nor_rays_take(session):
     first, steady = (session.render(BESIDE_BALL).stats.seconds for _ in range(2))
 

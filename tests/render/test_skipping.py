@@ -284,6 +284,7 @@ def brightest(scene):
     return albedo * phase * sum(float(np.max(light.intensity)) for light in scene.lights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("cutoff", [1e-4, 0.01, 0.4])
 def test_cutoff_errs_by_that_part_of_the_brightest_light(renderer, cutoff, method):

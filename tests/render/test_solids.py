@@ -577,6 +577,7 @@ def test_an_endless_ceiling_keeps_the_sun_out(renderer, method):
         assert renderer.render(scene, method=method).image[..., :3].max() == 0
 
 
+@pytest.mark.slow
 def test_the_sky_does_not_shine_through_the_ground(renderer):
     scene = make_scene(
         lights=[EnvironmentLight(intensity=1, samples=8)],

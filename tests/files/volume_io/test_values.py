@@ -220,6 +220,7 @@ def test_a_background_fills_the_box_and_is_noted(tree):
     assert Volume.load(path, offset=-0.25).notes == ()
 
 
+@pytest.mark.slow
 def test_a_renderer_hands_notes_on(tree, renderer):
     path, _ = tree(background=0.25)
     volume = Volume.load(path)
