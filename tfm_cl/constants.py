@@ -20,8 +20,8 @@ CURVE_CELLS = 64
 TABULATED_CELLS = 64
 """Cells of functions that are known by their values."""
 OWN_DEPTH_ROWS = 1024
-"""Steps of a ray's range at whose middles the functionals of a basis are tabulated for primitives that are not
-marched; in between they are interpolated."""
+"""Steps of a ray's range at whose middles the functionals of a basis are tabulated, for primitives that are
+not marched; in between they are interpolated."""
 NUMBERS_UNIT = 16
 """Coefficients of a map begin at a multiple of it in their buffer: large buffers are beyond an int."""
 SHADOW_FIRST_LEVEL = 2

@@ -226,10 +226,12 @@ def with_map(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
 def opacity_map(scene: tfm.Scene, method: str, n: int, **changes: Any) -> tfm.Scene:
     """Return the scene with a map of n numbers a texel by FOM or OSM (`METHODS`).
 
-    All studies of theirs make their maps here: one range of depths for all rays, as in both papers, unless
-    ``changes`` say otherwise.
+    All studies of theirs make their maps here: one range of depths for all rays, and primitives at their own
+    depths (FOM eq. 5, 6), as in both papers, unless ``changes`` say otherwise.
     """
-    return with_map(scene, **{"basis": METHODS[method], "coeffs": n, "range": "global", **changes})
+    as_theirs = {"basis": METHODS[method], "coeffs": n, "range": "global"}
+    deposits = {"deposits": "depth"} if scene.primitives else {}
+    return with_map(scene, **{**as_theirs, **deposits, **changes})
 
 
 def with_march(scene: tfm.Scene, **changes: Any) -> tfm.Scene:
