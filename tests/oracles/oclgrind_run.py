@@ -177,6 +177,28 @@ def _fog(shape: str) -> tfm.Scene:
     return _with_solids(scene) if shape == "box" else scene
 
 
+def _primitives(what: str, **settings) -> tfm.Scene:
+    """Some that are widened and some that are not, near the lumpy volume or alone."""
+    scene = _map(**settings)
+    centre, rng = _centre(scene), np.random.default_rng(8)
+    places = centre + rng.uniform(-3, 3, (24, 3))
+    points = tfm.Points(places, rng.uniform(0.05, 1.5, 24), 0.3, profile="gaussian")
+    strands = tfm.Curves(
+        places, [5, 3, 16], 0.2, opacity=0.9, medium=tfm.Medium(sigma_s=(1, 0.6, 0.3), phase=tfm.KajiyaKay())
+    )
+    leaves = tfm.Polygons(places, np.arange(24).reshape(-1, 3), 0.5, medium=COLD)
+    bodies = {
+        "points": points,
+        "grid and points": [scene.grids[0], points],
+        "strands and leaves in fog": [
+            strands,
+            leaves,
+            tfm.BoxVolume(from_=tuple(centre - 4), to=tuple(centre + 4), density=0.02),
+        ],
+    }
+    return scene.replace(volume=bodies[what])
+
+
 CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     **{
         f"{coeffs} coefficients": lambda r, n=coeffs: r.render(_map(coeffs=n, steps=max(n, 6))).image
@@ -234,6 +256,20 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "mixture, other lights, solids": lambda r: (
         r.render(_with_solids(_other_lights(_mixture("coloured grid in a box")))).image
     ),
+    **{
+        f"{what}, {method}": lambda r, w=what, m=method: r.render(_primitives(w), method=m).image
+        for what in ("points", "grid and points", "strands and leaves in fog")
+        for method in ("tfm", "dual")
+    },
+    "strands and leaves in fog, solids": lambda r: (
+        r.render(_with_solids(_primitives("strands and leaves in fog"))).image
+    ),
+    **{
+        f"{what} at their own depths, {basis}": lambda r, w=what, b=basis: (
+            r.render(_primitives(w, basis=b, coeffs=5, density_weighting="auto", deposits="depth")).image
+        )
+        for what, basis in (("points", "trig-moments"), ("points", "moments"), ("grid and points", "fourier"))
+    },
     "no light": lambda r: r.render(_mixture("grid in fog", lights=())).image,
     "no light, solids": lambda r: r.render(_with_solids(_mixture("two tints", lights=()))).image,
     "evaluate": _evaluate,
