@@ -4,8 +4,8 @@
 #include "view/scatter.h"
 #include "view/see.h"
 
-/* Where there are but primitives, any steps hold exactly what lies in them: those of the only light serve the camera too, of
-   rays that it reaches all of. */
+/* Where there are but primitives, any steps hold exactly what lies in them: those of the only light serve the camera too, if
+   it reaches them all. */
 #if TFM_GRIDS && TFM_VOXEL_GRIDS == 0 && TFM_BODIES == 0
 #define EXACT_STEPS 1
 #else
@@ -15,13 +15,13 @@
 /* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
                   lies along a ray is in the cache already, and lights that share its samples need no march of their
                   own; as of frame_add else
-   is_only_light  1: of the scene
+   serves_camera  1: the light is the only one, and reaches all there is
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
-                           __global float4 *light_seen, __global uint *samples, int sees_camera, int is_only_light,
+                           __global float4 *light_seen, __global uint *samples, int sees_camera, int serves_camera,
                            int4 blocks, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
@@ -40,7 +40,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   SCENE(scene, pixels.x, pixels.y);
   LightSums sums = light_sums_begin();
 #if TFM_SHARED
-  (void)is_only_light;
+  (void)serves_camera;
   const CameraSums none = camera_sums_begin(media, on_ray.meets);
 #if TFM_BODIES
   if (here.count > 0)
@@ -60,8 +60,8 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
       continue;
     before.end = view->paper_attenuation ? before.begin : lit.begin;
     const CameraSums dimmed = see_media(&scene, &on_ray, before, 1, active);
-    if (EXACT_STEPS && is_only_light)
-      is_seen = active & (lit.begin == on_ray.all.begin) & (lit.end == on_ray.all.end);
+    if (EXACT_STEPS && serves_camera)
+      is_seen = active;
     scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, any_lane(is_seen) ? &camera : 0);
   }
 #endif

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from tfm_cl.model import decided
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
 from tfm_cl.reference.fitting import lights_of, margin_of, with_numbers
-from tfm_cl.reference.geometry import FAR, Floats, Integers, Rays, intersection
+from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
 from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
@@ -28,6 +29,7 @@ from tfm_cl.reference.march import (
     scattered,
     segments,
 )
+from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
 from tfm_cl.scene.fields import fields_of
@@ -223,22 +225,17 @@ class _Seen(NamedTuple):
     """``[rays, RGB]`` of the light that a medium in the same light from everywhere sends to the camera."""
 
 
-def _marches(
-    scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: list[_Light]
-) -> Iterator[tuple[Integers, Callable[[Floats], Floats] | None]]:
-    """Yield which rays the camera marches in which steps: the product's rule.
+def _steps_of_camera(scene: Scene, matter: Matter, lights: list[_Light]) -> Callable[[Floats], Floats] | None:
+    """Return the depth in whose projective space the camera's steps are even; None: the world. The product's rule.
 
-    Where there are but primitives the steps of the only light serve, of rays that it reaches all of.
+    Where there are but primitives the steps of the only light serve, if it reaches them all.
     """
-    every = np.arange(len(rays.origins))
     alone = len(matter.primitives) == len(matter.marched) > 0 and not matter.homogeneous
     if not alone or len(lights) != 1 or scene.march.sampling != "projective":
-        yield every, None
-        return
-    begin, end = intersection(crossing.medium, lights[0].light.interval(*rays))
-    whole = (begin == crossing.medium[0]) & (end == crossing.medium[1])
-    yield every[~whole], None
-    yield every[whole], lights[0].light.projective_depth
+        return None
+    box = bounds_of(matter.primitives) + np.array([[-matter.margin], [matter.margin]])
+    corners = np.array(list(product(*box.T)))
+    return lights[0].light.projective_depth if lights[0].light.reaches(corners).all() else None
 
 
 def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: list[_Light]) -> _Seen:
@@ -248,14 +245,12 @@ def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: 
     depth += homogeneous_depth(matter, crossing, nothing, endless)
     transmittance = np.exp(-depth)
     distance, opacity, scatters = np.zeros(count), np.zeros(count), np.zeros((count, 3))
-    for which, warp in _marches(scene, matter, rays, crossing, lights):
-        part = crossing.part(which)
-        parts, through = segments(part, part.medium, steps), np.ones((len(which), 3))
-        for step in march(matter, rays.part(which), part, parts, through, warp, scene.march.max_stretch):
-            these = which[step.rays]
-            distance[these] += (step.opacity * step.mean).mean(axis=-1)
-            opacity[these] += step.opacity.mean(axis=-1)
-            scatters[these] += step.opacity * scattered(matter, step)
+    warp, parts = _steps_of_camera(scene, matter, lights), segments(crossing, crossing.medium, steps)
+    through = np.ones((count, 3))
+    for step in march(matter, rays, crossing, parts, through, warp, scene.march.max_stretch):
+        distance[step.rays] += (step.opacity * step.mean).mean(axis=-1)
+        opacity[step.rays] += step.opacity.mean(axis=-1)
+        scatters[step.rays] += step.opacity * scattered(matter, step)
     albedo = matter.albedo
     if (albedo == albedo[0]).all():  # eq. 7
         scatters = albedo[0] * -np.expm1(-depth)

@@ -179,6 +179,8 @@ class Frame:
         """Look lights up at every sample of the camera's rays."""
         launcher, media, view, frame = self.launcher, self.media, work.view, work.frame
         samples = decided(self.scene.march.steps) * work.light_steps
+        all_lights = self.scene.lights
+        serves_camera = len(all_lights) == 1 and all_lights[0].reaches_all_of(self._bounds())
         for variant, members in work.batches.groups(lights):
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
@@ -194,7 +196,7 @@ class Frame:
                     frame,
                     done,
                     sees_camera=not work.camera_is_seen,
-                    is_only_light=len(self.scene.lights) == 1,
+                    serves_camera=serves_camera,
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
@@ -245,10 +247,14 @@ class Frame:
             self.launcher, self.media, work.met, work.view, self.crop, steps, frame, has_solids=has_solids
         )
 
+    def _bounds(self) -> NDArray[np.float64]:
+        """World box [2, 3] around all that has density, as far as it is widened."""
+        scene = self.scene
+        return grown(scene.occupied_bounds, max(light_margin(scene), camera_margin(scene)))
+
     def _touched(self, gbuffer: GBuffer | None) -> NDArray[np.int64]:
         """Pixels of the crop that each light may change, [lights, 4]."""
-        scene, crop = self.scene, self.crop
-        bounds = grown(scene.occupied_bounds, max(light_margin(scene), camera_margin(scene)))
+        scene, crop, bounds = self.scene, self.crop, self._bounds()
         if gbuffer is not None and len(gbuffer.points):
             points = gbuffer.points
             bounds = around([bounds, np.stack([points.min(axis=0), points.max(axis=0)])])

@@ -31,7 +31,7 @@ def scatter(
     done: Callable[[float], None],
     *,
     sees_camera: bool = False,
-    is_only_light: bool = False,
+    serves_camera: bool = False,
 ) -> float:
     """Add the single scattering of some lights of one kind; returns device seconds.
 
@@ -46,8 +46,8 @@ def scatter(
     sees_camera
         Fill in what the camera pass does from the same samples: of the first batch, where its lights share
         them.
-    is_only_light
-        Of the scene: its samples serve the camera where they are as good.
+    serves_camera
+        The light is the only one, and reaches all there is: its samples do where they are as good.
     """
     headers, defines = scatter_variant(batch, media)
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
@@ -55,7 +55,7 @@ def scatter(
         kernel,
         batch.window,
         samples * batch.most_in_a_block + met.longest,
-        {"view": view, "sees_camera": int(sees_camera), "is_only_light": int(is_only_light)}
+        {"view": view, "sees_camera": int(sees_camera), "serves_camera": int(serves_camera)}
         | met.arguments
         | batch.arguments
         | batch.blocks

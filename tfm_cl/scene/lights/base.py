@@ -12,6 +12,7 @@ from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import RGB, Model, number_or_none
 from tfm_cl.scene.lights.texels import look_up
+from tfm_cl.scene.transform import corners_of
 
 Floats = NDArray[np.float64]
 
@@ -128,6 +129,13 @@ class Light(Model):
     def reaches(self, points: Floats) -> NDArray[np.bool_]:
         """Whether the light could reach points [points, 3] if nothing were in its way."""
         return np.ones(len(points), dtype=bool)
+
+    def reaches_all_of(self, box: Floats) -> bool:
+        """Whether it reaches every point of a world box [2, 3], as far as `reaches` tells.
+
+        What a light reaches is convex: a cone, a ball, or everything.
+        """
+        return bool(self.reaches(corners_of(box)).all())
 
     def interval(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Part of rays (origins, directions [rays, 3]) that the light can reach: begin ≥ 0 and end, [rays].
