@@ -226,9 +226,10 @@ class _Seen(NamedTuple):
 
 
 def _steps_of_camera(scene: Scene, matter: Matter, lights: list[_Light]) -> Callable[[Floats], Floats] | None:
-    """Return the depth in whose projective space the camera's steps are even; None: the world. The product's rule.
+    """Return the depth in whose projective space the camera's steps are even, or None: in the world.
 
-    Where there are but primitives the steps of the only light serve, if it reaches them all.
+    The product's rule: where there are but primitives, the steps of the only light serve if it reaches them
+    all.
     """
     alone = len(matter.primitives) == len(matter.marched) > 0 and not matter.homogeneous
     if not alone or len(lights) != 1 or scene.march.sampling != "projective":
