@@ -15,7 +15,7 @@
 /* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
                   lies along a ray is in the cache already, and lights that share its samples need no march of their
                   own; as of frame_add else
-   serves_camera  1: the light is the only one, and reaches all there is
+   serves_camera  1: there are but primitives and one light, which reaches them all
    solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,

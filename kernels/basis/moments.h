@@ -142,11 +142,6 @@ TFM_INLINE Floats weight_at(const Hankel *h, Floats x)
   return 1.0f / sum;
 }
 
-TFM_INLINE Floats root_of(Floats x)
-{
-  return x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
-}
-
 /* x / y with y kept away from 0; the result is clamped to +-FAR_AWAY. */
 TFM_INLINE Floats quotient(Floats x, Floats y)
 {

@@ -217,11 +217,6 @@ TFM_INLINE Floats weight_at(const Toeplitz *h, Floats t)
   return 0.5f * square / squares_of(h, p);
 }
 
-TFM_INLINE Floats root_of(Floats x)
-{
-  return x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
-}
-
 /* x / y with y kept away from 0. */
 TFM_INLINE Floats quotient(Floats x, Floats y)
 {

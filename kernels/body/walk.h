@@ -244,24 +244,21 @@ TFM_INLINE void deposit_primitives(const Lists *lists, const Walk *walk, Ints ac
       deposits->tangents[i][k] = floats(0.0f);
 #endif
   const Floats begins = deposits->edge[0], ends = deposits->edge[end - first];
-  Ints left = active & (lists->bin >= 0) & (walk->steps > first), here;
-  for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
-    Near near;
-    near_begin(lists, bin, &near);
-    while (find_near(lists, walk->ray.world, begins, ends, here, &near)) {
-      int low[MOST_NEAR], high[MOST_NEAR];
-      for (int k = 0; k < near.count; ++k) {
-        const Crossing *crossing = &near.crossing[k];
-        const Floats enters = crossing->t - crossing->reach, leaves = crossing->t + crossing->reach;
-        const Ints crosses = near.crosses[k] & (leaves > begins) & (enters < ends);
-        near.crosses[k] = crosses;
-        low[k] = least_int(crosses ? step_with(walk, enters, -AT_BORDER) : ints(end - 1));
-        high[k] = -least_int(crosses ? -step_with(walk, leaves, AT_BORDER) : ints(-first));
-      }
-      for (int k = 0; k < near.count; ++k)
-        deposit(lists->primitives + near.number[k], &near.crossing[k], near.crosses[k], low[k] > first ? low[k] : first,
-                high[k] < end - 1 ? high[k] : end - 1, deposits);
+  Near near;
+  near_begin(lists, active & (walk->steps > first), &near);
+  while (find_near(lists, walk->ray.world, begins, ends, &near)) {
+    int low[MOST_NEAR], high[MOST_NEAR];
+    for (int k = 0; k < near.count; ++k) {
+      const Crossing *crossing = &near.crossing[k];
+      const Floats enters = crossing->t - crossing->reach, leaves = crossing->t + crossing->reach;
+      const Ints crosses = near.crosses[k] & (leaves > begins) & (enters < ends);
+      near.crosses[k] = crosses;
+      low[k] = least_int(crosses ? step_with(walk, enters, -AT_BORDER) : ints(end - 1));
+      high[k] = -least_int(crosses ? -step_with(walk, leaves, AT_BORDER) : ints(-first));
     }
+    for (int k = 0; k < near.count; ++k)
+      deposit(lists->primitives + near.number[k], &near.crossing[k], near.crosses[k], low[k] > first ? low[k] : first,
+              high[k] < end - 1 ? high[k] : end - 1, deposits);
   }
 }
 
@@ -282,22 +279,17 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
   ray.direction = scale3(inverse, ray.direction);
   begin *= length;
   end *= length;
-  Ints left = active & (lists->bin >= 0), here;
-  for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
-    Near near;
-    near_begin(lists, bin, &near);
-    while (find_near(lists, ray, begin, end, here, &near))
-      for (int k = 0; k < near.count; ++k) {
-        PRIMITIVE primitive = lists->primitives + near.number[k];
-        const Crossing *crossing = &near.crossing[k];
-        const Floats between =
-            TFM_PRIMITIVE_PART(primitive, crossing, end) - TFM_PRIMITIVE_PART(primitive, crossing, begin);
-        const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
-        for (int c = 0; c < TFM_AMOUNTS; ++c)
-          amounts->of[medium][c] +=
-              near.crosses[k] ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
-      }
-  }
+  Near near;
+  near_begin(lists, active, &near);
+  while (find_near(lists, ray, begin, end, &near))
+    for (int k = 0; k < near.count; ++k) {
+      PRIMITIVE primitive = lists->primitives + near.number[k];
+      const Crossing *crossing = &near.crossing[k];
+      const Floats between = TFM_PRIMITIVE_PART(primitive, crossing, end) - TFM_PRIMITIVE_PART(primitive, crossing, begin);
+      const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+      for (int c = 0; c < TFM_AMOUNTS; ++c)
+        amounts->of[medium][c] += near.crosses[k] ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
+    }
 }
 #define IS_MARKED(steps, n) is_marked(&(steps)->deposits, n)
 #else

@@ -108,4 +108,10 @@ TFM_INLINE Floats reciprocal_sqrt(Floats x)
   return y * (1.5f - 0.5f * x * y * y);
 }
 
+/* Square root; below 0 it is any number below 0. */
+TFM_INLINE Floats root_of(Floats x)
+{
+  return x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
+}
+
 #endif

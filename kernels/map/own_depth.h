@@ -15,27 +15,25 @@ TFM_INLINE Ints add_at_own_depth(const Lists *lists, Ray ray, Interval part, Flo
 {
   const Floats inverse = inverse_of(part.end - part.begin), end = least(part.end, lit);
   Floats optical_depth = floats(0.0f);
-  Ints count = ints(0), left = active & (lists->bin >= 0), here;
-  for (int bin = next_bin(lists, &left, &here); bin >= 0; bin = next_bin(lists, &left, &here)) {
-    Near near;
-    near_begin(lists, bin, &near);
-    while (find_near(lists, ray, part.begin, end, here, &near))
-      for (int k = 0; k < near.count; ++k) {
-        PRIMITIVE primitive = lists->primitives + near.number[k];
-        const Crossing *crossing = &near.crossing[k];
-        const Floats t = crossing->t, reach = crossing->reach;
-        const Ints crosses = near.crosses[k] & (t >= part.begin) & (t < end);
-        /* The other half is as much. */
-        const Floats held = 2.0f * primitive->amount[0] * TFM_PRIMITIVE_PART(primitive, crossing, t + 2.0f * reach);
-        const Floats depth = crosses ? least(held, TFM_MAX_OPTICAL_DEPTH - optical_depth) : floats(0.0f);
-        optical_depth += depth;
-        basis_deposit(table, state, crosses ? (t - part.begin) * inverse : floats(0.0f), depth);
-        const Ints adds = depth > 0.0f;
-        count += adds ? ints(1) : ints(0);
-        occupied->begin = adds ? least(occupied->begin, t - reach) : occupied->begin;
-        occupied->end = adds ? greatest(occupied->end, t + reach) : occupied->end;
-      }
-  }
+  Ints count = ints(0);
+  Near near;
+  near_begin(lists, active, &near);
+  while (find_near(lists, ray, part.begin, end, &near))
+    for (int k = 0; k < near.count; ++k) {
+      PRIMITIVE primitive = lists->primitives + near.number[k];
+      const Crossing *crossing = &near.crossing[k];
+      const Floats t = crossing->t, reach = crossing->reach;
+      const Ints crosses = near.crosses[k] & (t >= part.begin) & (t < end);
+      /* The other half is as much. */
+      const Floats held = 2.0f * primitive->amount[0] * TFM_PRIMITIVE_PART(primitive, crossing, t + 2.0f * reach);
+      const Floats depth = crosses ? least(held, TFM_MAX_OPTICAL_DEPTH - optical_depth) : floats(0.0f);
+      optical_depth += depth;
+      basis_deposit(table, state, crosses ? (t - part.begin) * inverse : floats(0.0f), depth);
+      const Ints adds = depth > 0.0f;
+      count += adds ? ints(1) : ints(0);
+      occupied->begin = adds ? least(occupied->begin, t - reach) : occupied->begin;
+      occupied->end = adds ? greatest(occupied->end, t + reach) : occupied->end;
+    }
   return count;
 }
 

@@ -42,7 +42,7 @@ TFM_INLINE Floats along_tangents(const Floats *m, Vec3 a, Vec3 b)
 TFM_INLINE Floats sine_of_square(Floats cosine_square)
 {
   const Floats square = greatest(1.0f - cosine_square, floats(0.0f));
-  return square * reciprocal_sqrt(greatest(square, floats(FLT_MIN)));
+  return root_of(square);
 }
 
 /* sums: of weighted tangents, any weight. travel: of the light. to_camera: direction. */

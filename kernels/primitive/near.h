@@ -1,4 +1,4 @@
-/* Members of a list that rays cross, a few at a time, in three loops: which of them rays come near, how they cross these,
+/* The primitives that rays cross, a few at a time, in three loops: which of them rays come near, how they cross these,
    and what follows from that. Processors seldom guess right which are near: the first loop only counts them, so that the
    second is straight, and a CPU works on several crossings at once.
    Includes expected before: the headers of the primitives' kinds. Requires: TFM_PRIMITIVE_CROSSING(primitive, ball,
@@ -16,17 +16,20 @@
 #endif
 
 typedef struct {
-  int next, end; /* of the members still to be looked at */
+  Ints left, here; /* lanes whose bins are still to come; those of the bin that is looked through */
+  int next, end;   /* members of that, still to be looked at */
   int count;
   int number[MOST_NEAR]; /* of the primitive */
   Crossing crossing[MOST_NEAR];
   Ints crosses[MOST_NEAR]; /* the lanes whose ray does */
 } Near;
 
-TFM_INLINE void near_begin(const Lists *lists, int bin, Near *near)
+/* Starts to look through the lists of some lanes. */
+TFM_INLINE void near_begin(const Lists *lists, Ints active, Near *near)
 {
-  near->next = lists->starts[bin];
-  near->end = lists->starts[bin + 1];
+  near->left = active & (lists->bin >= 0);
+  near->here = ints(0);
+  near->next = near->end = 0;
 }
 
 /* Whether the rays of some lanes, of unit directions, cross a ball between two ray parameters. */
@@ -39,26 +42,36 @@ TFM_INLINE int comes_near(float4 ball, Ray ray, Floats begin, Floats end, Ints h
   return any_lane(here & (dot3(beside, beside) < reach * reach) & (t + reach > begin) & (t - reach < end));
 }
 
-/* The next ones that some lanes' rays cross; the result is their number, 0 after the last. */
-TFM_INLINE int find_near(const Lists *lists, Ray ray, Floats begin, Floats end, Ints here, Near *near)
+/* Finds the next ones, of the lanes in `here`; the result is their number, 0 after the last.
+   ray         of a unit direction
+   begin, end  ray parameters between which they lie */
+TFM_INLINE int find_near(const Lists *lists, Ray ray, Floats begin, Floats end, Near *near)
 {
-  int count = 0, member = near->next;
-  while (count == 0 && member < near->end) {
+  int count = 0;
+  while (count == 0) {
+    if (near->next == near->end) {
+      const int bin = next_bin(lists, &near->left, &near->here);
+      if (bin < 0)
+        break;
+      near->next = lists->starts[bin];
+      near->end = lists->starts[bin + 1];
+    }
+    const int until = near->next + MOST_NEAR < near->end ? near->next + MOST_NEAR : near->end;
     int found = 0;
-    for (const int until = member + MOST_NEAR < near->end ? member + MOST_NEAR : near->end; member < until; ++member) {
+    for (int member = near->next; member < until; ++member) {
       near->number[found] = lists->members[member];
-      found += comes_near(lists->balls[near->number[found]], ray, begin, end, here);
+      found += comes_near(lists->balls[near->number[found]], ray, begin, end, near->here);
     }
     for (int k = 0; k < found; ++k) {
       const int number = near->number[k];
-      const Ints crosses = here & TFM_PRIMITIVE_CROSSING(lists->primitives + number, lists->balls[number], ray,
-                                                         &near->crossing[count]);
+      const Ints crosses = near->here & TFM_PRIMITIVE_CROSSING(lists->primitives + number, lists->balls[number], ray,
+                                                               &near->crossing[count]);
       near->number[count] = number;
       near->crosses[count] = crosses;
       count += any_lane(crosses);
     }
+    near->next = until;
   }
-  near->next = member;
   near->count = count;
   return count;
 }

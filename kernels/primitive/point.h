@@ -31,7 +31,7 @@ TFM_INLINE Ints point_crossing(PRIMITIVE point, float4 ball, Ray ray, Crossing *
   const Vec3 beside = vec3(to_centre.x - crossing->t * ray.direction.x, to_centre.y - crossing->t * ray.direction.y,
                            to_centre.z - crossing->t * ray.direction.z);
   crossing->x = 1.0f - point->shape[0] * dot3(beside, beside);
-  crossing->root = crossing->x * reciprocal_sqrt(greatest(crossing->x, floats(FLT_MIN)));
+  crossing->root = root_of(crossing->x);
   crossing->inverse = floats(point->shape[2]);
   crossing->reach = crossing->root * point->shape[1];
   crossing->weight = point->profile == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);

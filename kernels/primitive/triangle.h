@@ -30,7 +30,7 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, float4 ball, Ray ray, Cros
     const float inverse = 1.0f / (ball.w * ball.w);
     const Floats x = 1.0f - inverse * dot3(beside, beside);
     crosses = x > 0.0f;
-    const Floats root = x * reciprocal_sqrt(greatest(x, floats(FLT_MIN)));
+    const Floats root = root_of(x);
     covered = (0.5f * PEAK_DISC) * inverse * magnitude_of(facing) * x * x * x * root;
   } else {
     /* Moeller, Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", JGT 1997. */

@@ -1,15 +1,16 @@
 """Names of files: from what a user wrote to a path, what can be read, and writing whole or not at all."""
 
 import contextlib
+import importlib
 import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tfm_cl.errors import InputError
+from tfm_cl.errors import InputError, VolumeError
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 """What would break a message's line, or be obeyed by a terminal."""
@@ -79,6 +80,41 @@ def check_readable(path: Path, error: type[InputError] = InputError) -> int:
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "a pipe or device"
         raise error(f"{path}: is not a file but {kind}")
     return status.st_size
+
+
+def read_by_extension(
+    path: Path, package: str, formats: Mapping[str, str], kind: str, function: str = "read"
+) -> Any:
+    """Return what a function of the module that knows the file's format makes of it; imports that module.
+
+    Parameters
+    ----------
+    path
+        The file.
+    package
+        That the modules belong to.
+    formats
+        Names of modules by file extension.
+    kind
+        Of format, for messages.
+    function
+        Of the module; it takes the path.
+
+    Raises
+    ------
+    VolumeError
+        The file is missing, cannot be read or is of unknown type; and what the function raises.
+    """
+    module_name = formats.get(path.suffix.lower())
+    if module_name is None:
+        known = " ".join(sorted(formats))
+        raise VolumeError(f"{path}: not a known {kind} '{path.suffix}'; known: {known}")
+    check_readable(path, VolumeError)
+    module = importlib.import_module(f"{package}.{module_name}")
+    try:
+        return getattr(module, function)(path)
+    except OSError as error:
+        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def is_file(path: Path) -> bool:

@@ -133,7 +133,7 @@ def plan(
             "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "
             "the scene has none; leave it out"
         )
-    if has_maps and _covers(scene):
+    if has_maps and _wants_transmittance(scene):
         scene = scene.replace(map=scene.map.replace(target="transmittance"))
         decisions["map.target"] = Decision(
             "transmittance",
@@ -162,7 +162,7 @@ def plan(
     return Plan(decided, resolved, decisions)
 
 
-def _covers(scene: Scene) -> bool:
+def _wants_transmittance(scene: Scene) -> bool:
     """Tell whether the best basis is to interpolate the transmittance between texels.
 
     It does as well with the optical depth in smooth media only: halfway between clear and opaque, half of an

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from tfm_cl.device.margins import grown
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import grain_of
@@ -234,9 +234,8 @@ def _steps_of_camera(scene: Scene, matter: Matter, lights: list[_Light]) -> Call
     alone = len(matter.primitives) == len(matter.marched) > 0 and not matter.homogeneous
     if not alone or len(lights) != 1 or scene.march.sampling != "projective":
         return None
-    box = bounds_of(matter.primitives) + np.array([[-matter.margin], [matter.margin]])
-    corners = np.array(list(product(*box.T)))
-    return lights[0].light.projective_depth if lights[0].light.reaches(corners).all() else None
+    light, box = lights[0].light, grown(bounds_of(matter.primitives), matter.margin)
+    return light.projective_depth if light.reaches_all_of(box) else None
 
 
 def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: list[_Light]) -> _Seen:

@@ -179,8 +179,7 @@ class Frame:
         """Look lights up at every sample of the camera's rays."""
         launcher, media, view, frame = self.launcher, self.media, work.view, work.frame
         samples = decided(self.scene.march.steps) * work.light_steps
-        all_lights = self.scene.lights
-        serves_camera = len(all_lights) == 1 and all_lights[0].reaches_all_of(self._bounds())
+        serves_camera = self._one_light_reaches_all()
         for variant, members in work.batches.groups(lights):
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
@@ -246,6 +245,15 @@ class Frame:
         return see(
             self.launcher, self.media, work.met, work.view, self.crop, steps, frame, has_solids=has_solids
         )
+
+    def _one_light_reaches_all(self) -> bool:
+        """Tell whether there are but primitives and one light, which reaches them all.
+
+        Steps then hold exactly what lies in them, whichever they are.
+        """
+        scene = self.scene
+        is_alone = len(scene.lights) == 1 and len(scene.primitives) == len(scene.bodies)
+        return is_alone and scene.lights[0].reaches_all_of(self._bounds())
 
     def _bounds(self) -> NDArray[np.float64]:
         """World box [2, 3] around all that has density, as far as it is widened."""

@@ -47,7 +47,7 @@ def scatter(
         Fill in what the camera pass does from the same samples: of the first batch, where its lights share
         them.
     serves_camera
-        The light is the only one, and reaches all there is: its samples do where they are as good.
+        There are but primitives and this light, which reaches them all: its samples do as well.
     """
     headers, defines = scatter_variant(batch, media)
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)

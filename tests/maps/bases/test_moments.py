@@ -1,4 +1,4 @@
-"""Moment-based transparency: the moments, Hamburger's problem, and what its answer promises."""
+"""Moment-based transparency: power moments, Hamburger's problem, and what both kinds of moments promise."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,9 @@ from tolerances import FLOAT32, PASS
 from tfm_cl.maps.bases.base import middles
 
 pytestmark = pytest.mark.lanes
+
+KINDS = [("moments", 5), ("moments", 7), *(("trig-moments", coeffs) for coeffs in (5, 7, 9))]
+both_kinds = pytest.mark.parametrize(("basis", "coeffs"), KINDS)
 
 SHARE = 0.4
 BIAS = {4: 5e-7, 6: 5e-6}
@@ -83,9 +86,9 @@ def test_device_solves_hamburger_s_problem(renderer, coeffs):
     assert solved[..., 1].mean() < 0.6
 
 
-@pytest.mark.parametrize("coeffs", [5, 7])
-def test_rises_with_depth_within_its_bounds(renderer, coeffs):
-    scene = scene_of(slabs(9), basis="moments", coeffs=coeffs)
+@both_kinds
+def test_rises_with_depth_within_its_bounds(renderer, basis, coeffs):
+    scene = scene_of(slabs(9), basis=basis, coeffs=coeffs)
     rays, v = light_rays(scene), np.linspace(0, 1, 120)[1:-1]
 
     found = transmittance(renderer.build_maps(scene)[0], rays, v)
@@ -96,11 +99,13 @@ def test_rises_with_depth_within_its_bounds(renderer, coeffs):
     assert (found >= total - PASS).all()
 
 
-def test_few_layers_are_told_apart(renderer):
-    # Two thin sheets are two nodes: four moments know them, but for their thickness.
+@pytest.mark.parametrize(("basis", "coeffs"), [kind for kind in KINDS if kind != ("moments", 7)])
+def test_few_layers_are_told_apart(renderer, basis, coeffs):
+    # Two thin sheets are two nodes: four power moments know them, or two trigonometric ones, but for their
+    # thickness.
     density = np.zeros((64, 9, 9), np.float32)
     density[14], density[44] = 20, 40
-    scene = scene_of(density, basis="moments", coeffs=5, steps=64)
+    scene = scene_of(density, basis=basis, coeffs=coeffs, steps=64)
     rays = light_rays(scene)
     depths = rays.depths(scene.volume, 64)
     v = np.array([0.02, 0.15, 0.5, 0.85, 0.98])
@@ -111,13 +116,13 @@ def test_few_layers_are_told_apart(renderer):
     assert np.ptp(exact(depths, v), axis=1).min() > 0.5
 
 
-@pytest.mark.parametrize("coeffs", [5, 7])
+@both_kinds
 @pytest.mark.parametrize("storage", ["f32", "f16", "u8"])
-def test_whatever_the_density_it_is_a_number(renderer, coeffs, storage):
+def test_whatever_the_density_it_is_a_number(renderer, basis, coeffs, storage):
     # A sheet, one column, next to nothing, and a great deal.
     density = np.zeros((16, 9, 9), np.float32)
     density[7, :4], density[:, 6, 6], density[3, 4:, :3], density[12:, 5:, :5] = 1e-3, 5, 1e-30, 1e6
-    scene = scene_of(density, basis="moments", coeffs=coeffs, storage=storage)
+    scene = scene_of(density, basis=basis, coeffs=coeffs, storage=storage)
     rays = light_rays(scene)
 
     found = transmittance(renderer.build_maps(scene)[0], rays, np.linspace(0, 1, STEPS + 2)[1:-1])
@@ -127,10 +132,11 @@ def test_whatever_the_density_it_is_a_number(renderer, coeffs, storage):
     assert found.max() <= 1
 
 
-def test_no_density_is_clear(renderer):
+@pytest.mark.parametrize(("basis", "coeffs"), [("moments", 7), ("trig-moments", 9)])
+def test_no_density_is_clear(renderer, basis, coeffs):
     density = np.zeros((16, 9, 9), np.float32)
     density[:, :3] = density[:, :, :2] = 1
-    scene = scene_of(density, basis="moments", coeffs=7)
+    scene = scene_of(density, basis=basis, coeffs=coeffs)
     rays = light_rays(scene)
     clear = rays.depths(scene.volume).sum(axis=1) == 0
 

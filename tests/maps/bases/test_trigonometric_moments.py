@@ -1,10 +1,9 @@
-"""Moment-based transparency with trigonometric moments: Carathéodory's problem on the circle, and its
-promises."""
+"""Trigonometric moments: Carathéodory's problem on the circle. What they promise is in `test_moments`."""
 
 import numpy as np
 import pytest
-from light_rays import STEPS, exact, light_rays, scene_of, slabs, stored, transmittance
-from tolerances import FLOAT32, PASS
+from light_rays import exact, light_rays, scene_of, slabs, stored, transmittance
+from tolerances import PASS
 
 pytestmark = pytest.mark.lanes
 
@@ -105,62 +104,3 @@ def test_device_solves_caratheodory_s_problem(renderer, coeffs):
     assert expected.min() < 0.1
     assert own.mean() < 0.5
     assert sum(within for _, within in each) > 0  # of the nodes that count in part
-
-
-@pytest.mark.parametrize("coeffs", COUNTS)
-def test_rises_with_depth_within_its_bounds(renderer, coeffs):
-    scene = scene_of(slabs(9), basis="trig-moments", coeffs=coeffs)
-    rays, v = light_rays(scene), np.linspace(0, 1, 120)[1:-1]
-
-    found = transmittance(renderer.build_maps(scene)[0], rays, v)
-
-    total = exact(rays.depths(scene.volume), np.array([1.0]))
-    assert (np.diff(found, axis=1) <= PASS).all()
-    assert found.max() <= 1
-    assert (found >= total - PASS).all()
-
-
-@pytest.mark.parametrize("coeffs", COUNTS)
-def test_few_layers_are_told_apart(renderer, coeffs):
-    # Two thin sheets are two nodes: two moments know them, but for their thickness.
-    density = np.zeros((64, 9, 9), np.float32)
-    density[14], density[44] = 20, 40
-    scene = scene_of(density, basis="trig-moments", coeffs=coeffs, steps=64)
-    rays = light_rays(scene)
-    depths = rays.depths(scene.volume, 64)
-    v = np.array([0.02, 0.15, 0.5, 0.85, 0.98])
-
-    found = transmittance(renderer.build_maps(scene)[0], rays, v)
-
-    assert np.abs(found - exact(depths, v)).max() < 5e-3
-    assert np.ptp(exact(depths, v), axis=1).min() > 0.5
-
-
-@pytest.mark.parametrize("coeffs", COUNTS)
-@pytest.mark.parametrize("storage", ["f32", "f16", "u8"])
-def test_whatever_the_density_it_is_a_number(renderer, coeffs, storage):
-    # A sheet, one column, next to nothing, and a great deal.
-    density = np.zeros((16, 9, 9), np.float32)
-    density[7, :4], density[:, 6, 6], density[3, 4:, :3], density[12:, 5:, :5] = 1e-3, 5, 1e-30, 1e6
-    scene = scene_of(density, basis="trig-moments", coeffs=coeffs, storage=storage)
-    rays = light_rays(scene)
-
-    found = transmittance(renderer.build_maps(scene)[0], rays, np.linspace(0, 1, STEPS + 2)[1:-1])
-
-    assert np.isfinite(found).all()
-    assert found.min() >= 0
-    assert found.max() <= 1
-
-
-def test_no_density_is_clear(renderer):
-    density = np.zeros((16, 9, 9), np.float32)
-    density[:, :3] = density[:, :, :2] = 1
-    scene = scene_of(density, basis="trig-moments", coeffs=9)
-    rays = light_rays(scene)
-    clear = rays.depths(scene.volume).sum(axis=1) == 0
-
-    found = transmittance(renderer.build_maps(scene)[0], rays, [0.1, 0.5, 0.9])
-
-    assert clear.any()
-    # A centre's place, rounded, leaves a trace of the neighbours.
-    assert found[clear] == pytest.approx(1, abs=4 * FLOAT32)

@@ -6,8 +6,9 @@ To add a format, write a module with ``read(path)`` that returns
 
 from pathlib import Path
 
+from tfm_cl.errors import VolumeError
 from tfm_cl.files.curves_io.stored import StoredCurves
-from tfm_cl.files.formats import read_stored
+from tfm_cl.files.paths import read_by_extension
 
 FORMATS: dict[str, str] = {
     ".hair": "hair",
@@ -27,5 +28,7 @@ def read_curves(path: Path) -> StoredCurves:
     VolumeError
         The file is missing, damaged, too large or of unknown type, or has no curves.
     """
-    curves: StoredCurves = read_stored(path, __name__, FORMATS, "curves")
+    curves: StoredCurves = read_by_extension(path, __name__, FORMATS, "format of curves")
+    if not len(curves.counts):
+        raise VolumeError(f"{path}: holds no curves")
     return curves

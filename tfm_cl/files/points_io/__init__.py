@@ -7,7 +7,7 @@ To add a format, write a module with ``read(path)`` that returns
 from pathlib import Path
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.formats import read_stored
+from tfm_cl.files.paths import read_by_extension
 from tfm_cl.files.points_io.stored import StoredPoints
 
 FORMATS: dict[str, str] = {
@@ -32,7 +32,9 @@ def read_points(path: Path) -> StoredPoints:
     VolumeError
         The file is missing, damaged, too large or of unknown type, or has no points.
     """
-    points: StoredPoints = read_stored(path, __name__, FORMATS, "points")
+    points: StoredPoints = read_by_extension(path, __name__, FORMATS, "format of points")
+    if not len(points.positions):
+        raise VolumeError(f"{path}: holds no points")
     return points
 
 

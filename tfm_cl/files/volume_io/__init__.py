@@ -4,7 +4,6 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 `tfm_cl.files.volume_io.grid.VolumeFormat`) and add it to ``FORMATS``.
 """
 
-import importlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.paths import check_readable
-from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, VolumeFormat, shown, shown_names
+from tfm_cl.files.paths import read_by_extension
+from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, shown, shown_names
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
 
@@ -52,17 +51,7 @@ def open_grids(path: Path) -> list[Grid]:
     VolumeError
         The file is missing, damaged or of unknown type.
     """
-    module_name = FORMATS.get(path.suffix.lower())
-    if module_name is None:
-        raise VolumeError(
-            f"{path}: not a known volume format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
-        )
-    check_readable(path, VolumeError)
-    module: VolumeFormat = importlib.import_module(f"{__name__}.{module_name}")
-    try:
-        grids = module.open_grids(path)
-    except OSError as error:
-        raise VolumeError(f"{path}: cannot be read ({error.strerror or error})") from error
+    grids: list[Grid] = read_by_extension(path, __name__, FORMATS, "volume format", "open_grids")
     if not grids:
         raise VolumeError(f"{path}: holds no grid")
     return grids
