@@ -27,8 +27,9 @@ def pytest_addoption(parser):
 DEVICE, ONE = ("the device's lanes",), ("1 lane",)
 SLOW_LANES = {
     "kernels": (),
-    "lights": (),
     "bases": DEVICE,
+    "lights": DEVICE,
+    "test_maps": DEVICE,
     "test_homogeneous": DEVICE,
     "test_lattice": DEVICE,
     "test_lit_stretches": DEVICE,
@@ -39,7 +40,8 @@ SLOW_LANES = {
 }
 """Module or folder -> how many rays a work-item are left to the slow step; else one, which no CPU chooses by
 itself. Compiling takes most of the time, and less than half as much with one: where a module has many kernels
-that is quick, and modules beside it have the device's own number. Device functions are quick with both."""
+that is quick, and modules beside it have the device's own number. Most device functions are quick with
+both."""
 
 
 def pytest_collection_modifyitems(items):

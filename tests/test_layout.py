@@ -47,10 +47,17 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def _nodes(tree: ast.AST, *, types: bool) -> Iterator[ast.AST]:
-    """All nodes of a tree; without ``types`` none of ``if TYPE_CHECKING:``, but of its ``else``."""
+    """All statements of a tree; without ``types`` none of ``if TYPE_CHECKING:``, but of its ``else``."""
     yield tree
     for child in ast.iter_child_nodes(tree):
+        if isinstance(child, ast.expr):
+            continue
         if not types and isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING"):
             for node in child.orelse:
                 yield from _nodes(node, types=types)
@@ -61,7 +68,7 @@ def _nodes(tree: ast.AST, *, types: bool) -> Iterator[ast.AST]:
 def _imports(name: str, *, types: bool = True) -> set[str]:
     """Modules of the package that one imports, anywhere in its text: in functions too, and for ``types``."""
     found = set()
-    for node in _nodes(ast.parse(MODULES[name].read_text(encoding="utf-8")), types=types):
+    for node in _nodes(_tree(MODULES[name]), types=types):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: relative imports hide where they lead"
             parts = (node.module or "").split(".")

@@ -65,7 +65,7 @@ def picture(render, folder):
     return run
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow  # as a picture of the library it is quick
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_mixture_renders(render, scene, folder, method):
     done = render(scene(), "-o", "a.png", "-o", "a.npy", "--method", method)

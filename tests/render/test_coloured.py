@@ -133,7 +133,7 @@ def test_the_paper_s_weighting_belongs_to_the_coloured_density(renderer):
     assert np.abs(ours - truth).max() <= TWICE * truth.max()
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.quick("dual")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_colour_of_1_is_none(renderer, method):
     scene = precise(coloured_scene(constant(1, 1, 1)))

@@ -209,6 +209,7 @@ def test_two_equal_lights_give_twice_one(renderer):
     assert np.abs(two.aovs["light_transmittance"] - one.aovs["light_transmittance"]).max() <= PASS
 
 
+@pytest.mark.slow
 def test_a_light_without_intensity_adds_nothing(renderer):
     dark = [light.replace(intensity=0.0) for light in WHITE]
     lit = renderer.render(on_lattice(scene_of()))
@@ -269,7 +270,7 @@ EDGES = {
 }
 
 
-@pytest.mark.quick("cone")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", EDGES)
 def test_lights_with_edges_are_looked_up_at_every_sample(renderer, kind):
     alone, beside = scene_of([EDGES[kind]]), scene_of([SUN, EDGES[kind], SPOT, POINT])
@@ -335,6 +336,7 @@ def test_what_no_lattice_can_hold_is_looked_up_at_every_sample(renderer, what):
     assert np.isfinite(found.image).all()
 
 
+@pytest.mark.slow
 def test_grids_of_equal_media_are_one_medium(renderer):
     check_close(renderer, scene_of([SUN], [grid.with_medium(GREY.replace()) for grid in OVERLAPPING], RGB))
 

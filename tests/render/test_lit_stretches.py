@@ -80,7 +80,7 @@ def check_same(renderer, monkeypatch, scene):
     return expected.image
 
 
-@pytest.mark.quick("pcf-spot", "nearest-sun", "pcf-point inside")
+@pytest.mark.quick("pcf-spot", "nearest-sun")
 @pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
 @pytest.mark.parametrize("filtering", ["pcf", "nearest"])
 def test_pictures_are_those_of_every_sample(renderer, monkeypatch, filtering, light):

@@ -529,6 +529,7 @@ ALIKE = [LIGHT_KINDS["point light"].replace(from_=place) for place in ((2.2, 3.0
 """Near and far: the same points are in more bins of the near one's."""
 
 
+@pytest.mark.quick("of one light-dual", "but those of one bin-dual")
 @both_methods
 @pytest.mark.parametrize(
     "most",

@@ -94,7 +94,7 @@ def check_equal(renderer, save_on_failure, scene, method):
     assert difference.max(initial=0) < 10 * MAP_PASS
 
 
-@pytest.mark.quick("several-spot-tfm", "mesh inside-spot-tfm")
+@pytest.mark.quick("mesh inside-spot-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(("solids", "light"), CASES)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solids, light, method):

@@ -49,8 +49,8 @@ def test_begin_and_far_end(renderer, any_basis):
     assert np.isfinite(found).all()
 
 
-QUICK = ("klt", "moments", "slices")
-"""The kinds of functions and sums; the others' programs for the device's lanes are left to the slow step."""
+QUICK = ("klt", "moments")
+"""One that is fitted, one that sums; the others' programs for the device's lanes are for the slow step."""
 
 
 @pytest.mark.parametrize(
