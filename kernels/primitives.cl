@@ -14,10 +14,11 @@
 
 /* Primitives as they are seen from somewhere.
    sets       of which body a primitive is
+   colours    extinction relative to the density, RGB: of the first, and the stride to the next; 0: one for all
    footprint  width of a texel: at the origin, and what it gains per unit of distance
    seen, balls  out */
-__kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 footprint, __global Primitive *seen,
-                             __global float4 *balls, int count)
+__kernel void see_primitives(SOURCE sources, SET sets, __global const float *colours, int colour_stride, float4 origin,
+                             float2 footprint, __global Primitive *seen, __global float4 *balls, int count)
 {
   const int i = (int)get_global_id(0);
   if (i >= count)
@@ -29,12 +30,12 @@ __kernel void see_primitives(SOURCE sources, SET sets, float4 origin, float2 foo
   float4 ball;
   const float amount = TFM_PRIMITIVE_SEEN(source, set, &eye, found, &ball);
   balls[i] = ball;
+  __global const float *colour = colours + (size_t)i * (size_t)colour_stride;
   for (int k = 0; k < 3; ++k) {
     __global const float *row = set->weights + 3 * k;
-    found->amount[k] = amount * (row[0] * source->colour[0] + row[1] * source->colour[1] + row[2] * source->colour[2]);
+    found->amount[k] = amount * (row[0] * colour[0] + row[1] * colour[1] + row[2] * colour[2]);
   }
-  found->kind = set->kind;
-  found->medium = set->medium;
+  found->traits |= BODY_TRAITS(set->kind, set->medium);
 }
 
 /* Parts of the map or the image that the rays which meet a ball may belong to, in texels: low and high x and y of each;

@@ -286,7 +286,7 @@ TFM_INLINE void add_primitives(const Lists *lists, Ray ray, Floats begin, Floats
       PRIMITIVE primitive = lists->primitives + near.number[k];
       const Crossing *crossing = &near.crossing[k];
       const Floats between = TFM_PRIMITIVE_PART(primitive, crossing, end) - TFM_PRIMITIVE_PART(primitive, crossing, begin);
-      const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+      const int medium = TFM_MEDIA > 1 ? PRIMITIVE_MEDIUM(primitive) : 0;
       for (int c = 0; c < TFM_AMOUNTS; ++c)
         amounts->of[medium][c] += near.crosses[k] ? primitive->amount[c] * greatest(between, floats(0.0f)) : floats(0.0f);
     }

@@ -4,6 +4,7 @@
 #define TFM_CROSSING_H
 
 #include "core/ray.h"
+#include "primitive/traits.h"
 
 typedef struct {
   Floats t;        /* ray parameter at the middle */

@@ -45,7 +45,7 @@ TFM_INLINE int next_marked(const Deposits *deposits, int n, int until)
 /* Leaves a primitive in the steps from low to high, of the rays that cross it. */
 TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints crosses, int low, int high, Deposits *deposits)
 {
-  const int medium = TFM_MEDIA > 1 ? primitive->medium : 0;
+  const int medium = TFM_MEDIA > 1 ? PRIMITIVE_MEDIUM(primitive) : 0;
 #if TFM_TANGENTS
   Floats products[TANGENTS];
   tangent_products(TFM_PRIMITIVE_TANGENT(primitive, crossing), products);
@@ -58,7 +58,7 @@ TFM_INLINE void deposit(PRIMITIVE primitive, const Crossing *crossing, Ints cros
     for (int c = 0; c < TFM_AMOUNTS; ++c)
       deposits->of[i][medium][c] += primitive->amount[c] * part;
 #if TFM_THIN
-    if (primitive->is_thin) {
+    if (PRIMITIVE_IS_THIN(primitive)) {
       Floats held = floats(0.0f);
       for (int c = 0; c < TFM_AMOUNTS; ++c)
         held += primitive->amount[c] * part;

@@ -34,7 +34,7 @@ TFM_INLINE Ints point_crossing(PRIMITIVE point, float4 ball, Ray ray, Crossing *
   crossing->root = root_of(crossing->x);
   crossing->inverse = floats(point->shape[2]);
   crossing->reach = crossing->root * point->shape[1];
-  crossing->weight = point->profile == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);
+  crossing->weight = PRIMITIVE_PROFILE(point) == POINT_GAUSSIAN ? transmittance_of(4.5f - 4.5f * crossing->x) : floats(1.0f);
   return crossing->x > 0.0f;
 }
 
@@ -42,9 +42,9 @@ TFM_INLINE Ints point_crossing(PRIMITIVE point, float4 ball, Ray ray, Crossing *
 TFM_INLINE Floats point_part(PRIMITIVE point, const Crossing *crossing, Floats t)
 {
   const Floats x = crossing->x, s = place_in(crossing, t), s2 = s * s;
-  if (point->profile == POINT_BALL)
+  if (PRIMITIVE_PROFILE(point) == POINT_BALL)
     return s;
-  if (point->profile == POINT_SMOOTH)
+  if (PRIMITIVE_PROFILE(point) == POINT_SMOOTH)
     return s * (x * x * x - s2 * (x * x - s2 * (0.6f * x - s2 * (1.0f / 7.0f))));
   return crossing->weight * gaussian_integral(s);
 }
@@ -66,8 +66,7 @@ TFM_INLINE float point_seen(SOURCE source, SET set, const Eye *eye, __global Pri
   const int is_small = radius < narrowest;
   const float across = is_small ? narrowest : radius;
   *ball = (float4)(place[0], place[1], place[2], across);
-  seen->is_thin = 0;
-  seen->profile = is_small ? POINT_SMOOTH : set->profile;
+  seen->traits = SHAPE_TRAITS(0, is_small ? POINT_SMOOTH : set->profile);
   seen->shape[0] = 1.0f / (across * across);
   seen->shape[1] = radius;
   seen->shape[2] = 1.0f / radius;

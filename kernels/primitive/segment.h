@@ -87,8 +87,7 @@ TFM_INLINE float segment_seen(SOURCE source, SET set, const Eye *eye, __global P
   const float widened = PEAK_STRAND * (widest < narrowest ? widest : narrowest);
   const float reach = 0.5f * sqrt(square) + fmax(widest, fmax(narrowest, widened));
   *ball = (float4)(middle[0], middle[1], middle[2], reach);
-  seen->is_thin = 1;
-  seen->profile = 0;
+  seen->traits = SHAPE_TRAITS(1, 0);
   for (int axis = 0; axis < 3; ++axis)
     seen->bends[axis] = as_int(source->c[axis]);
   return 1.0f;

@@ -24,7 +24,7 @@ TFM_INLINE Ints triangle_crossing(PRIMITIVE triangle, float4 ball, Ray ray, Cros
   const Floats facing = dot3(normal, ray.direction);
   Floats covered = floats(1.0f), t;
   Ints crosses;
-  if (triangle->profile) {
+  if (PRIMITIVE_PROFILE(triangle)) {
     t = -dot3(from, ray.direction);
     const Vec3 beside = vec3(from.x + t * ray.direction.x, from.y + t * ray.direction.y, from.z + t * ray.direction.z);
     const float inverse = 1.0f / (ball.w * ball.w);
@@ -88,8 +88,7 @@ TFM_INLINE float triangle_seen(SOURCE source, SET set, const Eye *eye, __global 
   const float reach = is_small ? fmax(narrowest, sqrt(PEAK_DISC * area)) : 2.0f * farthest;
   *ball = is_small ? (float4)(middle[0], middle[1], middle[2], reach)
                    : (float4)(source->a[0], source->a[1], source->a[2], reach);
-  seen->is_thin = 1;
-  seen->profile = is_small;
+  seen->traits = SHAPE_TRAITS(1, is_small);
   return 1.0f;
 }
 

@@ -45,9 +45,9 @@ BINS_OF_LIGHT = 128
 
 FUNCTIONS = {
     "seen": ("(set)->kind", "(source, set, eye, seen, ball)"),
-    "crossing": ("(primitive)->kind", "(primitive, ball, ray, crossing)"),
-    "part": ("(primitive)->kind", "(primitive, crossing, t)"),
-    "tangent": ("(primitive)->kind", "(primitive, crossing)"),
+    "crossing": ("PRIMITIVE_KIND(primitive)", "(primitive, ball, ray, crossing)"),
+    "part": ("PRIMITIVE_KIND(primitive)", "(primitive, crossing, t)"),
+    "tangent": ("PRIMITIVE_KIND(primitive)", "(primitive, crossing)"),
 }
 """What the header of each kind of primitive has: by what the kind is told, and the arguments."""
 
@@ -158,6 +158,8 @@ class PrimitivesOnDevice:
         )
         self.count = len(sources)
         self._sources = launcher.upload("the primitives", sources)
+        self._colours = launcher.upload("the colours of primitives", _colours(self._bodies))
+        self._is_coloured = any(body.colour is not None for body in self._bodies)
 
     @property
     def headers(self) -> tuple[str, ...]:
@@ -178,7 +180,7 @@ class PrimitivesOnDevice:
     @property
     def nbytes(self) -> int:
         """Size on the device."""
-        return self.count * SOURCE.dtype.itemsize
+        return self.count * (SOURCE.dtype.itemsize + (12 if self._is_coloured else 0))
 
     def sets(
         self, media: Sequence[int], weights: NDArray[np.float64], extinctions: Sequence[float]
@@ -220,6 +222,8 @@ class PrimitivesOnDevice:
             {
                 "sources": self._sources,
                 "sets": sets,
+                "colours": self._colours,
+                "colour_stride": 3 if self._is_coloured else 0,
                 "origin": (*eye.origin.tolist(), 0.0),
                 "footprint": eye.footprint,
                 "seen": seen,
@@ -366,6 +370,17 @@ def _sources(body: Primitives, number: int, origin: NDArray[np.float64]) -> NDAr
     """Return the structs of a body's primitives."""
     structs = np.zeros(len(body.positions), SOURCE.dtype)
     body.fill_sources(structs, origin)
-    structs["colour"] = 1.0 if body.colour is None else body.colour
     structs["set"] = number
     return structs
+
+
+def _colours(bodies: Sequence[Primitives]) -> NDArray[np.float32]:
+    """Return the colours of all primitives, [n, 3], or that of all, [1, 3], where none has one of its own."""
+    if all(body.colour is None for body in bodies):
+        return np.ones((1, 3), np.float32)
+    return np.concatenate(
+        [
+            np.ones((len(body.positions), 3), np.float32) if body.colour is None else body.colour
+            for body in bodies
+        ]
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,9 +52,9 @@ VISIBLE_DEPTH = 7.0
 class _Work:
     """One frame under way."""
 
+    scene: Scene
+    media: MediaOnDevice
     view: cl.Buffer
-    met: Met
-    """On the camera's rays."""
     gbuffer: GBuffer | None
     frame: buffers.FrameBuffers
     errors: buffers.FrameBuffers | None
@@ -70,6 +71,11 @@ class _Work:
     camera_is_seen: bool = False
     lattice_change: NDArray[np.float32] | None = None
     warnings: dict[str, None] = field(default_factory=dict)
+
+    @cached_property
+    def met(self) -> Met:
+        """What is on the camera's rays; made when first asked for, when light passes are done with theirs."""
+        return self.media.met_by_camera(self.scene, self.view)
 
 
 @dataclass(frozen=True)
@@ -120,8 +126,9 @@ class Frame:
         reads_given = method == "tfm" and maps is not None
         view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
         work = _Work(
+            scene=scene,
+            media=self.media,
             view=view,
-            met=self.media.met_by_camera(scene, view),
             gbuffer=gbuffer,
             frame=buffers.allocate(launcher, crop, gbuffer),
             errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if "map_error" in asked else None,

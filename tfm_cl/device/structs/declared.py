@@ -126,7 +126,6 @@ SOURCE = Struct(
         Field("float", "c", 3, "the last corner; of a segment the bits of its bends"),
         Field("float", "radius", 2, "world, at either end"),
         Field("float", "amount", 1, "density at its middle, or opacity"),
-        Field("float", "colour", 3, "extinction relative to the density, RGB"),
         Field("int", "set", 1, "number of its body among those of primitives"),
     ),
 )
@@ -149,11 +148,10 @@ PRIMITIVE = Struct(
     "A primitive as it is seen from a camera or a light. World: from the device's origin.",
     (
         Field("float", "amount", 3, "optical depth that the unit of its profile stands for"),
-        Field("int", "kind", 1, "number of its kind"),
-        Field("int", "profile", 1, "as its kind has it"),
-        Field("int", "medium", 1, "number of its medium"),
+        Field(
+            "int", "traits", 1, "its kind, profile and medium, and whether it is thin, as traits.h reads them"
+        ),
         Field("float", "shape", 8, "as its kind has it"),
-        Field("int", "is_thin", 1, "1: rays cross it in one place"),
         Field("int", "bends", 3, "of a segment: its tangents at both ends, less its direction"),
     ),
 )
