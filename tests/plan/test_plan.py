@@ -192,3 +192,24 @@ def test_numbers_are_found_far_from_the_origin():
     )
     assert plan(there).scene.march.steps == plan(near).scene.march.steps
     assert plan(there).scene.map.res == plan(near).scene.map.res
+
+
+@pytest.mark.parametrize(
+    ("opacity", "sigma_t", "decided"),
+    [
+        (1.0, 1.0, {"target": "transmittance", "density_weighting": 2.0, "fit": "l2"}),
+        (0.9, 1.0, {"target": "transmittance", "density_weighting": 2.0, "fit": "visibility"}),
+        (0.9, 4.0, {"target": "transmittance", "density_weighting": 1.0, "fit": "l2"}),
+        (0.9, 0.5, {"target": "transmittance", "density_weighting": 4.0, "fit": "visibility"}),
+    ],
+)
+def test_strands_have_choices_of_their_own(opacity, sigma_t, decided):
+    strands = tfm.Curves([(0, 0, 0), (0, 1, 0)], [2], 0.01, opacity=opacity)
+    medium = tfm.Medium(sigma_s=sigma_t)
+    planned = plan(tfm.Scene(strands, medium=medium, camera=CAMERA, lights=[SPOT]))
+    assert {key: planned.decisions[f"map.{key}"].value for key in decided} == decided
+    assert {key: getattr(planned.map, key) for key in decided} == decided
+    # What is asked for stays.
+    asked = tfm.MapSettings(density_weighting=7.0, fit="visibility")
+    kept = plan(tfm.Scene(strands, medium=medium, camera=CAMERA, lights=[SPOT], map=asked)).map
+    assert (kept.density_weighting, kept.fit, kept.target) == (7.0, "visibility", "transmittance")

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
@@ -28,6 +30,10 @@ OF_BASIS = ("target", "fit", "range", "lookup")
 """Keys of ``[map]`` for which a basis has a way of its own."""
 NUMBERS = ("map.res", "map.steps", "map.coeffs", "march.steps")
 """What ``map.max_error`` chooses by measuring, where it is ``"auto"``."""
+THIN_WEIGHTING = 2.0
+"""α of strands and polygons, as an optical depth."""
+OPAQUE_DEPTH = 4.6
+"""Optical depth of one crossing from which what is thin is opaque: 99 % of the light."""
 PLACED = {
     "from": "above what has density, to the left and in front of it",
     "to": "the middle of what has density",
@@ -133,12 +139,9 @@ def plan(
             "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "
             "the scene has none; leave it out"
         )
-    if has_maps and _wants_transmittance(scene):
-        scene = scene.replace(map=scene.map.replace(target="transmittance"))
-        decisions["map.target"] = Decision(
-            "transmittance",
-            "strands and polygons cover texels or do not: light is in between, not depth",
-        )
+    if has_maps and (of_thin := dict(_for_thin(scene))):
+        decisions |= {f"map.{key}": decision for key, decision in of_thin.items()}
+        scene = scene.replace(map=scene.map.replace(**{key: found.value for key, found in of_thin.items()}))
     if scene.map.max_error is not None:
         if has_maps:
             chosen, why = _looked_up(scene)
@@ -162,18 +165,35 @@ def plan(
     return Plan(decided, resolved, decisions)
 
 
-def _wants_transmittance(scene: Scene) -> bool:
-    """Tell whether the best basis is to interpolate the transmittance between texels.
+def _for_thin(scene: Scene) -> Iterator[tuple[str, Decision]]:
+    """Yield what the best basis holds strands and polygons with, where it is left open.
 
-    It does as well with the optical depth in smooth media only: halfway between clear and opaque, half of an
-    optical depth of 16 is dark.
+    Between texels the optical depth is as good as the transmittance in smooth media only: halfway between
+    clear and opaque, half of an optical depth of 16 is dark. α, and the fit of what is opaque, are the best
+    of a few on three kinds of hair of opacity .8 to 1: at 1, the relative RMSE of pictures is .44, and .58
+    with α and the fit of grids.
     """
     asked = scene.map
-    return (
-        asked.basis in ("auto", BEST)
-        and asked.target == "auto"
-        and any(isinstance(body, ThinPrimitives) for body in scene.primitives)
+    thin = [body for body in scene.primitives if isinstance(body, ThinPrimitives)]
+    if not thin or asked.basis not in ("auto", BEST) or asked.target != "auto":
+        return
+    sigma_t = [float(scene.medium_of(body).sigma_t.max()) for body in thin]
+    yield (
+        "target",
+        Decision(
+            "transmittance", "strands and polygons cover texels or do not: light is in between, not depth"
+        ),
     )
+    if asked.density_weighting == "auto":
+        alpha = max(1.0, THIN_WEIGHTING / max(*sigma_t, 1e-30))
+        why = f"{THIN_WEIGHTING:g} of an optical depth: one crossing takes much or all of the light"
+        yield "density_weighting", Decision(alpha, why)
+    depths = [float(np.median(body.densities)) * sigma for body, sigma in zip(thin, sigma_t, strict=True)]
+    if asked.fit == "auto" and max(depths) >= OPAQUE_DEPTH:
+        yield (
+            "fit",
+            Decision("l2", "one crossing takes all of the light: no ray has more to lose than another"),
+        )
 
 
 def with_lookup(scene: Scene) -> Scene:
