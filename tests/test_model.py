@@ -67,19 +67,24 @@ def test_what_is_no_colour(colour):
         ),
         (
             lambda: tfm.MapSettings(coeffs="8"),
-            "map.coeffs = '8': should be a whole number from 1 to 32, or 'auto'",
+            "map.coeffs = '8': should be a whole number from 1 to 512, or 'auto'",
         ),
         (
             lambda: tfm.MapSettings(coeffs=8.0),
-            "map.coeffs = 8.0: should be a whole number from 1 to 32, or 'auto'",
+            "map.coeffs = 8.0: should be a whole number from 1 to 512, or 'auto'",
         ),
         (
             lambda: tfm.MapSettings(coeffs=0),
-            "map.coeffs = 0: should be a whole number from 1 to 32, or 'auto'",
+            "map.coeffs = 0: should be a whole number from 1 to 512, or 'auto'",
         ),
         (
-            lambda: tfm.MapSettings(coeffs=33),
-            "map.coeffs = 33: should be a whole number from 1 to 32, or 'auto'",
+            lambda: tfm.MapSettings(basis="slices", coeffs=513),
+            "map.coeffs = 513: should be a whole number from 1 to 512, or 'auto'",
+        ),
+        (lambda: tfm.MapSettings(coeffs=33), "map: coeffs = 33: basis 'klt' has 1 to 32 coefficients"),
+        (
+            lambda: tfm.MapSettings(basis="slices-cubic", coeffs=33),
+            "map: coeffs = 33: basis 'slices-cubic' has 1 to 32 coefficients",
         ),
         (
             lambda: tfm.MapSettings(res=8193),

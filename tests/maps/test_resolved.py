@@ -50,6 +50,15 @@ def test_what_is_given_stays():
     assert resolve(settings).request() == settings
 
 
+def test_a_weighted_fit_is_of_few_numbers():
+    many = tfm.MapSettings(basis="slices", coeffs=33, fit="visibility")
+    with pytest.raises(SceneError, match=r"map\.coeffs = 33: fit = 'visibility' finds up to 32; set"):
+        resolve(many)
+    assert resolve(many.replace(fit="l2")).coeffs == 33
+    room = {"coeffs": "auto", "bytes_": 1000, "range": "box"}
+    assert [resolve(many.replace(fit=fit, **room)).coeffs for fit in ("visibility", "l2")] == [32, 250]
+
+
 def test_numbers_for_what_the_scene_decides():
     settings = tfm.MapSettings(res="auto", steps="auto")
     resolved = resolve(settings, res=77, steps=5)

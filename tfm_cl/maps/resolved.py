@@ -13,6 +13,8 @@ from tfm_cl.maps.bases.base import Fit, Lookup, Range, Target
 from tfm_cl.model import Model, decided
 from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
 
+MOST_WEIGHTED = 32
+"""Most numbers that the fit ``visibility`` finds: a ray sums n (n + 1) / 2 products for it."""
 FIELD_BYTES = 16
 """Bytes of an entry of the field of ranges: begin, end, slope beyond the end, and last density."""
 
@@ -77,8 +79,8 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
     Raises
     ------
     SceneError
-        ``bytes`` that are too few, or a blur of numbers, or deposits in them, that are not linear in the
-        density.
+        ``bytes`` that are too few, more than `MOST_WEIGHTED` numbers with the fit ``visibility``, or a blur
+        of numbers, or deposits in them, that are not linear in the density.
     """
     basis = BASES[BEST if settings.basis == "auto" else settings.basis]
     range_: Range = basis.defaults.range if settings.range == "auto" else settings.range
@@ -100,6 +102,11 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
         blur=settings.blur,
         blur_kernel=settings.blur_kernel,
     )
+    if resolved.fit == "visibility" and resolved.coeffs > MOST_WEIGHTED:
+        raise SceneError(
+            f"map.coeffs = {resolved.coeffs}: fit = 'visibility' finds up to {MOST_WEIGHTED}; set fewer, or "
+            "fit = 'l2'"
+        )
     if resolved.blur > 0 and (not resolved.is_linear or resolved.range not in ("box", "global")):
         raise SceneError(
             f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos' with "
@@ -123,7 +130,8 @@ def _affordable(settings: MapSettings, basis: Basis, range_: Range, res: int) ->
     """Return the most numbers that ``bytes`` leaves room for, or the default."""
     if settings.bytes_ is None:
         return max([n for n in basis.counts if n <= DEFAULT_COEFFS] or [min(basis.counts)])
-    needs = {n: _bytes_per_texel(n, settings.storage, range_, res) for n in basis.counts}
+    counts = [n for n in basis.counts if settings.fit != "visibility" or n <= MOST_WEIGHTED]
+    needs = {n: _bytes_per_texel(n, settings.storage, range_, res) for n in counts}
     affordable = [n for n, size in needs.items() if size <= settings.bytes_]
     if not affordable:
         raise SceneError(

@@ -5,14 +5,14 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.errors import unknown_key
-from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.model import Model, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6
 """Largest density weighting α: beyond it, float32 cannot distinguish e^(-τ/α) from 1."""
 MAX_RES = 8192
-MAX_COEFFS = 32
+MAX_COEFFS = max(max(basis.counts) for basis in BASES.values())
 Count = int | Literal["auto"]
 """A whole number, or left to `tfm_cl.plan`."""
 DEFAULT_COEFFS = 8
@@ -40,7 +40,9 @@ class MapSettings(Model):
         + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
     )
     coeffs: Annotated[Count, count_or_auto(MAX_COEFFS)] = Field(
-        "auto", description="coefficients per texel, 1 to 32; auto: as required by bytes or max_error, else 8"
+        "auto",
+        description="coefficients per texel: 1 to 32, planes of slices to 512; auto: as required by bytes or "
+        "max_error, else 8",
     )
     bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
         None,
@@ -122,13 +124,13 @@ class MapSettings(Model):
             raise ValueError(f"bytes chooses coeffs: set coeffs to auto, not {self.coeffs}")
         if self.bytes_ is not None and self.max_error is not None:
             raise ValueError("bytes and max_error both choose coeffs: set one of them")
-        if self.basis == "auto":
-            return self
-        basis = BASES[self.basis]
+        basis = BASES[BEST if self.basis == "auto" else self.basis]
         if self.coeffs != "auto" and self.coeffs not in basis.counts:
             raise ValueError(
-                f"coeffs = {self.coeffs}: basis '{self.basis}' has {in_words(basis.counts)} coefficients"
+                f"coeffs = {self.coeffs}: basis '{basis.name}' has {in_words(basis.counts)} coefficients"
             )
+        if self.basis == "auto":
+            return self
         for name, known in (("target", basis.targets), ("fit", basis.fits)):
             value = getattr(self, name)
             if value != "auto" and value not in known:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from tfm_cl.errors import InputError, SceneError
 from tfm_cl.maps.bases import BASES, BEST
+from tfm_cl.maps.bases.base import USUAL_COUNTS
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided, in_words
-from tfm_cl.scene.settings import MAX_COEFFS, MapSettings
+from tfm_cl.scene.settings import MapSettings
 from tfm_cl.sweep.rows import in_place_of
 
 if TYPE_CHECKING:
@@ -142,8 +143,8 @@ class Axes:
 def nearest_count(basis: str, count: Any) -> Any:
     """Return the number of coefficients of a basis nearest to a given one, the smaller of two."""
     counts = BASES[BEST if basis == "auto" else basis].counts
-    # A number that no basis supports is refused by the settings.
-    possible = type(count) is int and 1 <= count <= MAX_COEFFS
+    # A number far from all of these is refused by the settings.
+    possible = type(count) is int and 1 <= count <= max(*counts, *USUAL_COUNTS)
     return min(counts, key=lambda own: (abs(own - count), own)) if possible else count
 
 

@@ -26,7 +26,7 @@ def curves_of(density):
     "settings",
     [
         {"basis": "slices", "coeffs": 1},
-        {"basis": "slices", "coeffs": 12},
+        {"basis": "slices", "coeffs": 60},
         {"basis": "slices", "coeffs": 7, "slicing": "density"},
         {"basis": "slices", "coeffs": 8, "slicing": "gamma", "fit": "visibility"},
         {"basis": "slices-cubic", "coeffs": 9},

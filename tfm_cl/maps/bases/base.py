@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -24,6 +24,8 @@ FITS: dict[Fit, int] = {"l2": 0, "visibility": 1}
 """Methods of finding the coefficients, and their numbers in the kernels."""
 RANGES: tuple[Range, ...] = ("box", "trimmed", "visible", "global")
 LOOKUPS: dict[Lookup, int] = {"interpolate": 0, "reconstruct": 1, "stochastic": 2}
+USUAL_COUNTS = tuple(range(1, 33))
+"""Numbers of coefficients of a basis that has no others of its own."""
 UNIFORM_SHARE = 0.02
 """Uniform share of the weight of the visibility fit; it constrains the function where no light arrives. On
 six volumes, the values 0.01, 0.02 and 0.03 differ by a few per cent, while 0.1 and 0.3 are worse by 10 and 20
@@ -112,7 +114,7 @@ class Basis:
     """Whether the functions of a map depend on its own light rays."""
     lerps: bool = True
     """Whether the coefficients of neighbouring texels may be interpolated."""
-    counts: tuple[int, ...] = field(default=tuple(range(1, 33)))
+    counts: tuple[int, ...] = USUAL_COUNTS
     """Numbers of coefficients per texel that the basis supports."""
 
     def table(self, functions: Functions, choices: Choices, steps: int) -> NDArray[np.float32]:

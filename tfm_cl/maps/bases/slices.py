@@ -30,6 +30,8 @@ from numpy.typing import NDArray
 from tfm_cl.maps.bases.base import Basis, Choices, Defaults, Floats, part_before
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
+MOST_PLANES = 512
+"""Of ``slices``, the only basis whose numbers are worth it by the hundred: OSM's plates have up to 500."""
 GAMMA = 2.0
 """Exponent of the slicing ``gamma``: roughly the gamma of a display, as in OSM figure 3c."""
 EVEN_SHARE = 0.02
@@ -121,6 +123,7 @@ SLICES = Basis(
     functions=_linear,
     targets=("extinction",),
     learns=_by_density,
+    counts=tuple(range(1, MOST_PLANES + 1)),
 )
 SLICES_CUBIC = Basis(
     name="slices-cubic",
