@@ -9,7 +9,7 @@ Each of their claims gives one line, ``holds``, ``holds when …`` or ``does not
 the measurements. Where TFM shows smoke or a bunny, the sample volumes are used instead: ``plume`` is smoke,
 ``cumulus`` a cloud, and ``figure``, with hard edges, the pathological case. FOM's plume is ``particles``, as
 many as in the paper, and the knot ``spirals`` its complex structure; hair and fur are the samples' tufts, and
-where OSM tells lines and seconds, a model of 350,000 segments. Voxels that once stood for them are measured
+where OSM tells how many lines, models of 350,000 and more. Voxels that once stood for them are measured
 beside them, and a claim says where particles and hair turn out otherwise. Speeds are ratios within one run,
 of device seconds measured in turn. Writes ``papers.md``, ``papers.json`` and one picture per study.
 """

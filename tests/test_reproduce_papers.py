@@ -212,6 +212,24 @@ def test_lines_are_linear(osm_2001):
     assert 0.9 < bent.measured["R²"] < 0.99
 
 
+def test_close_ups_are_of_a_bright_and_a_dark_place(osm_2001):
+    image = np.zeros((70, 140, 4), np.float32)
+    image[20:60, :100] = (0.4, 0.4, 0.4, 1)
+    image[20:60, 60:90, :3] = 0.05
+    image[30:45, 10:25, :3] = 1.0
+    bright, dark = (image[window][..., :3] for window in osm_2001._closeups(image).values())
+    assert bright.shape[:2] == dark.shape[:2] == (10, 10)
+    assert bright.min() == 1
+    assert 0.05 <= dark.min() <= dark.mean() < 0.1
+
+
+def test_the_head_in_many_maps_is_nearly_a_step(lab, osm_2001, tiny):
+    scene = lab.Lab(None, tiny).tuft("wavy").replace(lights=(osm_2001.KEY,))
+    by_depth, in_maps = osm_2001._errors_of_head(lab.Lab(None, tiny), scene)
+    assert by_depth < 0.1 < in_maps[7]
+    assert in_maps[500] < in_maps[7] / 10
+
+
 def test_the_papers_numbers_are_theirs(claims, tfm_2011):
     """Table 1 and figure 10 as printed, which claims quote again in words."""
     assert tfm_2011.PAPER_SSIM["figure", 10.0][0] == claims.PLAUSIBLE
@@ -273,7 +291,11 @@ def test_unknown_studies_are_refused(papers, capsys):
 def test_studies_tiny(papers, tiny, tmp_path, device_name, paper):
     names = [name for name in papers.STUDIES if name.startswith(paper)]
     papers.reproduce(names, tiny, tmp_path, device_name)
-    check(tmp_path, names)
+    studies = check(tmp_path, names)["studies"]
+    if paper == "osm":
+        # The product's filter is the paper's, and only a sun's maps are planes.
+        assert studies["osm_filter"]["claims"][0]["verdict"] == "holds"
+        assert studies["osm_plate1"]["claims"][1]["verdict"] == "holds when sun"
 
 
 @pytest.mark.slow

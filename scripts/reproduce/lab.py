@@ -70,7 +70,7 @@ class Sizes:
     portrait: int = 480
     """Pixels along each side of pictures of hair, times `picture`."""
     full_hair: bool = True
-    """Time maps of 350,000 segments, as many as in OSM plate 1, and not of the sample."""
+    """Hair of 350,000 segments and more, where OSM tells how many there are, and not the samples."""
     samples: int = 400
     """Ends of strands at which shadows are followed on the host."""
 
