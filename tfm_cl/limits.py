@@ -4,3 +4,5 @@ LARGEST_COORDINATE = 1e15
 """Its square is far from float32's limit."""
 LARGEST_COLOUR = 1e25
 """Likewise its product with densities and phase functions."""
+MOST_STOPS = 100
+"""Of an exposure, up and down: beyond float32."""
