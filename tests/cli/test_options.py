@@ -11,12 +11,13 @@ import pytest
 
 import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
-from tfm_cl.cli.options import SCENE_OPTIONS, toml_value
+from tfm_cl.cli.options import SCENE_OPTIONS, as_flags, toml_value
 from tfm_cl.scene.lights import SpotLight
 from tfm_cl.scene.scene_file import SECTIONS
 
 PROMISED = {
-    *("--res", "--crop", "--exposure", "--aov", "--method"),
+    *("--res", "--crop", "--exposure", "--view", "--transparent", "--png-bits", "--dither"),
+    *("--aov", "--method"),
     *("--basis", "--coeffs", "--density-weighting", "--map-res", "--light-steps", "--storage"),
     *("--cutoff", "--voxels", "--map-bytes", "--max-error", "--target", "--fit", "--range", "--lookup"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--phase"),
@@ -30,6 +31,11 @@ FLAGS = [
     ("--res", "31×17", "camera.res", [31, 17]),
     ("--crop", "1,2,3,4", "image.crop", [1, 2, 3, 4]),
     ("--exposure", "-1.5", "image.exposure", -1.5),
+    ("--exposure", "auto", "image.exposure", "auto"),
+    ("--view", "agx", "image.view", "agx"),
+    ("--transparent", "", "image.transparent", True),
+    ("--png-bits", "16", "image.png_bits", 16),
+    ("--dither", "", "image.dither", True),
     ("--aov", "depth, samples", "image.aov", ["depth", "samples"]),
     ("--method", "dual", "march.method", "dual"),
     ("--basis", "dct", "map.basis", "dct"),
@@ -75,7 +81,7 @@ KEYS = [
     *(
         (key, text, expected)
         for _, text, key, expected in FLAGS
-        if key not in {"camera.res", "image.aov", "image.crop"}
+        if text and key not in {"camera.res", "image.aov", "image.crop"}
     ),
     ("volume.file", "smoke.npz", None),
     ("volume.voxel_size", "0.5", [0.5, 0.5, 0.5]),
@@ -103,6 +109,8 @@ KEYS = [
     ("ambient.radiance", "0.5", [0.5, 0.5, 0.5]),
     ("image.crop", "1,2,3,4", [1, 2, 3, 4]),
     ("image.aov", "['depth']", ["depth"]),
+    ("image.transparent", "true", True),
+    ("image.dither", "false", False),
     ("image.pixel_type", "half", "half"),
     ("light.from", "9,9,9", [9, 9, 9]),
     ("light.to", "9,9,9", [9, 9, 9]),
@@ -207,7 +215,7 @@ def test_the_scene_stands_without_flags(resolved):
 
 @pytest.mark.parametrize(("flag", "text", "key", "expected"), FLAGS)
 def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
-    before, after = resolved(), resolved(flag, text)
+    before, after = resolved(), resolved(*filter(None, [flag, text]))
     assert value_of(after, key) == expected
     # Nothing else changes.
     section, _, name = key.partition(".")
@@ -225,6 +233,12 @@ def test_set_reaches_every_key(resolved, folder, key, text, expected):
     if key == "volume.file":
         expected = str(folder / text)
     assert value_of(config, key) == expected
+
+
+def test_what_is_on_or_off_has_a_flag_for_each(resolved):
+    off = resolved("--no-dither", "--set", "image.transparent=true", "--no-transparent")["image"]
+    assert (off["dither"], off["transparent"]) == (False, True)  # --set wins over flags
+    assert as_flags({"image.dither": False, "image.transparent": True}) == "--no-dither --transparent"
 
 
 def test_set_reaches_every_light(resolved):
@@ -285,6 +299,8 @@ def test_help_states_the_models_default(option):
         assert stated == default
     elif option.flag == "--res":
         assert stated == "{}x{}".format(*default)
+    elif isinstance(default, bool):
+        assert stated == str(default).lower()
     elif isinstance(default, tuple):
         numbers = [float(part) for part in stated.split(",")]
         assert tuple(numbers * (3 if len(numbers) == 1 else 1)) == default

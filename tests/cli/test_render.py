@@ -11,6 +11,7 @@ from PIL import Image
 from scenes import blobs
 
 import tfm_cl
+from tfm_cl.files.image_io import load_image
 
 SCENE = """
 [volume]
@@ -65,7 +66,7 @@ def pixels(name="a.npy"):
 
 
 def test_every_output_holds_the_picture(render, cloud):
-    render(cloud, "-o", "a.npy", "-o", "a.exr", "-o", "a.PNG")
+    render(cloud, "-o", "a.npy", "-o", "a.exr", "-o", "a.PNG", "--no-dither")
     picture = pixels()
     assert picture.shape == (9, 16, 4)
     assert picture.dtype == np.float32
@@ -237,6 +238,24 @@ def test_exposure_is_stops_and_png_only(render, cloud):
     np.testing.assert_allclose(8 * pixels("a.npy")[..., :3], pixels("b.npy")[..., :3], rtol=1e-5)
     with Image.open("a.png") as bright, Image.open("b.png") as same:
         assert np.abs(np.asarray(bright, int) - np.asarray(same, int)).max() <= 1
+
+
+def test_an_automatic_exposure_is_told_and_repeated(render, cloud, folder):
+    look = ("--view", "agx", "--transparent", "--png-bits", "16")
+    done = render(cloud, "-o", "a.png", "-o", "a.exr", "--exposure", "auto", *look, "--json", "-", "-v")
+    stops = done.json["plan"]["image.exposure"]["value"]
+    assert done.json["options"]["image"]["exposure"] == stops
+    assert "what is lit" in done.json["plan"]["image.exposure"]["why"]
+    assert f"chosen for --exposure auto: --exposure {stops:g}\n" in done.err
+    render(cloud, "-o", "b.png", "--exposure", str(stops), *look)
+    assert (folder / "a.png").read_bytes() == (folder / "b.png").read_bytes()
+    # The alpha is that of the other files.
+    np.testing.assert_allclose(
+        load_image("a.png")[..., 3], OpenEXR.File("a.exr").channels()["RGBA"].pixels[..., 3], atol=1e-5
+    )
+    other = render(cloud, "-o", "c.npy", "--exposure", "auto", "--json", "-")
+    assert "image.exposure" not in other.json["plan"]  # nothing needed it
+    assert "exposure" not in other.err
 
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])

@@ -9,7 +9,9 @@ import pytest
 from scenes import blobs, make_scene
 
 import tfm_cl as tfm
+from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.image_io.png import png_bytes
+from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.render.diagnosis import EIGHT_BIT_STEP, FAINTEST, is_black, too_dark, too_thin
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
@@ -446,9 +448,10 @@ def test_a_picture_that_no_exposure_shows_is_black():
     assert not is_black(image)
 
 
-def levels(result, exposure):
-    """Whether the PNG of a picture shows anything."""
-    return np.asarray(PIL.Image.open(io.BytesIO(png_bytes(result.image, exposure)))).max()
+def levels(result, exposure, view="standard"):
+    """Whether the PNG of a picture shows anything; not dithered, which shows a faint value in few pixels."""
+    content = png_bytes(result.image, exposure, view=view, dither=False)
+    return np.asarray(PIL.Image.open(io.BytesIO(content))).max()
 
 
 @pytest.mark.parametrize("intensity", [0.0002, 1e-9])
@@ -464,6 +467,7 @@ def test_below_an_8_bit_step(renderer, intensity):
     stops = int(said.split("--exposure ")[1].split()[0])
     assert levels(result, stops) > 80
     assert too_dark(result, stops) == ""
+    assert too_dark(result, automatic_exposure(result.image, "standard")) == ""
 
 
 def test_no_more_stops_are_proposed_than_there_are(renderer):
@@ -477,6 +481,14 @@ def test_just_an_8_bit_step_is_no_warning(renderer):
     at_step = np.log2(EIGHT_BIT_STEP / result.image[..., :3].max())
     for exposure in (at_step - 0.01, at_step + 0.01):
         assert (too_dark(result, exposure) == "") is bool(levels(result, exposure))
+    for view in VIEWS:  # some show less of the dark
+        told = {stops: too_dark(result, at_step + stops, view) for stops in range(8)}
+        assert {stops: bool(said) for stops, said in told.items()} == {
+            stops: levels(result, at_step + stops, view) == 0 for stops in told
+        }
+        assert any(told.values()) is (view != "standard")
+        for said in filter(None, told.values()):
+            assert 80 < levels(result, int(said.split("--exposure ")[1].split()[0]), view) < 255
 
 
 def test_below_an_8_bit_step_a_thin_medium_is_told_too(renderer):

@@ -113,6 +113,10 @@ voxels = "u8"
 [image]
 crop = [1, 2, 30, 40]
 exposure = -1.5
+view = "aces"
+transparent = true
+png_bits = 16
+dither = false
 aov = ["depth", "samples"]
 pixel_type = "half"
 """
@@ -201,7 +205,14 @@ def test_every_key_arrives(folder):
         voxels="u8",
     )
     assert file.image == ImageSettings(
-        crop=(1, 2, 30, 40), exposure=-1.5, aov=("depth", "samples"), pixel_type="half"
+        crop=(1, 2, 30, 40),
+        exposure=-1.5,
+        view="aces",
+        transparent=True,
+        png_bits=16,
+        dither=False,
+        aov=("depth", "samples"),
+        pixel_type="half",
     )
     assert plan(scene, file=file).told == {}
 

@@ -9,6 +9,7 @@ import click
 
 from tfm_cl.constants import TARGETS
 from tfm_cl.errors import Faults
+from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
@@ -92,6 +93,11 @@ class SceneOption:
         """Name of the function parameter that click fills."""
         return "scene_" + self.flag.removeprefix("--").replace("-", "_")
 
+    @property
+    def declared(self) -> str:
+        """What click calls it: what is on or off has a flag for each."""
+        return f"{self.flag}/{_off(self.flag)}" if self.parse is click.BOOL else self.flag
+
     def help(self) -> str:
         """Return description and default, from the model."""
         section, _, key = self.key.partition(".")
@@ -110,11 +116,21 @@ class SceneOption:
         grey = self.metavar == COLOUR and len(set(value)) == 1
         return _shown(value[0] if grey else value)
 
+    def given(self, value: Any) -> str:
+        """Write the flag that sets a value."""
+        if isinstance(value, bool):
+            return self.flag if value else _off(self.flag)
+        return f"{self.flag} {self.shown(value)}"
+
 
 SCENE_OPTIONS = (
     SceneOption("Image", "--res", "camera.res", "WxH", resolution),
     SceneOption("Image", "--crop", "image.crop", "X0,Y0,X1,Y1", pixels, "the whole frame"),
-    SceneOption("Image", "--exposure", "image.exposure", "STOPS", click.FLOAT),
+    SceneOption("Image", "--exposure", "image.exposure", "STOPS|auto", number_or_auto),
+    SceneOption("Image", "--view", "image.view", "", click.Choice(list(VIEWS))),
+    SceneOption("Image", "--transparent", "image.transparent", "", click.BOOL),
+    SceneOption("Image", "--png-bits", "image.png_bits", "8|16", click.INT),
+    SceneOption("Image", "--dither", "image.dither", "", click.BOOL),
     SceneOption("Image", "--aov", "image.aov", "NAME[,NAME]", names, "none"),
     SceneOption("Method", "--method", "march.method", "", click.Choice(["tfm", "dual"])),
     SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(["auto", *BASES])),
@@ -192,8 +208,9 @@ def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., A
                 continue
             typed = option.parse if isinstance(option.parse, click.ParamType) else click.STRING
             function = click.option(
-                option.flag,
+                option.declared,
                 option.parameter,
+                default=None,
                 metavar=option.metavar or None,
                 type=typed,
                 cls=GroupedOption,
@@ -238,14 +255,18 @@ def as_flags(values: dict[str, Any]) -> str:
     """Write dotted keys and values as the flags that set them; keys without a flag are ``--set``."""
     options = {option.key: option for option in SCENE_OPTIONS}
     return " ".join(
-        f"{options[key].flag} {options[key].shown(value)}"
-        if key in options
-        else f"--set {key}={_shown(value)}"
+        options[key].given(value) if key in options else f"--set {key}={_shown(value)}"
         for key, value in values.items()
     )
 
 
+def _off(flag: str) -> str:
+    return "--no-" + flag.removeprefix("--")
+
+
 def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list | tuple):
         separator = "x" if len(value) == 2 else ","  # noqa: PLR2004 - width and height
         return separator.join(_shown(item) for item in value)

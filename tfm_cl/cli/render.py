@@ -14,6 +14,7 @@ from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files import image_io
+from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
@@ -103,16 +104,22 @@ def command(
             scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
         )
     _warn(result.warnings, quiet=quiet)
-    if any(path.suffix.lower() == ".png" for path in outputs):
-        _warn(filter(None, [too_dark(result, scene_file.image.exposure)]), quiet=quiet)
+    image = scene_file.image
+    stops = _exposure(result, outputs, image)
+    if stops is not None:
+        dark = too_dark(result, stops, image.view, transparent=image.transparent)
+        _warn(filter(None, [dark]), quiet=quiet)
+        if image.exposure == "auto" and not quiet:
+            print(f"chosen for --exposure auto: {as_flags({'image.exposure': stops})}", file=sys.stderr)
+        resolved["image"] |= {"exposure": stops}
     resolved["map"] = _used_map(resolved["map"], result)
     resolved["march"] |= {"steps": result.scene.march.steps}
     _tell_error(scene.map.max_error, result, quiet=quiet)
 
     rendered = time.perf_counter()
-    _save(result, outputs, scene_file.image, resolved)
+    _save(result, outputs, image, resolved)
     ended = time.perf_counter()
-    planned = planned.completed(result.scene, result.stats.map, result.stats.error_estimate)
+    planned = planned.completed(result.scene, result.stats.map, result.stats.error_estimate, stops)
     report = {"options": resolved, "plan": planned.to_dict()} | result.stats.to_dict()
     report["seconds"] |= {"load": load_seconds, "save": ended - rendered, "total": ended - started}
     if stats and not quiet:
@@ -179,6 +186,15 @@ def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
         taken[real_path(path)] = "is written twice"
 
 
+def _exposure(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings) -> float | None:
+    """Return the stops of the PNGs; None without one."""
+    if not any(path.suffix.lower() == ".png" for path in outputs):
+        return None
+    if image.exposure != "auto":
+        return image.exposure
+    return automatic_exposure(result.image, image.view, transparent=image.transparent)
+
+
 def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
     """Say which outputs are without the layers asked for."""
     for path in outputs if image.aov else ():
@@ -194,10 +210,11 @@ def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSetting
     for path in outputs:
         result.save(
             path,
-            exposure=image.exposure,
+            exposure=resolved["image"]["exposure"],
             aovs=image.aov,
             pixel_type=image.pixel_type,
             metadata={"tfm_cl:options": json.dumps(resolved)},
+            **image.png,
         )
 
 

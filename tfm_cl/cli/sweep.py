@@ -101,6 +101,10 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--method",
         "--crop",
         "--exposure",
+        "--view",
+        "--transparent",
+        "--png-bits",
+        "--dither",
         "--aov",
     )
 )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, resolution
@@ -84,7 +85,13 @@ class Plan:
         for key, (value, why) in self.decisions.items():
             yield f"{key} = {'?' if value is None else value}: {why}"
 
-    def completed(self, scene: Scene, used: ResolvedMap | None, error: float | None = None) -> Plan:
+    def completed(
+        self,
+        scene: Scene,
+        used: ResolvedMap | None,
+        error: float | None = None,
+        exposure: float | None = None,
+    ) -> Plan:
         """Add what rendering found out.
 
         Parameters
@@ -95,8 +102,11 @@ class Plan:
             Its maps; None without.
         error
             Measured, where ``max_error`` asked for it.
+        exposure
+            Stops of a PNG; None without one.
         """
         found: dict[str, Any] = {"map.steps": scene.map.steps, "march.steps": scene.march.steps}
+        found["image.exposure"] = exposure
         if used is not None:
             found |= {"map.res": used.res, "map.coeffs": used.coeffs, "map.steps": used.steps}
             found["map.density_weighting"] = used.density_weighting
@@ -211,7 +221,7 @@ def _looked_up(scene: Scene) -> tuple[Scene, str]:
 
 
 def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
-    """Yield what the file leaves to `tfm_cl.scene.placement`."""
+    """Yield what the file leaves to `tfm_cl.scene.placement`, and to the picture."""
     for number, settings, volume in grids(file, scene):
         if settings.density_scale == "auto":
             yield f"volume.{number}density_scale", Decision(volume.density_scale, optical_depth.WHY_DENSITY)
@@ -220,6 +230,8 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
         if key not in file.camera:
             yield f"camera.{key}", Decision(camera[key], why)
+    if file.image.exposure == "auto":
+        yield "image.exposure", Decision(None, WHY_AUTOMATIC)
     if file.light is None:
         light = scene.lights[0].to_dict()
         for key, why in PLACED.items():

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.files.image_io.display import grey_shown_as, shown, straight
 from tfm_cl.files.srgb import linear_from_srgb
-from tfm_cl.limits import LARGEST_COLOUR
+from tfm_cl.limits import LARGEST_COLOUR, MOST_STOPS
 from tfm_cl.render.culling import bounds_of_lights, box_on_screen
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import Light, texel_positions
@@ -36,12 +37,10 @@ THINNEST = 2e-4
 """Optical depth of which, with the intensity that lights are placed with, no 8 bits show anything."""
 EIGHT_BIT_STEP = float(linear_from_srgb(np.array(0.5 / 255)))
 """The least value that a PNG does not round to 0."""
-MOST_STOPS = 100
-"""Of an exposure."""
 FAINTEST = EIGHT_BIT_STEP / 2.0**MOST_STOPS
 """What is darker counts as black: no exposure shows it."""
 MID_GREY = 0.2
-"""What the exposure that is proposed makes of the brightest value, about."""
+"""What the exposure that is proposed shows the brightest value as, about."""
 SWALLOWED = 1e-20
 """Transmittance of which nothing is left to be seen."""
 ROUNDED_CUTOFF = 1.01
@@ -95,18 +94,25 @@ def why_black(result: RenderResult, visibility: Visibility) -> str:
     return f"{_black(result)}: {'; '.join(reasons)}"
 
 
-def too_dark(result: RenderResult, exposure: float) -> str:
+def too_dark(
+    result: RenderResult, exposure: float, view: str = "standard", *, transparent: bool = False
+) -> str:
     """Tell why a picture that has light is black in 8 bits; empty where it is not.
 
     Parameters
     ----------
-    exposure
-        Stops, of the PNG.
+    exposure, view, transparent
+        Of the PNG; the exposure in stops.
     """
-    brightest = float(result.image[..., :3].max())
-    if not FAINTEST <= brightest < EIGHT_BIT_STEP / 2.0**exposure:
+    brightest = 0.0
+    for row in rows_from_the_middle(result.image):
+        colours = straight(row) if transparent else row[:, :3]
+        if (shown(colours, exposure, view) >= EIGHT_BIT_STEP).any():
+            return ""
+        brightest = max(brightest, float(colours.max()))
+    if brightest < FAINTEST:
         return ""
-    stops = min(math.ceil(math.log2(MID_GREY / brightest)), MOST_STOPS)
+    stops = min(math.ceil(math.log2(grey_shown_as(MID_GREY, view) / brightest)), MOST_STOPS)
     reason = f"its brightest value, {brightest:.3g}, is less than an 8-bit step: --exposure {stops} shows it"
     thin = too_thin(result.scene)
     return f"{_black(result)}: {reason}" + (f"; {thin}" if thin else "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,28 +88,31 @@ class RenderResult:
         self,
         path: str | Path,
         *,
-        exposure: float = 0.0,
+        exposure: image_io.Exposure = 0.0,
         aovs: tuple[str, ...] = (),
         pixel_type: image_io.PixelType = "float",
         metadata: dict[str, Metadata] | None = None,
+        **png: Unpack[image_io.PngOptions],
     ) -> None:
         """Write ``.exr`` (with the AOVs named), ``.png`` or ``.npy``; the file appears whole or not at all.
 
         Parameters
         ----------
         exposure
-            Stops, for PNG.
+            Stops, or ``"auto"``, for PNG.
         aovs
             Layers to add to an EXR; other files have no room for them (`image_io.holds_layers`).
         pixel_type
             ``float`` or ``half``, of an EXR's colours.
         metadata
             Further EXR attributes; camera matrices and the version are always written.
+        **png
+            For PNG: ``view``, ``transparent``, ``png_bits`` and ``dither`` of `image_io.PngOptions`.
 
         Raises
         ------
         ImageError
-            Unknown extension, or the file cannot be written.
+            Unknown extension, an option that is none, or the file cannot be written.
         """
         camera = self.scene.camera
         camera_from_world = np.linalg.inv(camera.world_from_camera).astype(np.float64)
@@ -125,10 +128,10 @@ class RenderResult:
                 **(metadata or {}),
             },
         )
-        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type)
+        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type, **png)
 
-    def _repr_png_(self) -> bytes:
-        """Show the picture in a notebook."""
+    def _repr_png_(self, *, exposure: image_io.Exposure = 0.0, **png: Unpack[image_io.PngOptions]) -> bytes:
+        """Show the picture in a notebook, which gives no options; those of `save` may be given by hand."""
         from tfm_cl.files.image_io.png import png_bytes  # noqa: PLC0415 - only notebooks need it
 
-        return png_bytes(self.image)
+        return png_bytes(self.image, exposure, corner=self.crop[:2], **png)

@@ -5,6 +5,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.errors import unknown_key
+from tfm_cl.files.image_io import PngOptions
+from tfm_cl.files.image_io.views import VIEWS
+from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.model import Model, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import LAYERS
@@ -223,6 +226,12 @@ def _aovs(value: Any) -> Any:
     return tuple(dict.fromkeys(value))
 
 
+def _view(value: Any) -> Any:
+    if not isinstance(value, str) or value not in VIEWS:
+        raise ValueError(unknown_key(str(value), list(VIEWS)).replace("key", "view"))
+    return value
+
+
 class ImageSettings(Model):
     """Settings of the image that is written."""
 
@@ -231,10 +240,30 @@ class ImageSettings(Model):
     crop: Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)] = Field(
         None, description="part of the frame to render: pixels x0,y0,x1,y1 (end excluded)"
     )
-    exposure: float = Field(0.0, ge=-100, le=100, description="exposure in stops, PNG only")
+    exposure: Annotated[float | Literal["auto"], number_or_auto(-MOST_STOPS, MOST_STOPS)] = Field(
+        0.0, description="exposure in stops, PNG only; auto: by how bright what is lit is"
+    )
+    view: Annotated[str, BeforeValidator(_view)] = Field(
+        "standard",
+        description="how light is shown, PNG only. "
+        + "; ".join(f"{view.NAME}: {view.SUMMARY}" for view in VIEWS.values()),
+    )
+    transparent: bool = Field(default=False, description="write alpha, PNG only; otherwise over black")
+    png_bits: Literal[8, 16] = Field(8, description="bits a channel, PNG only: 8 or 16")
+    dither: bool = Field(
+        default=True,
+        description="dither 8 bits, so that gradients do not band, PNG only; otherwise round",
+    )
     aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
         (), description="extra EXR layers: " + ", ".join(LAYERS)
     )
     pixel_type: Literal["float", "half"] = Field(
         "float", description="type of the colour channels in EXR files"
     )
+
+    @property
+    def png(self) -> PngOptions:
+        """What `tfm_cl.files.image_io.save` takes for a PNG, besides the exposure."""
+        return PngOptions(
+            view=self.view, transparent=self.transparent, png_bits=self.png_bits, dither=self.dither
+        )

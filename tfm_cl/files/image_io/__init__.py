@@ -5,18 +5,19 @@ To add a format, write a module with ``write(path, image, options)`` and ``read(
 """
 
 import importlib
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Literal, Protocol, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import ImageError
+from tfm_cl.errors import ImageError, unknown_key
 from tfm_cl.files import paths as files
 from tfm_cl.files.image_io.image import Image, Picture
+from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
+from tfm_cl.limits import MOST_STOPS
 
 FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
 """Modules of this package by file extension; imported when an image of that kind is read or written."""
@@ -25,12 +26,16 @@ MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image that is read (4 GiB of float32 RGBA)."""
 
 PixelType = Literal["half", "float"]
+Exposure = float | Literal["auto"]
+"""Stops; ``"auto"``: chosen from the picture, by `tfm_cl.files.image_io.display.automatic_exposure`."""
 
 __all__ = [
     "FORMATS",
     "MAX_PIXELS",
+    "Exposure",
     "Image",
     "Picture",
+    "PngOptions",
     "WriteOptions",
     "check_writable",
     "holds_layers",
@@ -40,20 +45,47 @@ __all__ = [
 ]
 
 
+class PngOptions(TypedDict, total=False):
+    """How a PNG shows a picture, besides its exposure."""
+
+    view: str
+    """From exposed light to a display's: ``standard`` (only a clip), ``filmic``, ``agx`` or ``aces``."""
+    transparent: bool
+    """Whether to write alpha; otherwise the picture lies over black."""
+    png_bits: int
+    """8 or 16 a channel."""
+    dither: bool
+    """Whether 8 bits are dithered: each code is next to its value, above or below, and right on average;
+    otherwise it is the nearest. Values of a code, black and white are the same in both."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class WriteOptions:
     """Options for writing an image; each format uses those that apply to it."""
 
     pixel_type: PixelType = "half"
     """EXR: type of the colours; scalar AOVs are always float."""
-    exposure: float = 0.0
+    exposure: Exposure = 0.0
     """PNG: exposure in stops; the image is multiplied by 2 to this power."""
+    view: str = "standard"
+    """PNG, as all that follow: see `PngOptions`."""
+    transparent: bool = False
+    png_bits: int = 8
+    dither: bool = True
 
     def __post_init__(self) -> None:
         if self.pixel_type not in {"half", "float"}:
             raise ImageError(f"pixel_type is 'half' or 'float'; got {self.pixel_type!r}")
-        if not (math.isfinite(self.exposure) and abs(self.exposure) <= 100):  # noqa: PLR2004 - beyond float32
-            raise ImageError(f"exposure is a number of stops from -100 to 100; got {self.exposure}")
+        stops: object = self.exposure
+        is_number = isinstance(stops, int | float | np.floating) and abs(float(stops)) <= MOST_STOPS
+        if stops != "auto" and not is_number:
+            raise ImageError(
+                f"exposure is a number of stops from -{MOST_STOPS} to {MOST_STOPS}, or 'auto'; got {stops}"
+            )
+        if self.view not in VIEWS:
+            raise ImageError(unknown_key(str(self.view), list(VIEWS)).replace("key", "view"))
+        if self.png_bits not in {8, 16}:
+            raise ImageError(f"png_bits is 8 or 16; got {self.png_bits}")
 
 
 class ImageFormat(Protocol):
@@ -71,7 +103,14 @@ class ImageFormat(Protocol):
         ...
 
 
-def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", exposure: float = 0.0) -> None:
+def save(
+    path: str | Path,
+    image: Image,
+    *,
+    pixel_type: PixelType = "half",
+    exposure: Exposure = 0.0,
+    **png: Unpack[PngOptions],
+) -> None:
     """Write an image; the extension determines the format.
 
     The file appears complete or not at all: it is written under another name in the same directory,
@@ -80,22 +119,24 @@ def save(path: str | Path, image: Image, *, pixel_type: PixelType = "half", expo
     Parameters
     ----------
     path
-        ``.exr`` (colours, AOVs, windows and metadata), ``.png`` (colours over black, 8 bit sRGB) or
-        ``.npy`` (float32 [H, W, 4]).
+        ``.exr`` (colours, AOVs, windows and metadata), ``.png`` (sRGB, as a view shows it) or ``.npy``
+        (float32 [H, W, 4]).
     image
         The picture.
     pixel_type
         EXR only: type of the colours, ``half`` (clipped to ±65504) or ``float``.
     exposure
-        PNG only: stops.
+        PNG only: stops, or ``"auto"``.
+    **png
+        PNG only: see `PngOptions`.
 
     Raises
     ------
     ImageError
-        Unknown extension, or the file cannot be written (the message says why).
+        Unknown extension, an option that is none, or the file cannot be written (the message says why).
     """
     path = path_of(path, ImageError)
-    options = WriteOptions(pixel_type=pixel_type, exposure=exposure)
+    options = WriteOptions(pixel_type=pixel_type, exposure=exposure, **png)
     module = _format(path)
     with replacing(path, ImageError) as temporary:
         try:
