@@ -4,7 +4,7 @@
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/lattice.h"
-#include "phase/phase.h"
+#include "phase/octaves.h"
 
 /* Voxels of a record that no other has: those of its block. The ones after, for cells at the block's end, are the first
    of the blocks that follow, where these have a record. */
@@ -102,12 +102,12 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
 #if TFM_TANGENTS
   const FibreAngles fibres = no_strands(); /* voxels have none */
 #endif
-  const Floats source = PHASE_OF(media, -dot3(sample.direction, in_light.direction), &fibres) * sample.strength;
+  const Floats phase = PHASE_OF(media, -dot3(sample.direction, in_light.direction), &fibres);
   LatticeValue sum;
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sum.of[TFM_LATTICE_COLOURS + c] = transmittance_of(depth[c]);
   for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
-    sum.of[c] = intensity_of(light, c) * source * sum.of[TFM_LATTICE_COLOURS + (TFM_CHANNELS == 3 ? c : 0)];
+    sum.of[c] = intensity_of(light, c) * sample.strength * octaves_of(media, phase, depth[TFM_CHANNELS == 3 ? c : 0]);
 
   const Ints at = voxels.at * LATTICE_NUMBERS;
   for (int n = 0; n < LATTICE_NUMBERS; ++n) {

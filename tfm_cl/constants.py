@@ -45,6 +45,8 @@ SMOOTH_MASS = 64 * pi / 315
 BEND_UNIT = 2.0**-14
 """Of 16 bits: by how much a strand's tangent at the end of a segment differs from the segment's direction, at
 most √2 along an axis. Highlights are where they should be to 5e-5 of a radian."""
+MOST_OCTAVES = 8
+"""Of a medium."""
 EDGE_MARGIN = 1e-3
 """Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
 meets no medium."""

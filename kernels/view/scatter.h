@@ -10,20 +10,23 @@
 #include "core/quadrature.h"
 #include "light/batch.h"
 #include "light/stretch.h"
-#include "phase/phase.h"
+#include "phase/octaves.h"
 #include "view/camera_sums.h"
+
+/* Of a map's errors there are no octaves. */
+#define HAS_OCTAVES (TFM_OCTAVES > 1 && !TFM_SHOW_RESIDUAL)
 
 /* How a light arrives at a sample. */
 typedef struct {
 #if TFM_MEDIA == 1
-  Floats source; /* phase function times strength */
+  Floats phase;
 #else
   Floats mu; /* cosine between its travel and the direction to the camera */
-  Floats strength;
 #if TFM_TANGENTS
   FibreAngles fibres;
 #endif
 #endif
+  Floats strength;
   Floats visible; /* the part of it that no solid stops */
 #if TFM_TEXTURE
   Floats tint[3];
@@ -57,14 +60,14 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   (void)tangents;
 #endif
 #if TFM_MEDIA == 1
-  arrival.source = PHASE_OF(scene->media, mu, &fibres) * sample.strength;
+  arrival.phase = PHASE_OF(scene->media, mu, &fibres);
 #else
 #if TFM_TANGENTS
   arrival.fibres = fibres;
 #endif
   arrival.mu = mu;
-  arrival.strength = sample.strength;
 #endif
+  arrival.strength = sample.strength;
   arrival.visible = is_lit ? floats(1.0f) : light_visibility(light, buffers->shadow, sample);
 #if TFM_TEXTURE
   light_tint(light, buffers, sample, arrival.tint);
@@ -84,22 +87,35 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   return arrival;
 }
 
+/* The part of a phase function's light that comes this way, of a medium: without octaves what is left of it is known, and
+   multiplied later. */
+#if HAS_OCTAVES
+#define PHASE_AND_WAY(medium, phase, way) octaves_of(medium, phase, way)
+#else
+#define PHASE_AND_WAY(medium, phase, way) (phase)
+#endif
+
 /* What a step scatters of the light that arrives, over its opacity, without the albedo where that is the same
-   everywhere. */
-TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour)
+   everywhere. way: optical depth of the light's. */
+TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour, Floats way)
 {
+  (void)way;
 #if TFM_MEDIA == 1
-  (void)media;
   (void)step;
   (void)colour;
-  return arrival->source;
+  Floats source = PHASE_AND_WAY(media, arrival->phase, way) * arrival->strength;
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
-    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * PHASE_OF(&media[m], arrival->mu, &arrival->fibres);
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] *
+                 PHASE_AND_WAY(&media[m], PHASE_OF(&media[m], arrival->mu, &arrival->fibres), way);
   const Floats extinct = extinguished(media, step, colour);
-  return extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
+  Floats source = extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
 #endif
+#if TFM_TEXTURE
+  source *= arrival->tint[colour];
+#endif
+  return source;
 }
 
 /* Adds a light's sums, which lack its colour. */
@@ -235,11 +251,8 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
-          Floats source = source_of(media, &step[k], &arrival[k], c);
-#if TFM_TEXTURE
-          source *= arrival[k].tint[c];
-#endif
-          sum[c] += opacity[c] * left * source;
+          const Floats source = source_of(media, &step[k], &arrival[k], c, arrives[k][c]);
+          sum[c] += opacity[c] * (HAS_OCTAVES ? arrival[k].visible : left) * source;
           sums->seen[c] += weight * left;
         }
         sums->seen_opacity += weight;
@@ -384,17 +397,14 @@ TFM_INLINE StepLight light_of_step(const Scene *scene, const Lights *lights, LIG
     found.before[c] = least(depth[c] + extinguished(media, &until, c), floats(TFM_MAX_OPTICAL_DEPTH)) +
                       (steps->thin ? 0.5f * taken : floats(0.0f));
     found.opacity[c] = counts * (steps->thin ? twice_sinh(0.5f * taken) : opacity_of(taken));
-    found.source[c] = source_of(media, &step, &arrival, c);
-#if TFM_TEXTURE
-    found.source[c] *= arrival.tint[c];
-#endif
+    found.source[c] = source_of(media, &step, &arrival, c, found.way[c]);
   }
   return found;
 }
 
 TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *sum)
 {
-#if TFM_CHANNELS == 1
+#if TFM_CHANNELS == 1 && !HAS_OCTAVES
 #if TFM_SHOW_RESIDUAL
   const Floats left = transmittance_of(step->before[0]) * step->way[0];
 #else
@@ -411,7 +421,7 @@ TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *s
   }
   for (int c = 0; c < TFM_CHANNELS; ++c) {
     const Floats left = reduced(step->way[c]) * step->visible;
-    sum[c] += opacity[c] * left * step->source[c];
+    sum[c] += opacity[c] * (HAS_OCTAVES ? step->visible : left) * step->source[c];
     sums->seen[c] += weight * left;
   }
 #endif

@@ -211,10 +211,9 @@ class Matter:
         self.grids, self.homogeneous = scene.grids, scene.homogeneous
         self.primitives = primitives_of(scene.primitives)
         self.margin = margin
-        media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]
-        self.sigma_t = np.array([medium.sigma_t for medium in media])
-        self.sigma_s = np.array([medium.sigma_s for medium in media], dtype=float)
-        self.phases = [medium.phase for medium in media]
+        self.media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]
+        self.sigma_t = np.array([medium.sigma_t for medium in self.media])
+        self.sigma_s = np.array([medium.sigma_s for medium in self.media], dtype=float)
         self.weights = np.zeros((len(self.marched), 3, 3))
         for weight, body, sigma_t in zip(self.weights, self.marched, self.sigma_t, strict=False):
             weight[...] = np.diag(sigma_t) if body.colour is not None else np.outer([1, 0, 0], sigma_t)

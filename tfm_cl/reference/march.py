@@ -189,16 +189,28 @@ def _lit_place(middle: Floats, amounts: list[Floats], thin: list[Floats]) -> tup
     return middle + share * (place - middle), share
 
 
-def scattered(matter: Matter, step: Step, ways: tuple[Floats, Floats] | None = None) -> Floats:
-    """Part of a step's opacity that scatters, ``[n, RGB]``; given ways, from one to the other, per steradian.
+def scattered(matter: Matter, step: Step) -> Floats:
+    """Part of a step's opacity that scatters, ``[n, RGB]``."""
+    return _over_depth(step, _summed(matter.sigma_s, step.amounts))
 
-    ``ways``: directions ``[n, 3]`` of the light's travel, and to the camera.
+
+def scattered_light(matter: Matter, step: Step, ways: tuple[Floats, Floats], transmittance: Floats) -> Floats:
+    """Part of a step's opacity that scatters a light to the camera, per steradian, ``[n, RGB]``.
+
+    ``ways``: directions ``[n, 3]`` of the light's travel, and to the camera; ``transmittance`` ``[n, RGB]``:
+    of the bodies between the light and the step.
     """
-    amounts = step.amounts
-    if ways is not None:
-        phases = [_phase(phase, step, *ways)[:, None] for phase in matter.phases]
-        amounts = [amount * phase for amount, phase in zip(amounts, phases, strict=True)]
-    of_all = _summed(matter.sigma_s, amounts)
+    amounts = []
+    for amount, medium in zip(step.amounts, matter.media, strict=True):
+        phase = _phase(medium.phase, step, *ways)[:, None]
+        octaves = [
+            (lobe * phase + even) * transmittance**depth for depth, lobe, even in medium.octave_terms.T
+        ]
+        amounts.append(amount * sum(octaves))
+    return _over_depth(step, _summed(matter.sigma_s, amounts))
+
+
+def _over_depth(step: Step, of_all: Floats) -> Floats:
     return np.divide(of_all, step.depth, out=np.zeros_like(of_all), where=step.depth > 0)
 
 

@@ -27,6 +27,7 @@ from tfm_cl.reference.march import (
     march,
     mean_distance,
     scattered,
+    scattered_light,
     segments,
 )
 from tfm_cl.reference.primitives import bounds_of
@@ -292,11 +293,11 @@ def _scattered(
             light.bias * step.thin, np.maximum(arrival.distance, 0)
         )  # what is thin does not shade itself
         transmitted = light.transmittance(points - before[:, None] * arrival.direction)
-        transmitted = transmitted * obstacles.visibility(light.light, points)[:, None]
-        source = scattered(matter, step, ways) * light.arrives(points)
+        visible = obstacles.visibility(light.light, points)[:, None]
+        source = scattered_light(matter, step, ways, transmitted) * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
-        radiance[pixels] += step.opacity * source * transmitted
-        reached[pixels] += opacity * transmitted
+        radiance[pixels] += step.opacity * source * visible
+        reached[pixels] += opacity * transmitted * visible
         seen[pixels] += opacity
     return radiance, reached, seen
 

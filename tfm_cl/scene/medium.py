@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from tfm_cl.constants import MOST_OCTAVES
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Model, section_within
 from tfm_cl.scene.phases.base import Phase, parse_phase
@@ -25,6 +26,42 @@ class Medium(Model):
         validate_default=True,
         description="phase function: isotropic, hg:G or kajiya-kay:SPECULAR:EXPONENT",
     )
+
+    octaves: int = Field(
+        1,
+        ge=1,
+        le=MOST_OCTAVES,
+        description="multiple scattering, roughly, from one look-up of a light; 1: single scattering",
+    )
+    attenuation: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="of octaves: the extinction that light meets in each, over the one before's",
+    )
+    contribution: float = Field(
+        0.5, ge=0, le=1, description="of octaves: how much light each adds, over the one before"
+    )
+    eccentricity: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="of octaves: mean cosine of the phase function in each, over the one before's",
+    )
+
+    @property
+    def octave_terms(self) -> NDArray[np.float64]:
+        """[3, octaves]: what multiplies optical depths, the phase function's share, and what is even, per sr.
+
+        Of light with the transmittance T, Σ_i (lobe_i p + even_i) T^(depth_i) is scattered per albedo, where
+        the first term is single scattering, p T.
+
+        Source: M. Wrenninge, C. Kulla, V. Lundqvist, "Oz: The Great and Volumetric", SIGGRAPH 2013 Talks; a
+        part of p stands for their phase function of a smaller mean cosine, so that any p has octaves.
+        """
+        i = np.arange(self.octaves)
+        lobe, all_ = self.eccentricity**i, self.contribution**i
+        return np.stack([self.attenuation**i, lobe * all_, (1 - lobe) * all_ / (4 * np.pi)])
 
     @property
     def sigma_t(self) -> NDArray[np.float64]:

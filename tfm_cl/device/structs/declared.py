@@ -1,5 +1,6 @@
 """All structs that kernels are told: one for each owner, which the module of its name fills."""
 
+from tfm_cl.constants import MOST_OCTAVES
 from tfm_cl.device.structs.base import Field, Struct
 
 VIEW = Struct(
@@ -39,6 +40,9 @@ MEDIUM = Struct(
         Field("float", "albedo", 3, "sigma_s / sigma_t, RGB; 0 where sigma_t is 0"),
         Field("int", "phase_kind", 1, "number of the kind of its phase function"),
         Field("float", "phase", 4, "parameters of that"),
+        Field("float", "octave_depth", MOST_OCTAVES, "of each octave: what multiplies optical depths"),
+        Field("float", "octave_lobe", MOST_OCTAVES, "the phase function's share"),
+        Field("float", "octave_even", MOST_OCTAVES, "what is scattered evenly, per steradian"),
     ),
 )
 
