@@ -112,8 +112,8 @@ def test_what_is_no_colour(colour):
         (lambda: tfm.Camera(to=(0, 0, 0)), "camera.from is missing"),
         (lambda: tfm.Camera(**SPOT, res=(0, 1)), "camera.res = (0, 1): should be at least 1×1"),
         (
-            lambda: tfm.Medium(phase="mie"),
-            "medium.phase = 'mie': unknown phase function 'mie'; known: isotropic, hg",
+            lambda: tfm.Medium(phase="snow"),
+            "medium.phase = 'snow': unknown phase function 'snow'; known: isotropic, hg",
         ),
         (lambda: tfm.Medium(phase=7), "medium.phase = 7: should be a name, as"),
         (lambda: tfm.Medium(self=1), "unknown key 'self' in [medium]; "),

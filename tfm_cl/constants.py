@@ -50,6 +50,12 @@ MOST_OCTAVES = 8
 EDGE_MARGIN = 1e-3
 """Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
 meets no medium."""
+PHASE_CELLS = 8192
+"""Cells of a phase function that is known by its values, half of them from each pole: 0.02° wide at the
+poles, where float32 has as many cosines, and 0.03° between them."""
+FORWARD_DISK = 5.41e-6
+"""sin²(θ/2) at the edge of the disk of the Sun, 0.2665° from its middle: over such a disk a phase function
+that is infinite at θ = 0 is averaged."""
 
 
 def c_definitions() -> str:
@@ -73,6 +79,8 @@ def c_definitions() -> str:
         "SMOOTH_MASS": f"{SMOOTH_MASS:.9g}f",
         "BEND_UNIT": f"{BEND_UNIT:.9g}f",
         "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
+        "PHASE_CELLS": PHASE_CELLS,
+        "FORWARD_DISK": f"{FORWARD_DISK}f",
         **{f"POINT_{name.upper()}": number for name, number in POINT_PROFILES.items()},
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
     }

@@ -266,7 +266,7 @@ def test_several_faults_are_told_in_one_run(cli, scene):
         *("density = 0.01", "density = -1"),
         *("cone = 30", "cone = 300"),
     )
-    done = cli("render", path, "-o", "a.png", "--set", "volume.2.medium.phase=mie")
+    done = cli("render", path, "-o", "a.png", "--set", "volume.2.medium.phase=snow")
     assert (done.code, done.out) == (2, "")
     told = sorted(line.removeprefix(f"tfm: {path}: ") for line in done.err.splitlines())
     starts = [
@@ -274,7 +274,7 @@ def test_several_faults_are_told_in_one_run(cli, scene):
         "medium.sigma_a = 'much': should be one number",
         "volume 1: unknown key 'sigma_t' in [volume.medium]; did you mean 'sigma_",
         "volume 2: volume.density = -1: should be greater than or equal to 0",
-        "volume 2: volume.medium.phase = 'mie': unknown phase function 'mie'",
+        "volume 2: volume.medium.phase = 'snow': unknown phase function 'snow'",
     ]
     assert len(told) == len(starts), told
     assert all(line.startswith(start) for line, start in zip(told, starts, strict=True)), told

@@ -64,6 +64,7 @@ FLAGS = [
     ("--sigma-s", "1,0.5,0", "medium.sigma_s", [1, 0.5, 0]),
     ("--sigma-a", "0.5", "medium.sigma_a", [0.5, 0.5, 0.5]),
     ("--phase", "hg:-0.3", "medium.phase", {"type": "hg", "g": -0.3}),
+    ("--phase", "mie", "medium.phase", {"type": "mie", "diameter": 20}),
     ("--camera-from", "-1,2,3e1", "camera.from", [-1, 2, 30]),
     ("--camera-to", "0,0,-9", "camera.to", [0, 0, -9]),
     ("--up", "0,0,1", "camera.up", [0, 0, 1]),

@@ -2,19 +2,37 @@
 
 import numpy as np
 import pytest
+from every_phase import EVERY_PHASE
 from kernel_calls import Calls
 from scenes import make_scene
-from scipy import integrate
-from tolerances import FLOAT32
+from tolerances import DEVICE_FUNCTION, FLOAT32
 
 import tfm_cl as tfm
+from tfm_cl.constants import FORWARD_DISK
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.medium import medium_structs
-from tfm_cl.scene.phases import PHASES, HenyeyGreenstein, Isotropic, KajiyaKay
+from tfm_cl.scene.phases import PHASES, FournierForand, HenyeyGreenstein, Isotropic
 
 pytestmark = pytest.mark.lanes
 
-EVERY_PHASE = [Isotropic(), *(HenyeyGreenstein(g) for g in (-0.99, -0.4, 0.0, 0.3, 0.8, 0.99)), KajiyaKay()]
+OF_CELLS = 3e-4
+"""A table on the device, linear over cells of 0.02° to 0.03°, relative to the function: `PhaseMixture`'s, of
+which a disk's edge lies in some cell, is left out there."""
+OF_PEAKS = 10 * FLOAT32
+"""Times 1 / (1 - |g|): a lobe's peak divides by (1 - |g|)³, and g is rounded once."""
+OF_POWERS = 60 * FLOAT32
+"""δ^-nu with δ up to 10⁶, of which the exponent is rounded, and differences divided by 1 - δ twice."""
+
+
+def worst_error(phase):
+    """Relative error that rounding, or the cells of a table, leave."""
+    if phase.kernel_table() is not None:
+        return OF_CELLS
+    if isinstance(phase, FournierForand):
+        return OF_POWERS
+    lobes = [getattr(phase, name, 0.0) for name in ("g", "g1", "g2")]
+    lobes += [phase.fit().g_hg] if hasattr(phase, "fit") else []
+    return max(DEVICE_FUNCTION, OF_PEAKS / (1 - max(map(abs, lobes))))
 
 
 def test_no_kind_is_forgotten():
@@ -22,13 +40,19 @@ def test_no_kind_is_forgotten():
 
 
 @pytest.mark.parametrize(
-    "phases", [[EVERY_PHASE[0]], EVERY_PHASE[1:], EVERY_PHASE], ids=["one", "a kind", "all"]
+    "phases",
+    [[Isotropic()], [HenyeyGreenstein(0.3), HenyeyGreenstein(-0.99)], EVERY_PHASE],
+    ids=["one", "a kind", "all"],
 )
 def test_phase_functions(launcher, phases):
     media = [tfm.Medium(phase=phase) for phase in phases]
-    scene = make_scene(volume=[tfm.BoxVolume(density=1, medium=medium) for medium in media])
+    of_each_kind = {medium.phase.type: medium for medium in media}.values()
+    scene = make_scene(volume=[tfm.BoxVolume(density=1, medium=medium) for medium in of_each_kind])
     on_device = media_on_device(launcher, scene, None)
-    mu = np.concatenate([np.linspace(-1, 1, 999), [1.0]]).astype(np.float32)
+    peaks = 1 - np.geomspace(1e-7, 0.1, 300)
+    mu = np.concatenate([np.linspace(-1, 1, 999), peaks, -peaks, [1.0]]).astype(np.float32)
+    # Between two places on a device's table the disk has an edge.
+    mu = mu[np.abs((1 - mu) / (2 * FORWARD_DISK) - 1) > 0.1]
 
     defines = {name: on_device.defines[name] for name in ("TFM_PHASE(medium, mu, fibres)", "TFM_TANGENTS")}
     calls = Calls(
@@ -37,13 +61,5 @@ def test_phase_functions(launcher, phases):
     values = calls("call_phase", mu, len(media), of_media=len(media))
 
     for phase, found in zip(phases, values.T, strict=True):
-        # The peak divides by (1 - |g|)³, and g is rounded once.
-        worst = 10 * FLOAT32 / (1 - abs(getattr(phase, "g", 0.0)))
-        assert np.allclose(found, phase.evaluate(mu), rtol=worst)
-
-
-@pytest.mark.parametrize("phase", EVERY_PHASE, ids=str)
-def test_phase_functions_integrate_to_1(phase):
-    integral, _ = integrate.quad(lambda mu: float(phase.evaluate(mu)), -1, 1, epsabs=1e-9, limit=1000)
-
-    assert 2 * np.pi * integral == pytest.approx(1, abs=1e-6)
+        error = np.abs(found / phase.evaluate(mu) - 1)
+        assert error.max() <= worst_error(phase), phase

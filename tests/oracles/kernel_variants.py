@@ -1,8 +1,8 @@
 """Every program that is built from the kernels, in enough variants to meet each choice beside each other.
 
 Headers and macros are those that the passes themselves ask for, of scenes, lights and settings that are
-chosen here. A new kernel file is a line of ``PROGRAMS``, a new choice a line above it; bases, lights and
-phase functions come from their registries.
+chosen here. A new kernel file is a line of ``PROGRAMS``, a new choice a line above it; bases and lights come
+from their registries, phase functions from ``every_phase``, which a test compares with theirs.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,6 +10,7 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
+from every_phase import ONE_OF_EACH_PHASE
 
 import tfm_cl as tfm
 from tfm_cl.constants import STORAGE_BITS
@@ -26,7 +27,6 @@ from tfm_cl.render.scatter import scatter_variant
 from tfm_cl.scene.bodies import MarchedBody
 from tfm_cl.scene.lights import LIGHTS
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
-from tfm_cl.scene.phases import PHASES
 from tfm_cl.scene.settings import MapSettings
 
 Choices = Mapping[str, Sequence[Any]]
@@ -40,7 +40,7 @@ Program = tuple[tuple[str, ...], dict[str, int | str]]
 GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
 COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1))
-PHASED = [COLD.replace(phase=phase()) for phase in PHASES.values()]
+PHASED = [COLD.replace(phase=phase) for phase in ONE_OF_EACH_PHASE]
 VOXELS = np.ones((3, 4, 5), np.float32)
 
 
@@ -92,7 +92,8 @@ BODIES: dict[str, list[Any]] = {
     "every kind": [
         _coloured(),
         _grid(WARM),
-        *(_grid(medium) for medium in PHASED),
+        *(_grid(medium) for medium in PHASED[:3]),
+        *(_ball(medium) for medium in PHASED[3:]),
         _box(COLD),
         _ball(),
         _fog(),

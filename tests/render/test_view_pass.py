@@ -11,6 +11,7 @@ from tfm_cl import reference
 pytestmark = pytest.mark.lanes
 
 LIGHT = make_scene().lights[0]
+MIXED = tfm.PhaseMixture(phases=("mie", "rayleigh"), weights=(1, 2))
 VARIANTS = {
     "plain": {},
     "world sampling": {"march": tfm.MarchSettings(steps=30, sampling="world")},
@@ -19,6 +20,14 @@ VARIANTS = {
     "absorbs only": {"medium": tfm.Medium(sigma_s=0.0, sigma_a=1.0)},
     "one channel is clear": {"medium": tfm.Medium(sigma_s=(1, 0, 0.5), sigma_a=(0, 0, 0.5))},
     "backward": {"medium": tfm.Medium(phase=tfm.HenyeyGreenstein(-0.6))},
+    "tables of two media": {
+        "medium": tfm.Medium(phase=tfm.TabulatedPhase(values=(3, 1, 2, 9))),
+        "volume": [
+            make_scene().volume,
+            tfm.SphereVolume(density=0.5, medium=tfm.Medium(phase=MIXED)),
+            tfm.BoxVolume(density=0.2, medium=tfm.Medium(phase="fournier-forand")),
+        ],
+    },
     "inverse-square": {"lights": [LIGHT.replace(falloff="inverse-square", intensity=(40, 30, 20))]},
     "soft narrow cone": {"lights": [LIGHT.replace(cone=9, blend=0.5)]},
     "hard narrow cone": {"lights": [LIGHT.replace(cone=6)]},

@@ -34,8 +34,9 @@ def spot(path, **changes):
         {"solids": [tfm.MeshSolid(mesh="missing.ply")]},
         {"lights": [spot("missing.png")]},
         {"lights": [tfm.EnvironmentLight(texture="missing.png")]},
+        {"medium": tfm.Medium(phase="table:missing.txt")},
     ],
-    ids=["mesh", "texture", "environment"],
+    ids=["mesh", "texture", "environment", "phase function"],
 )
 def test_what_cannot_be_read_is_told(parts, renderer):
     scene = scene_with(**parts)

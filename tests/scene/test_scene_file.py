@@ -442,7 +442,7 @@ def test_what_every_body_overrides_is_not_set_in_vain(folder, key):
         ("medium = { medium = 1 }", ["unknown key 'medium' in [volume.medium]; "]),
         ("medium = { sigma_s = -1 }", ["volume.medium.sigma_s = -1: should be ≥ 0"]),
         ("medium = { phase = 'hg:2' }", ["volume.medium.phase.g = 2.0: should be less than 1"]),
-        ("medium = { phase = 'mie' }", ["volume.medium.phase = 'mie': unknown phase function 'mie'"]),
+        ("medium = { phase = 'snow' }", ["volume.medium.phase = 'snow': unknown phase function 'snow'"]),
         (
             "medium = { sigma_q = 1, sigma_a = 'dark' }\ndensty = 2",
             [

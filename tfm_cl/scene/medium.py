@@ -2,7 +2,8 @@
 
 import re
 import reprlib
-from typing import Annotated, Any, ClassVar
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from pydantic import Field
 from tfm_cl.constants import MOST_OCTAVES
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Model, section_within
-from tfm_cl.scene.phases.base import Phase, parse_phase
+from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 
 
 class Medium(Model):
@@ -24,7 +25,7 @@ class Medium(Model):
     phase: Annotated[Phase, section_within(parse_phase)] = Field(
         "isotropic",
         validate_default=True,
-        description="phase function: isotropic, hg:G or kajiya-kay:SPECULAR:EXPONENT",
+        description=f"phase function: {', '.join(phase.usage() for phase in PHASES.values())}",
     )
 
     octaves: int = Field(
@@ -67,6 +68,11 @@ class Medium(Model):
     def sigma_t(self) -> NDArray[np.float64]:
         """Extinction coefficient σ_s + σ_a at density 1, RGB, per world unit."""
         return np.add(self.sigma_s, self.sigma_a)
+
+    def beside(self, folder: Path) -> Self:
+        """Return the same with names of files that are relative to ``folder`` made absolute."""
+        phase = self.phase.beside(folder)
+        return self if phase is self.phase else self.replace(phase=phase)
 
 
 def parse_medium(value: Any) -> Medium | None:

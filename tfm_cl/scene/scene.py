@@ -161,19 +161,21 @@ class Scene:
         return SceneFile.read(source_of(path, error=SceneError)).make(cls)
 
     def read_files(self) -> None:
-        """Read what solids and lights name, where that has not been done; volumes are read already.
+        """Read what solids, lights and media name, where that has not been done; volumes are read already.
 
         Afterwards nothing is read any more, but an image that has changed since.
 
         Raises
         ------
         SceneError
-            A mesh or an image that cannot be used.
+            A mesh, an image or a table that cannot be used.
         """
         for solid in self.solids:
             solid.read_files()
         for light in self.lights:
             light.read_files()
+        for body in self.bodies:
+            self.medium_of(body).phase.read_files()
 
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""

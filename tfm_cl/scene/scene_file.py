@@ -245,7 +245,8 @@ class SceneFile:
         """Check all tables, each by itself, and return what they make by the name of the attribute."""
         makers: dict[str, Callable[[Any], Any]] = {name: cls.from_table for name, cls in SECTIONS.items()}
         makers |= {
-            "volume": lambda bodies: _volumes(bodies, tables.get("medium")),
+            "volume": lambda bodies: _volumes(bodies, tables.get("medium"), folder),
+            "medium": lambda medium: Medium.from_table(medium).beside(folder),
             "camera": _camera,
             "light": lambda lights: _each("light", lights, lambda table: _light(table, folder)),
             "solid": lambda solids: _each("solid", solids, lambda table: _solid(table, folder)),
@@ -305,6 +306,8 @@ class SceneFile:
             named += volume.sources()
         named += [getattr(light, "texture", None) for light in self.light or ()]
         named += [getattr(solid, "mesh", None) for solid in self.solids]
+        for medium in (self.medium, *(volume.medium for volume in self.volumes)):
+            named += medium.phase.files() if medium else ()
         return [source_of(name, self.path.parent) for name in named if name]
 
     def _check_crop(self, camera: Camera) -> None:
@@ -483,16 +486,16 @@ def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, .
     return tuple(made)
 
 
-def _volumes(tables: Values | list[Any], medium: Values | None) -> tuple[BodySettings, ...]:
+def _volumes(tables: Values | list[Any], medium: Values | None, folder: Path) -> tuple[BodySettings, ...]:
     """Make bodies; ``medium``: the scene's table, of which a body's own overrides some keys."""
     if isinstance(tables, dict):
-        return (_volume(tables, medium),)
+        return (_volume(tables, medium, folder),)
     if not 1 <= len(tables) <= MOST_BODIES:
         raise SceneError(f"a scene has 1 to {MOST_BODIES} [[volume]] tables; got {len(tables)}")
-    return _each("volume", tables, lambda table: _volume(table, medium))
+    return _each("volume", tables, lambda table: _volume(table, medium, folder))
 
 
-def _volume(table: Values, medium: Values | None) -> BodySettings:
+def _volume(table: Values, medium: Values | None, folder: Path) -> BodySettings:
     own = table.get("medium")
     if isinstance(own, dict) and medium:
         with contextlib.suppress(SceneError):  # what is wrong with [medium] is told there
@@ -501,7 +504,8 @@ def _volume(table: Values, medium: Values | None) -> BodySettings:
     told = [key for key in BODIES if key in table]
     if len(told) > 1:
         raise SceneError(f"volume: {told[0]} and {told[1]} are two kinds of bodies; keep one")
-    return BODIES[told[0] if told else "file"](table)
+    body = BODIES[told[0] if told else "file"](table)
+    return body if body.medium is None else body.replace(medium=body.medium.beside(folder))
 
 
 def _light(table: Values, folder: Path) -> Light:

@@ -16,10 +16,14 @@ if TYPE_CHECKING:
 
 
 def medium_structs(media: Sequence[Medium]) -> NDArray[Any]:
-    """Return the structs, [media]."""
-    structs = np.zeros(len(media), MEDIUM.dtype)
-    kinds = list(PHASES)
-    for struct, medium in zip(structs, media, strict=True):
+    """Return the structs, [media], and then as many as hold the numbers of their phase functions' tables."""
+    tables = [medium.phase.kernel_table() for medium in media]
+    numbers = np.concatenate([table for table in tables if table is not None] or [np.zeros(0, np.float32)])
+    width = MEDIUM.dtype.itemsize // numbers.itemsize
+    structs = np.zeros(len(media) + -(-len(numbers) // width), MEDIUM.dtype)
+    structs[len(media) :].view(np.float32)[: len(numbers)] = numbers
+    kinds, begin = list(PHASES), len(media) * width
+    for i, (struct, medium, table) in enumerate(zip(structs, media, tables, strict=False)):
         sigma_t = medium.sigma_t
         struct["sigma_t"] = sigma_t
         struct["sigma_s"] = medium.sigma_s
@@ -29,4 +33,7 @@ def medium_structs(media: Sequence[Medium]) -> NDArray[Any]:
         struct["phase"][: len(phase)] = phase
         for name, values in zip(("depth", "lobe", "even"), medium.octave_terms, strict=True):
             struct[f"octave_{name}"][: len(values)] = values
+        if table is not None:
+            struct["phase_table"] = begin - i * width
+            begin += len(table)
     return structs

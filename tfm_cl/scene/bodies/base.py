@@ -19,6 +19,13 @@ if TYPE_CHECKING:
 class BodySettings(Protocol):
     """What a scene file says of a body."""
 
+    @property
+    def medium(self) -> Medium | None:
+        """What this body alone is made of."""
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with other values."""
+
     def load(self, folder: Path) -> Body:
         """Make the body, reading its files, whose names are relative to ``folder``."""
 

@@ -4,10 +4,47 @@ To add one, write a module with a `Phase` subclass and its kernel header, and li
 """
 
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
+from tfm_cl.scene.phases.double_henyey_greenstein import DoubleHenyeyGreenstein
+from tfm_cl.scene.phases.draine import Draine
+from tfm_cl.scene.phases.fournier_forand import FournierForand
 from tfm_cl.scene.phases.henyey_greenstein import HenyeyGreenstein
 from tfm_cl.scene.phases.isotropic import Isotropic
 from tfm_cl.scene.phases.kajiya_kay import KajiyaKay
+from tfm_cl.scene.phases.mie import Mie
+from tfm_cl.scene.phases.mixture import PhaseMixture
+from tfm_cl.scene.phases.rayleigh import Rayleigh
+from tfm_cl.scene.phases.tabulated import TabulatedPhase
 
-PHASES.update({cls.model_fields["type"].default: cls for cls in (Isotropic, HenyeyGreenstein, KajiyaKay)})
+PHASES.update(
+    {
+        cls.model_fields["type"].default: cls
+        for cls in (
+            Isotropic,
+            HenyeyGreenstein,
+            DoubleHenyeyGreenstein,
+            Rayleigh,
+            Draine,
+            Mie,
+            FournierForand,
+            TabulatedPhase,
+            PhaseMixture,
+            KajiyaKay,
+        )
+    }
+)
 
-__all__ = ["PHASES", "HenyeyGreenstein", "Isotropic", "KajiyaKay", "Phase", "parse_phase"]
+__all__ = [
+    "PHASES",
+    "DoubleHenyeyGreenstein",
+    "Draine",
+    "FournierForand",
+    "HenyeyGreenstein",
+    "Isotropic",
+    "KajiyaKay",
+    "Mie",
+    "Phase",
+    "PhaseMixture",
+    "Rayleigh",
+    "TabulatedPhase",
+    "parse_phase",
+]

@@ -1,7 +1,9 @@
 """The interface of a phase function."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +26,8 @@ class Phase(Model):
     ARGUMENTS: ClassVar[str] = "(medium, mu)"
     """Of that function; one that knows how strands lie takes ``const FibreAngles *fibres`` instead."""
     KNOWS_TANGENTS: ClassVar[bool] = False
+    TAKES: ClassVar[str] = "no parameter"
+    """What may follow its name on the command line, in words."""
 
     type: str = Field(description="name of the phase function")
 
@@ -31,16 +35,59 @@ class Phase(Model):
         """Up to four parameters, which the kernel finds in ``medium->phase``."""
         return ()
 
+    def kernel_table(self) -> NDArray[np.float32] | None:
+        """Numbers of any count, ``medium->phase_table`` floats from the medium; None: it needs none."""
+        return None
+
     @abstractmethod
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ) per steradian in double precision: the reference for the kernel header."""
 
+    def read_files(self) -> None:
+        """Read what it names, so that nothing has to be read later.
+
+        Raises
+        ------
+        SceneError
+            A file that cannot be used.
+        """
+
+    def files(self) -> tuple[str, ...]:
+        """Return the names of the files that it reads."""
+        return ()
+
+    @property
+    def content(self) -> Hashable:
+        """What it depends on besides what it is told: what is in files."""
+        return None
+
+    def beside(self, folder: Path) -> Self:
+        """Return the same with names of files that are relative to ``folder`` made absolute."""
+        del folder
+        return self
+
     @classmethod
-    def from_text(cls, text: str) -> "Phase":
-        """Make a phase function from the text after the colon in ``--phase name:text``."""
-        if text:
-            raise ValueError(f"takes no parameter; got '{text}'")
-        return cls()  # type: ignore[call-arg]  # every subclass has a default type
+    def parameters(cls) -> list[str]:
+        """Keys of the numbers that may follow its name on the command line, in order."""
+        return [name for name in cls.model_fields if name != "type"]
+
+    @classmethod
+    def usage(cls) -> str:
+        """Return how it is written on the command line, as ``hg:G``."""
+        name = cls.model_fields["type"].default
+        return ":".join([name, *(parameter.upper() for parameter in cls.parameters())])
+
+    @classmethod
+    def from_text(cls, text: str) -> Self:
+        """Make a phase function from the numbers in ``--phase name:text``; one left out has its default."""
+        parts, names = text.split(":") if text else [], cls.parameters()
+        parts += [""] * (len(names) - len(parts))
+        try:
+            values = {name: float(part) for name, part in zip(names, parts, strict=True) if part}
+        except ValueError:
+            name = cls.model_fields["type"].default
+            raise ValueError(f"takes {cls.TAKES}; got '{name}:{text}'") from None
+        return cls(**values)  # type: ignore[arg-type]  # every subclass has a default type
 
 
 PHASES: dict[str, type[Phase]] = {}
@@ -48,7 +95,7 @@ PHASES: dict[str, type[Phase]] = {}
 
 
 def parse_phase(value: Any) -> Phase:
-    """Make a phase function from a `Phase`, ``"name"``, ``"name:numbers"`` or a table with ``type``.
+    """Make a phase function from a `Phase`, ``"name"``, ``"name:text"`` or a table with ``type``.
 
     Raises
     ------

@@ -16,6 +16,7 @@ class HenyeyGreenstein(Phase):
     """
 
     HEADER: ClassVar[str] = "phase/henyey_greenstein.h"
+    TAKES: ClassVar[str] = "its mean cosine, as in hg:0.3"
 
     type: Literal["hg"] = "hg"
     g: float = Field(
@@ -31,16 +32,13 @@ class HenyeyGreenstein(Phase):
 
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ), in double precision."""
-        size, peak = abs(self.g), np.copysign(1.0, self.g)
-        # 1 + g² - 2 g μ, written so as to avoid cancellation at the peak.
-        base = (1 - size) ** 2 + 2 * size * np.maximum(1 - peak * np.asarray(mu, dtype=np.float64), 0)
-        density: NDArray[np.float64] = (1 - size**2) / (4 * np.pi * base**1.5)
-        return density
+        return lobe(self.g, mu)
 
-    @classmethod
-    def from_text(cls, text: str) -> "HenyeyGreenstein":
-        """``hg:G``."""
-        try:
-            return cls(g=float(text))
-        except ValueError:
-            raise ValueError(f"takes its mean cosine, as in hg:0.3; got 'hg:{text}'") from None
+
+def lobe(g: float, mu: ArrayLike) -> NDArray[np.float64]:
+    """p(μ) of mean cosine g, in double precision; several phase functions are made of such lobes."""
+    size, peak = abs(g), np.copysign(1.0, g)
+    # 1 + g² - 2 g μ, written so as to avoid cancellation at the peak.
+    base = (1 - size) ** 2 + 2 * size * np.maximum(1 - peak * np.asarray(mu, dtype=np.float64), 0)
+    density: NDArray[np.float64] = (1 - size) * (1 + size) / (4 * np.pi * base**1.5)
+    return density

@@ -27,6 +27,7 @@ class KajiyaKay(Phase):
     HEADER: ClassVar[str] = "phase/kajiya_kay.h"
     ARGUMENTS: ClassVar[str] = "(medium, fibres)"
     KNOWS_TANGENTS: ClassVar[bool] = True
+    TAKES: ClassVar[str] = "the share and the exponent of specular reflection, as in kajiya-kay:0.3:40"
 
     type: Literal["kajiya-kay"] = "kajiya-kay"
     specular: float = Field(0.3, ge=0, le=1, description="s: share of specular reflection")
@@ -53,19 +54,6 @@ class KajiyaKay(Phase):
         s, _, scale = self.kernel_parameters()
         found: NDArray[np.float64] = light * ((1 - s) / np.pi**2 + s * scale * mirrored)
         return found
-
-    @classmethod
-    def from_text(cls, text: str) -> "KajiyaKay":
-        """``kajiya-kay``, ``kajiya-kay:SPECULAR`` or ``kajiya-kay:SPECULAR:EXPONENT``."""
-        first, _, second = text.partition(":")
-        values = {"specular": first, "exponent": second}
-        try:
-            return cls(**{name: float(value) for name, value in values.items() if value})  # type: ignore[arg-type]
-        except ValueError:
-            raise ValueError(
-                "takes the share and the exponent of specular reflection, as in kajiya-kay:0.3:40; got "
-                f"'kajiya-kay:{text}'"
-            ) from None
 
 
 def _cosine_integral(exponent: float) -> float:
