@@ -46,6 +46,7 @@ LEAST_SSIM = 0.9999
 
 SCENES = (
     *("storage f16", "storage u8", "dual", "sampling world", "Henyey-Greenstein", "camera inside"),
+    "phase functions",
     *("many lights", "many lights, dual", "other lights", "solids", "solids, learnt basis"),
     *("several volumes", "fog in a box, solids", "fog in a sphere", "fog everywhere"),
     *("grid in fog, tfm", "grid in fog, dual", "two tints, tfm", "coloured grid in a box, tfm"),

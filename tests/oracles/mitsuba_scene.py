@@ -210,7 +210,7 @@ def mixture(scene, phase):
                 "type": "heterogeneous",
                 "sigma_t": extinction(body, medium.sigma_t),
                 "albedo": {"type": "constvolume", "value": rgb(albedo)},
-                "phase": {"type": "hg", "g": getattr(phase, "g", 0.0)},
+                "phase": phase_function(phase),
             }
         )
     if len(parts) == 1:
@@ -308,8 +308,39 @@ def homogeneous(sigma_t, albedo, phase):
         "scale": largest,
         "sigma_t": rgb(np.divide(sigma_t, largest)),
         "albedo": rgb(albedo),
-        "phase": {"type": "hg", "g": getattr(phase, "g", 0.0)},
+        "phase": phase_function(phase),
     }
+
+
+def phase_function(phase):
+    """Description of a phase function; lobes of which Mitsuba has no blend are blended here."""
+    if isinstance(phase, tfm.DoubleHenyeyGreenstein):
+        parts = (tfm.HenyeyGreenstein(phase.g1), tfm.HenyeyGreenstein(phase.g2))
+        phase = tfm.PhaseMixture(phases=parts, weights=(phase.weight, 1 - phase.weight))
+    if isinstance(phase, tfm.PhaseMixture):
+        (one, other), (weight, rest) = phase.phases, phase.weights
+        parts = {"one": phase_function(one), "other": phase_function(other)}
+        return {"type": "blendphase", "weight": rest / (weight + rest), **parts}
+    if isinstance(phase, tfm.TabulatedPhase):
+        assert phase.values, "no file"
+        assert not phase.cosines, "Mitsuba's are evenly spaced"
+        return {"type": "tabphase", "values": ", ".join(map(str, phase.values))}
+    if isinstance(phase, tfm.Rayleigh):
+        return {"type": "rayleigh"}
+    assert isinstance(phase, tfm.Isotropic | tfm.HenyeyGreenstein), "Mitsuba knows no such phase function"
+    return {"type": "hg", "g": getattr(phase, "g", 0.0)}
+
+
+def phase_values(phase, cosines):
+    """What Mitsuba's own function is at cosines."""
+    function, met = mi.load_dict(phase_function(phase)), mi.MediumInteraction3f()
+    met.wi = mi.Vector3f(0, 0, 1)
+    found = []
+    for mu in cosines.tolist():
+        away = mi.Vector3f(np.sqrt(1 - mu**2), 0, -mu)
+        _, density = function.eval_pdf(mi.PhaseFunctionContext(None), met, away)
+        found.append(np.asarray(density).item())
+    return np.array(found)
 
 
 def strands(curves):

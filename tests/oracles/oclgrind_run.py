@@ -177,6 +177,15 @@ def _fog(shape: str) -> tfm.Scene:
     return _with_solids(scene) if shape == "box" else scene
 
 
+def _phases() -> tfm.Scene:
+    """Two with tables and one of powers, of which one is seen against its light."""
+    table = tfm.TabulatedPhase(values=(3, 1, 2, 9))
+    phases = (table, tfm.PhaseMixture(phases=(table, "mie"), weights=(1, 2)), tfm.FournierForand())
+    bodies = [tfm.SphereVolume(density=0.3, medium=tfm.Medium(phase=phase)) for phase in phases]
+    sun = tfm.SunLight(from_=(0, 0, -1), to=(0, 0, 0))
+    return _fog("sphere").replace(volume=bodies, lights=[sun, tfm.PointLight(from_=(0, 0.2, 0))])
+
+
 def _primitives(what: str, **settings) -> tfm.Scene:
     """Some that are widened and some that are not, near the lumpy volume or alone."""
     scene = _map(**settings)
@@ -223,6 +232,7 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
             )
         ).image
     ),
+    "phase functions": lambda r: r.render(_phases()).image,
     "crop": lambda r: r.render(_scene(), crop=(3, 2, 12, 8)).image,
     "odd frame": lambda r: r.render(_scene(camera={"res": (13, 1)})).image,
     "camera inside": lambda r: r.render(_scene(camera={"back": 0.1})).image,

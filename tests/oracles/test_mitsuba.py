@@ -18,6 +18,7 @@ from oracles.mitsuba_agreement import (
     mitsuba_batches,
     write_report,
 )
+from oracles.mitsuba_scene import phase_values
 from scenes import blobs, turned
 
 import tfm_cl as tfm
@@ -30,6 +31,10 @@ MAP_BIAS = 1.5e-2
 """The truncated series and the map's texels darken the cloud by 0.5 to 0.8 %; n = 16 by 2.8 to 4.2 %."""
 MAP_RMS = 4e-2
 """Root mean square over all pixels, noise taken out: measured 2 to 3 %; n = 16 has 9 to 13 %."""
+
+MU = np.linspace(-1, 1, 97)
+OF_FLOAT32 = 1e-5
+"""Phase functions in Mitsuba's float32, whose peaks it does not protect from cancellation."""
 
 MEDIUM = tfm.Medium(sigma_s=(1.0, 0.8, 0.5), sigma_a=(0.1, 0.5, 0.9), phase=tfm.HenyeyGreenstein(0.4))
 
@@ -144,6 +149,36 @@ def test_map_of_32_coefficients(renderer, mitsuba, report):
 
 def mirrored(scene):
     return scene.replace(medium=scene.medium.replace(phase=tfm.HenyeyGreenstein(-0.4)))
+
+
+PHASES = [
+    tfm.HenyeyGreenstein(-0.6),
+    tfm.Rayleigh(),
+    tfm.DoubleHenyeyGreenstein(),
+    tfm.TabulatedPhase(values=(3, 1, 0.5, 0, 0.5, 1, 2, 9)),
+    tfm.PhaseMixture(phases=("rayleigh", "hg:0.8"), weights=(1, 3)),
+]
+
+
+@pytest.mark.usefixtures("mitsuba")
+@pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.type)
+def test_phase_functions_themselves(phase):
+    found = phase_values(phase, MU)
+    assert np.allclose(found, phase.evaluate(MU), rtol=OF_FLOAT32, atol=OF_FLOAT32)
+
+
+def of_phase(phase):
+    scene = turned_voxels()
+    return scene.replace(medium=scene.medium.replace(phase=phase))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", PHASES[-2:], ids=lambda phase: phase.type)
+def test_phase_functions(renderer, mitsuba, report, phase):
+    image, expected = image_of(renderer, of_phase(phase)), mitsuba(of_phase, SLOW, phase)
+    found = agreement(image, expected)
+    assert not failures(found, mitsuba.is_scalar), report(found, image, expected)
+    assert failures(agreement(image_of(renderer, of_phase("hg:0.05")), expected))
 
 
 def half_a_voxel_off(scene):
