@@ -20,6 +20,7 @@ reach into them. Points of other profiles are sampled on a grid. A surface has n
 and polygons are black: strands opaque cones with round ends and joints, polygons masks of some opacity.
 """
 
+import math
 import os
 import re
 import tempfile
@@ -337,7 +338,7 @@ def phase_values(phase, cosines):
     met.wi = mi.Vector3f(0, 0, 1)
     found = []
     for mu in cosines.tolist():
-        away = mi.Vector3f(np.sqrt(1 - mu**2), 0, -mu)
+        away = mi.Vector3f(math.sqrt(1 - mu**2), 0, -mu)
         _, density = function.eval_pdf(mi.PhaseFunctionContext(None), met, away)
         found.append(np.asarray(density).item())
     return np.array(found)

@@ -42,6 +42,10 @@ medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = 
 [medium]
 sigma_s = [1.0, 0.8, 0.5]
 sigma_a = 0.25
+octaves = 3
+attenuation = 0.4
+contribution = 0.6
+eccentricity = 0.7
 phase = { type = "hg", g = 0.3 }
 
 [camera]
@@ -162,7 +166,13 @@ def test_every_key_arrives(folder):
     mesh = tfm.MeshSolid(mesh=str(folder / "knot.ply"))
     assert scene.solids == (sphere, mesh)
     assert scene.medium == tfm.Medium(
-        sigma_s=(1, 0.8, 0.5), sigma_a=(0.25,) * 3, phase=tfm.HenyeyGreenstein(0.3)
+        sigma_s=(1, 0.8, 0.5),
+        sigma_a=(0.25,) * 3,
+        octaves=3,
+        attenuation=0.4,
+        contribution=0.6,
+        eccentricity=0.7,
+        phase=tfm.HenyeyGreenstein(0.3),
     )
     assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
     spot = tfm.SpotLight(
