@@ -157,7 +157,7 @@ def test_every_key_arrives(folder):
     np.testing.assert_allclose(scene.bodies[0].voxel_size, (0.1, 0.2, 0.6))
     np.testing.assert_allclose(scene.bodies[0].world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
     assert scene.bodies[0].density_scale == 2.5
-    assert scene.bodies[0].medium == tfm.Medium(
+    assert scene.bodies[0].medium == scene.medium.replace(  # what it does not name is the scene's
         sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2)
     )
     assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
