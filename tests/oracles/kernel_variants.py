@@ -39,7 +39,7 @@ Program = tuple[tuple[str, ...], dict[str, int | str]]
 
 GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
-COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1))
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2)
 PHASED = [COLD.replace(phase=phase) for phase in ONE_OF_EACH_PHASE]
 VOXELS = np.ones((3, 4, 5), np.float32)
 
@@ -85,7 +85,7 @@ BODIES: dict[str, list[Any]] = {
     "grid in fog": [_grid(), _fog()],
     "coloured grid, box": [_coloured(), _box(WARM)],
     "box": [_box()],
-    "ball": [_ball(WARM)],
+    "ball": [_ball(WARM.replace(octaves=3))],
     "fog": [_fog()],
     "box, ball": [_box(), _ball()],
     "every phase": [_ball(medium) for medium in PHASED],

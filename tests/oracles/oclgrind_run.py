@@ -127,7 +127,7 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
 
 
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5), phase=tfm.HenyeyGreenstein(0.4))
-COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), sigma_a=(0.3, 0.1, 0.0))
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), sigma_a=(0.3, 0.1, 0.0), octaves=3)
 
 
 def _mixture(what: str, **changes) -> tfm.Scene:

@@ -35,7 +35,7 @@ class Medium(Model):
         description="multiple scattering, roughly, from one look-up of a light; 1: single scattering",
     )
     attenuation: float = Field(
-        0.5,
+        0.4,
         gt=0,
         le=1,
         description="of octaves: the extinction that light meets in each, over the one before's",
@@ -58,7 +58,9 @@ class Medium(Model):
         the first term is single scattering, p T.
 
         Source: M. Wrenninge, C. Kulla, V. Lundqvist, "Oz: The Great and Volumetric", SIGGRAPH 2013 Talks; a
-        part of p stands for their phase function of a smaller mean cosine, so that any p has octaves.
+        part of p stands for their phase function of a smaller mean cosine, so that any p has octaves. The
+        defaults are the best of 2,500 sets beside a path tracer (README); thrice .5, as is usual, is up to
+        1 dB worse.
         """
         i = np.arange(self.octaves)
         lobe, all_ = self.eccentricity**i, self.contribution**i
