@@ -2,13 +2,12 @@
    Includes expected before: the headers of the bodies' kinds. Requires: what see.h does. */
 #include "view/see.h"
 
-/* solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
-   albedo         of that (with TFM_SHADOW only)
-   transmittance, radiance, light_seen, samples  out, as of frame_store
-   window         x0, y0, x1, y1 of the pixels of this launch */
+/* solid            normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
+   albedo           of that (with TFM_SHADOW only)
+   FRAME_ARGUMENTS  out, as of frame_store
+   window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float4 *solid,
-                          __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
-                          __global float4 *light_seen, __global uint *samples, int4 window)
+                          __global const float4 *albedo, FRAME_ARGUMENTS, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   if (!any_lane(pixels.wanted))
@@ -26,6 +25,6 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   LightSums none = light_sums_begin();
   none.samples = camera.samples;
   const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
-  const Frame frame = {transmittance, radiance, light_seen, samples};
+  FRAME(frame);
   frame_store(&frame, view, pixels, &met, &none);
 }

@@ -2,14 +2,13 @@
    from one march. Requires: what see.h does, with TFM_LATTICE. */
 #include "view/see.h"
 
-/* lattice       of light_lattice
-   colour        of all lights, where the lattice has one number for three
-   lights        how many they are
-   transmittance, radiance, light_seen, samples  out, as of frame_store
-   window        x0, y0, x1, y1 of the pixels of this launch */
+/* lattice          of light_lattice
+   colour           of all lights, where the lattice has one number for three
+   lights           how many they are
+   FRAME_ARGUMENTS  out, as of frame_store
+   window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void lattice_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float *lattice,
-                           float4 colour, int lights, __global const float4 *albedo, __global float4 *transmittance,
-                           __global float4 *radiance, __global float4 *light_seen, __global uint *samples, int4 window)
+                           float4 colour, int lights, __global const float4 *albedo, FRAME_ARGUMENTS, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   if (!any_lane(pixels.wanted))
@@ -29,6 +28,6 @@ __kernel void lattice_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   sums.seen_opacity *= (float)lights;
   sums.samples = camera.samples;
   const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
-  const Frame frame = {transmittance, radiance, light_seen, samples};
+  FRAME(frame);
   frame_store(&frame, view, pixels, &met, &sums);
 }

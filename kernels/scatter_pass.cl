@@ -12,16 +12,14 @@
 #define EXACT_STEPS 0
 #endif
 
-/* transmittance, radiance, light_seen, samples  as of frame_store, where sees_camera is not 0, of the first launch: what
-                  lies along a ray is in the cache already, and lights that share its samples need no march of their
-                  own; as of frame_add else
-   serves_camera  1: there are but primitives and one light, which reaches them all
-   solid          normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
-   window         x0, y0, x1, y1 of the pixels of this launch */
+/* solid            normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
+   FRAME_ARGUMENTS  as of frame_store, where sees_camera is not 0, of the first launch: what lies along a ray is in the
+                    cache already, and lights that share its samples need no march of their own; as of frame_add else
+   serves_camera    1: there are but primitives and one light, which reaches them all
+   window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
-                           __global const float4 *albedo, __global float4 *transmittance, __global float4 *radiance,
-                           __global float4 *light_seen, __global uint *samples, int sees_camera, int serves_camera,
+                           __global const float4 *albedo, FRAME_ARGUMENTS, int sees_camera, int serves_camera,
                            int4 blocks, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
@@ -65,7 +63,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, any_lane(is_seen) ? &camera : 0);
   }
 #endif
-  const Frame frame = {transmittance, radiance, light_seen, samples};
+  FRAME(frame);
   if (sees_camera) {
 #if TFM_SHARED && TFM_BODIES
     const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);

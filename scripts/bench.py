@@ -426,7 +426,7 @@ class Host:
     def __init__(self, renderer: tfm.Renderer, launcher: Launcher, scene: tfm.Scene) -> None:
         self._renderer, self._launcher, self._scene = renderer, launcher, scene
         self._maps = renderer.build_maps(scene)
-        self._frame = buffers.allocate(launcher, (0, 0, *scene.camera.res), None)
+        self._frame = buffers.allocate(launcher, (0, 0, *scene.camera.res), None, emits=False)
 
     def measure(self) -> Figures:
         """Upload of the bricks; parameters and launch of one pixel; read-back of a whole frame."""

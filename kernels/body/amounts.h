@@ -3,7 +3,7 @@
    have a colour. Light passes march one field of density at a time, and know of no media: there it is one number.
    Requires: TFM_MEDIA, at least 1; TFM_AMOUNTS, 1 or 3, that are kept of each; TFM_VOXEL_CHANNELS, 1 or 3, that a grid
    has; TFM_MEDIUM_OF_GRID(i) and TFM_MEDIUM_OF_BODY(i), constants; TFM_PRIMITIVES, 1 where there are any;
-   TFM_TANGENTS, 1 where a phase function asks how strands lie. */
+   TFM_TANGENTS, 1 where a phase function asks how strands lie; TFM_EMISSION, 1 where a medium emits light. */
 #ifndef TFM_AMOUNTS_H
 #define TFM_AMOUNTS_H
 
@@ -16,6 +16,9 @@
 #endif
 #ifndef TFM_TANGENTS
 #define TFM_TANGENTS 0
+#endif
+#ifndef TFM_EMISSION
+#define TFM_EMISSION 0
 #endif
 
 /* Kernels take the same without grids. */

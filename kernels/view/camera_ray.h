@@ -128,7 +128,7 @@ typedef struct {
 } CameraRay;
 
 /* A colour that nothing extinguishes is scattered by nothing either: it starts at 0, so that it keeps no ray
-   alive. */
+   alive, but where it is emitted. */
 TFM_INLINE CameraRay camera_ray_begin(MEDIUM media, Ints active)
 {
   CameraRay state;
@@ -136,6 +136,12 @@ TFM_INLINE CameraRay camera_ray_begin(MEDIUM media, Ints active)
     float most = 0.0f;
     for (int m = 0; m < TFM_MEDIA; ++m)
       most = media[m].sigma_t[c] > most ? media[m].sigma_t[c] : most;
+#if TFM_EMISSION
+    for (int m = 0; m < TFM_MEDIA; ++m)
+      for (int k = 0; k < 3; ++k)
+        if (TFM_CHANNELS == 1 || k == c)
+          most = media[m].emission[k] > most ? media[m].emission[k] : most;
+#endif
     state.through[c] = most > 0.0f ? (active ? floats(1.0f) : floats(0.0f)) : floats(0.0f);
   }
   return state;

@@ -1,4 +1,4 @@
-/* What the camera sees of the media whatever the lights: transmittance, depth, and ambient light.
+/* What the camera sees of the media whatever the lights: transmittance, depth, ambient light, and what they emit.
    Requires: what camera_ray.h does; TFM_SHADOW, 0 without solids. */
 #ifndef TFM_CAMERA_SUMS_H
 #define TFM_CAMERA_SUMS_H
@@ -13,6 +13,9 @@ typedef struct {
   Floats opacity_sum;   /* mean over the colours */
 #if TFM_MEDIA > 1
   Floats scattered[3];  /* opacity times albedo, RGB */
+#if TFM_EMISSION
+  Floats emitted[3];    /* radiance at the camera, RGB */
+#endif
 #endif
   Ints samples;         /* densities read */
 } CameraSums;
@@ -26,6 +29,10 @@ TFM_INLINE CameraSums camera_sums_begin(MEDIUM media, Ints active)
 #if TFM_MEDIA > 1
   for (int c = 0; c < 3; ++c)
     sums.scattered[c] = floats(0.0f);
+#if TFM_EMISSION
+  for (int c = 0; c < 3; ++c)
+    sums.emitted[c] = floats(0.0f);
+#endif
 #endif
   sums.samples = ints(0);
   return sums;
@@ -41,9 +48,30 @@ TFM_INLINE Floats albedo_of(MEDIUM media, const Amounts *step, int colour)
   return extinct > 0.0f ? scattered / extinct : floats(0.0f);
 }
 
-/* A step at distance t took its opacity, of mean `weight`, from the ray. */
-TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *step, Floats t, const Floats *opacity,
-                                 Floats weight)
+#if TFM_EMISSION
+/* Optical depth up to which a stretch dims nothing that float32 could tell. */
+#define LEAST_DEPTH 1e-20f
+
+#if TFM_MEDIA > 1
+/* Adds what a step emits towards the camera. Constant density along it integrates exactly:
+   T emission D (1 - e^(-sigma_t D d)) / (sigma_t D). after: the ray behind the step, which took its opacity. */
+TFM_INLINE void add_emission(MEDIUM media, CameraSums *sums, const CameraRay *after, const Amounts *step,
+                             const Floats *opacity)
+{
+  for (int c = 0; c < 3; ++c) {
+    const int channel = TFM_CHANNELS == 3 ? c : 0;
+    const Floats depth = extinguished(media, step, c);
+    const Floats mean = depth > LEAST_DEPTH ? opacity[channel] / greatest(depth, floats(LEAST_DEPTH)) : after->through[channel];
+    for (int m = 0; m < TFM_MEDIA; ++m)
+      sums->emitted[c] += media[m].emission[c] * (mean * step->of[m][AMOUNT_OF(c)]);
+  }
+}
+#endif
+#endif
+
+/* A step at distance t took its opacity, of mean `weight`, from the ray, which is then as `after` says. */
+TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const CameraRay *after, const Amounts *step, Floats t,
+                                 const Floats *opacity, Floats weight)
 {
   add_amounts(&sums->total, step);
   sums->distance_sum += weight * t;
@@ -51,8 +79,14 @@ TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const Amounts *
 #if TFM_MEDIA > 1
   for (int c = 0; c < 3; ++c)
     sums->scattered[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * albedo_of(media, step, c);
+#if TFM_EMISSION
+  add_emission(media, sums, after, step, opacity);
+#else
+  (void)after;
+#endif
 #else
   (void)media;
+  (void)after;
   (void)opacity;
 #endif
 }
@@ -71,12 +105,32 @@ TFM_INLINE CameraSums camera_sums_of(Ints mask, const CameraSums *one, const Cam
 #if TFM_MEDIA > 1
   for (int c = 0; c < 3; ++c)
     sums.scattered[c] = mask ? one->scattered[c] : other->scattered[c];
+#if TFM_EMISSION
+  for (int c = 0; c < 3; ++c)
+    sums.emitted[c] = mask ? one->emitted[c] : other->emitted[c];
+#endif
 #endif
   sums.samples = mask ? one->samples : other->samples;
   return sums;
 }
 
-/* Eq. 7, with the ambient light that arrives scattered or reflected.
+#if TFM_EMISSION
+/* What the media emit along whole rays towards the camera, of one colour. depth: their optical depth. */
+TFM_INLINE Floats emission_of(MEDIUM media, const CameraSums *sums, Floats depth, int colour)
+{
+#if TFM_MEDIA > 1
+  (void)media;
+  (void)depth;
+  return sums->emitted[colour];
+#else
+  /* Emission over extinction is the same everywhere: emission D T, integrated along a march, is (1 - T) times that. */
+  const float inverse = media->sigma_t[colour] > 0.0f ? 1.0f / media->sigma_t[colour] : 0.0f;
+  return media->emission[colour] * (depth > LEAST_DEPTH ? inverse * opacity_of(depth) : sums->total.of[0][AMOUNT_OF(colour)]);
+#endif
+}
+#endif
+
+/* Eq. 7, with the ambient light that arrives scattered or reflected, and what the media emit.
    end     of the rays: infinite where no solid is seen
    albedo  of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
 TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Floats end, Pixels pixels,
@@ -92,7 +146,11 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
 #endif
   for (int c = 0; c < 3; ++c) {
     const Floats total = extinguished(media, &sums->total, c);
-    seen.through[c] = transmittance_of((gone & (total > 0.0f)) ? floats(TFM_MAX_OPTICAL_DEPTH) : total);
+    const Floats depth = (gone & (total > 0.0f)) ? floats(TFM_MAX_OPTICAL_DEPTH) : total;
+    seen.through[c] = transmittance_of(depth);
+#if TFM_EMISSION
+    seen.emission[c] = emission_of(media, sums, depth, c);
+#endif
   }
   seen.distance = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
   seen.alpha = 1.0f - (seen.through[0] + seen.through[1] + seen.through[2]) / 3.0f;
@@ -116,6 +174,9 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
     seen.colour[c] += seen.through[c] * reflects[c];
 #endif
     seen.colour[c] *= view->ambient[c];
+#if TFM_EMISSION
+    seen.colour[c] += seen.emission[c];
+#endif
   }
   return seen;
 }

@@ -1,5 +1,5 @@
 /* The pixels' sums in memory: what the camera sees of the media whatever the lights, and what lights add.
-   Requires: TFM_CHANNELS. */
+   Requires: TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light. */
 #ifndef TFM_FRAME_H
 #define TFM_FRAME_H
 
@@ -9,8 +9,11 @@
 typedef struct {
   Floats through[3]; /* transmittance of the whole ray */
   Floats distance;   /* mean, weighed by opacity; 0 without a medium */
-  Floats colour[3];  /* ambient light */
+  Floats colour[3];  /* ambient light, and what the media emit */
   Floats alpha;      /* 1 - mean transmittance, and 1 on solids */
+#if TFM_EMISSION
+  Floats emission[3]; /* the latter alone */
+#endif
 } Seen;
 
 /* What is summed over lights. */
@@ -35,11 +38,28 @@ TFM_INLINE LightSums light_sums_begin(void)
 
 /* transmittance  RGB, and the distance
    radiance       RGB, and the alpha
-   light_seen     RGB, and the opacity */
+   light_seen     RGB, and the opacity
+   emission       RGB, and 0 (with TFM_EMISSION only) */
 typedef struct {
   __global float4 *transmittance, *radiance, *light_seen;
   __global uint *samples;
+#if TFM_EMISSION
+  __global float4 *emission;
+#endif
 } Frame;
+
+/* What kernels that store a frame take, and the frame that this is. */
+#if TFM_EMISSION
+#define AND_EMISSION_ARGUMENT , __global float4 *emission
+#define AND_EMISSION , emission
+#else
+#define AND_EMISSION_ARGUMENT
+#define AND_EMISSION
+#endif
+#define FRAME_ARGUMENTS                                                                  \
+  __global float4 *transmittance, __global float4 *radiance, __global float4 *light_seen, \
+      __global uint *samples AND_EMISSION_ARGUMENT
+#define FRAME(name) const Frame name = {transmittance, radiance, light_seen, samples AND_EMISSION}
 
 /* What is stored first. */
 TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const Seen *seen, const LightSums *sums)
@@ -51,6 +71,9 @@ TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const 
   store_float4(frame->light_seen, index, wanted, sums->seen[0], sums->seen[TFM_CHANNELS == 3 ? 1 : 0],
                sums->seen[TFM_CHANNELS == 3 ? 2 : 0], sums->seen_opacity);
   store_counts(frame->samples, index, wanted, sums->samples);
+#if TFM_EMISSION
+  store_float4(frame->emission, index, wanted, seen->emission[0], seen->emission[1], seen->emission[2], floats(0.0f));
+#endif
 }
 
 TFM_INLINE void frame_add(const Frame *frame, VIEW view, Pixels pixels, const LightSums *sums)

@@ -209,7 +209,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
     for (int k = 0; k < count; ++k) {
       weights[k] = take_step(media, state, &step[k], depth, opacities[k]);
       if (camera)
-        camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacities[k], weights[k]);
+        camera_sums_step(media, camera, state, &step[k], place_of(&walk, list.n[k]).t, opacities[k], weights[k]);
     }
 #endif
     for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
@@ -247,7 +247,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
         Floats opacity[TFM_CHANNELS];
         const Floats weight = take_step(media, state, &step[k], depth, opacity);
         if (camera)
-          camera_sums_step(media, camera, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
+          camera_sums_step(media, camera, state, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
 #endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;

@@ -1,4 +1,5 @@
-/* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, and eq. 7's ambient light.
+/* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, eq. 7's ambient light,
+   and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
    requires. */
 #ifndef TFM_SEE_H
@@ -53,7 +54,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
 #if TFM_LATTICE
       lattice_step(lit, &light[k], opacity, weight);
 #endif
-      camera_sums_step(media, sums, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
+      camera_sums_step(media, sums, &sums->ray, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
     }
     alive = active & is_visible(view, &sums->ray);
   }
@@ -80,7 +81,7 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
     const Floats weight = camera_ray_step(media, &sums->ray, &step, opacity);
     for (int c = 0; c < TFM_CHANNELS; ++c)
       mean += opacity[c] * mean_distance(depth[c], length) * (1.0f / TFM_CHANNELS);
-    camera_sums_step(media, sums, &step, begin, opacity, weight);
+    camera_sums_step(media, sums, &sums->ray, &step, begin, opacity, weight);
     sums->distance_sum += mean;
   }
 }

@@ -130,6 +130,7 @@ KEYS = [
     ("light.samples", "9", 9),
     ("light.reach", "7", 7),
     ("light.texture", "/nowhere/slide.png", "/nowhere/slide.png"),
+    ("medium.emission", "[1, 0.5, 0.2]", [1, 0.5, 0.2]),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
     ("camera.res", "[5, 6]", [5, 6]),
 ]

@@ -41,6 +41,8 @@ GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
 COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2)
 PHASED = [COLD.replace(phase=phase) for phase in ONE_OF_EACH_PHASE]
+GLOWING = GREY.replace(emission=(1.0, 0.5, 0.1))
+FLAME = tfm.Medium(sigma_s=0, sigma_a=0, emission=1.0)
 VOXELS = np.ones((3, 4, 5), np.float32)
 
 
@@ -98,6 +100,9 @@ BODIES: dict[str, list[Any]] = {
         _ball(),
         _fog(),
     ],
+    "glowing grid": [_grid(GLOWING)],
+    "glowing ball": [_ball(GLOWING)],
+    "coloured flame in a grid, fog": [_grid(), _coloured(FLAME), _fog(WARM)],
     "points": [_points()],
     "every primitive": [
         _coloured(),
@@ -275,7 +280,7 @@ OTHERS_LIT: Choices = {
 }
 DEPOSITS: Choices = {"deposits": ("steps", "depth")}
 LATTICE: Choices = {
-    "bodies": ("grid", "tinted grid", "3 grids", "coloured grid"),
+    "bodies": ("grid", "tinted grid", "3 grids", "coloured grid", "glowing grid"),
     **GRIDS,
     "colours": (1, 3),
 }

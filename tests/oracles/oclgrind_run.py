@@ -128,6 +128,7 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
 
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5), phase=tfm.HenyeyGreenstein(0.4))
 COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), sigma_a=(0.3, 0.1, 0.0), octaves=3)
+FLAME = tfm.Medium(sigma_s=0, sigma_a=0, emission=(2, 1, 0.5))
 
 
 def _mixture(what: str, **changes) -> tfm.Scene:
@@ -149,6 +150,10 @@ def _mixture(what: str, **changes) -> tfm.Scene:
             "coloured grid in a box": [
                 coloured,
                 tfm.BoxVolume(from_=tuple(low + 1), to=tuple(high + 2), density=0.1, medium=COLD),
+            ],
+            "flame in a glowing grid": [
+                grid.with_medium(WARM.replace(emission=(1, 0.5, 0.2))),
+                coloured.transformed(moved).with_medium(FLAME),
             ],
             "two bodies": [
                 tfm.SphereVolume(centre=tuple(centre), radius=3, density=0.2, medium=WARM),
@@ -260,7 +265,10 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "fog everywhere": lambda r: r.render(_fog("everywhere")).image,
     **{
         f"{what}, {method}": lambda r, w=what, m=method: r.render(_mixture(w), method=m).image
-        for what in ("grid in fog", "two tints", "coloured grid in a box", "two bodies")
+        for what in (
+            *("grid in fog", "two tints", "coloured grid in a box", "two bodies"),
+            "flame in a glowing grid",
+        )
         for method in ("tfm", "dual")
     },
     "mixture, other lights, solids": lambda r: (
@@ -280,6 +288,12 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
         )
         for what, basis in (("points", "trig-moments"), ("points", "moments"), ("grid and points", "fourier"))
     },
+    "emission without light": lambda r: r.render(
+        _scene(medium=FLAME.replace(sigma_a=0.5), lights=()), aovs=["emission"]
+    ).aovs["emission"],
+    "emission, light on a lattice": lambda r: (
+        r.render(_coloured_suns(_map(lookup="lattice")).replace(medium=WARM.replace(emission=1))).image
+    ),
     "no light": lambda r: r.render(_mixture("grid in fog", lights=())).image,
     "no light, solids": lambda r: r.render(_with_solids(_mixture("two tints", lights=()))).image,
     "evaluate": _evaluate,

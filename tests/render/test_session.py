@@ -42,6 +42,7 @@ CHANGES = {
     ),
     "phase": (SCENE, SCENE.replace(medium=SCENE.medium.replace(phase=tfm.Isotropic())), {}),
     "ambient": (SCENE, SCENE.replace(ambient=tfm.Ambient(radiance=1)), {}),
+    "emission": (SCENE, SCENE.replace(medium=SCENE.medium.replace(emission=(1, 2, 3))), {}),
     "fog's density": (IN_FOG, IN_FOG.replace(volume=[GRID, FOG.replace(density=0.3)]), {}),
     "camera in endless fog": (ENDLESS, ENDLESS.replace(camera=SCENE.camera.replace(from_=(1, 1, 3))), {}),
     "empty space": (SCENE, SCENE.replace(march=SCENE.march.replace(skip_empty=False)), {}),

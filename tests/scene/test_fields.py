@@ -56,6 +56,12 @@ def test_a_coloured_grid_has_a_field_for_each_colour():
     np.testing.assert_allclose(fields.rgb_from_field @ fields.weights[1, 0], BLUE.sigma_t, rtol=1e-12)
 
 
+def test_what_media_emit_is_in_no_field():
+    one, other = (fields_of(scene_of(BROWN, BROWN.replace(emission=glow))) for glow in (0, (1, 2, 3)))
+    for name in ("rgb_from_field", "weights", "sigma_t"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
 def test_homogeneous_bodies_have_no_field():
     assert fields_of(tfm.Scene(tfm.BoxVolume(medium=BROWN))).count == 0
     fog = tfm.BoxVolume(medium=BROWN)

@@ -37,7 +37,7 @@ sanitize = true
 offset = 0.0
 window = [0.0, 1.0]
 colour = false
-medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = -0.2 } }
+medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = -0.2 }, emission = 0 }
 
 [medium]
 sigma_s = [1.0, 0.8, 0.5]
@@ -47,6 +47,7 @@ attenuation = 0.4
 contribution = 0.6
 eccentricity = 0.7
 phase = { type = "hg", g = 0.3 }
+emission = [2.0, 1.0, 0.25]
 
 [camera]
 from = [0, 0, 5]
@@ -173,6 +174,7 @@ def test_every_key_arrives(folder):
         contribution=0.6,
         eccentricity=0.7,
         phase=tfm.HenyeyGreenstein(0.3),
+        emission=(2.0, 1.0, 0.25),
     )
     assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
     spot = tfm.SpotLight(

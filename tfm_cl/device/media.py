@@ -158,6 +158,7 @@ def media_on_device(
             "TFM_THIN": int(any(isinstance(body, ThinPrimitives) for body in scene.primitives)),
             "TFM_OCTAVES": max(medium.octaves for medium in media),
             "TFM_TANGENTS": int(any(phase.KNOWS_TANGENTS for phase in phases)),
+            "TFM_EMISSION": int(scene.emits),
             **{
                 f"TFM_BODY_{function.upper()}{arguments}": choice(
                     "(body)->kind",

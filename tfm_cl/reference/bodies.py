@@ -203,6 +203,8 @@ class Matter:
     ----------
     sigma_t, sigma_s
         ``[bodies, RGB]``, at density 1, per world unit.
+    emission
+        Likewise, radiance.
     weights
         ``[marched, 3, RGB]``: extinction of a density of 1 in each channel of what is marched.
     """
@@ -214,6 +216,7 @@ class Matter:
         self.media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]
         self.sigma_t = np.array([medium.sigma_t for medium in self.media])
         self.sigma_s = np.array([medium.sigma_s for medium in self.media], dtype=float)
+        self.emission = np.array([medium.emission for medium in self.media], dtype=float)
         self.weights = np.zeros((len(self.marched), 3, 3))
         for weight, body, sigma_t in zip(self.weights, self.marched, self.sigma_t, strict=False):
             weight[...] = np.diag(sigma_t) if body.colour is not None else np.outer([1, 0, 0], sigma_t)

@@ -214,6 +214,16 @@ def _over_depth(step: Step, of_all: Floats) -> Floats:
     return np.divide(of_all, step.depth, out=np.zeros_like(of_all), where=step.depth > 0)
 
 
+def emitted(matter: Matter, step: Step) -> Floats:
+    """Radiance ``[n, RGB]`` at the begin of a step of what its bodies emit, dimmed by their constant density.
+
+    ∫ ε D e^{-σ_t D t} dt: (1 - e^{-τ}) / τ of what is emitted.
+    """
+    has_depth = step.depth > 0
+    share = np.divide(-np.expm1(-step.depth), step.depth, out=np.ones_like(step.depth), where=has_depth)
+    return share * _summed(matter.emission, step.amounts)
+
+
 def _phase(phase: Phase, step: Step, travel: Floats, to_camera: Floats) -> Floats:
     """Evaluate a medium's phase function ``[n]``."""
     mu = (travel * to_camera).sum(axis=-1)

@@ -23,6 +23,7 @@ from tfm_cl.reference.march import (
     Crossing,
     boxed_depth,
     crossing_of,
+    emitted,
     homogeneous_depth,
     march,
     mean_distance,
@@ -69,6 +70,8 @@ def render_with_aovs(
     shadows: Shadows = "exact",
 ) -> tuple[Floats, dict[str, Floats]]:
     """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
+
+    Where media emit light there is ``emission`` too.
 
     Parameters
     ----------
@@ -198,7 +201,7 @@ def _trace(
     crossing = crossing_of(matter, rays, surfaces.distance, scene.march.cutoff)
     seen = _seen(scene, matter, rays, crossing, lights)
     everywhere = np.asarray(scene.ambient.radiance)
-    radiance = everywhere * (seen.scattered + surfaces.albedo * seen.transmittance)
+    radiance = everywhere * (seen.scattered + surfaces.albedo * seen.transmittance) + seen.emitted
     reached, weight = np.zeros_like(radiance), np.zeros((len(radiance), 1))
     for light in lights:
         radiance += _reflected(scene, matter, light, obstacles, rays, crossing, surfaces, seen)
@@ -212,7 +215,7 @@ def _trace(
         "depth": seen.depth,
         "transmittance": seen.transmittance,
         "light_transmittance": np.divide(reached, weight, out=np.zeros_like(reached), where=weight > 0),
-    }
+    } | ({"emission": seen.emitted} if scene.emits else {})
 
 
 class _Seen(NamedTuple):
@@ -224,6 +227,8 @@ class _Seen(NamedTuple):
     """``[rays]``: mean distance, weighted by the opacity, of which that of all colours counts."""
     scattered: Floats
     """``[rays, RGB]`` of the light that a medium in the same light from everywhere sends to the camera."""
+    emitted: Floats
+    """``[rays, RGB]``: what the bodies send to the camera by themselves."""
 
 
 def _steps_of_camera(scene: Scene, matter: Matter, lights: list[_Light]) -> Callable[[Floats], Floats] | None:
@@ -245,16 +250,22 @@ def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: 
     depth = boxed_depth(matter, rays, crossing, nothing, endless, steps)
     depth += homogeneous_depth(matter, crossing, nothing, endless)
     transmittance = np.exp(-depth)
-    distance, opacity, scatters = np.zeros(count), np.zeros(count), np.zeros((count, 3))
+    distance, opacity = np.zeros(count), np.zeros(count)
+    scatters, emits = np.zeros((count, 3)), np.zeros((count, 3))
     warp, parts = _steps_of_camera(scene, matter, lights), segments(crossing, crossing.medium, steps)
     through = np.ones((count, 3))
     for step in march(matter, rays, crossing, parts, through, warp, scene.march.max_stretch):
         distance[step.rays] += (step.opacity * step.mean).mean(axis=-1)
         opacity[step.rays] += step.opacity.mean(axis=-1)
         scatters[step.rays] += step.opacity * scattered(matter, step)
+        emits[step.rays] += through[step.rays] * emitted(matter, step)
     albedo = matter.albedo
     if (albedo == albedo[0]).all():  # eq. 7
         scatters = albedo[0] * -np.expm1(-depth)
+    if all((sigma == sigma[0]).all() for sigma in (matter.emission, matter.sigma_t)):
+        sigma_t = np.where(matter.sigma_t[0] > 0, matter.sigma_t[0], 1)
+        whole = matter.emission[0] / sigma_t * -np.expm1(-depth)
+        emits = np.where(matter.sigma_t[0] > 0, whole, emits)
     if not matter.marched and len(matter.homogeneous) == 1:  # in closed form
         ((begin, end),) = crossing.inside
         extinction, length = matter.extinctions, (end - begin)[:, None]
@@ -262,7 +273,7 @@ def _seen(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing, lights: 
         distance = (opacities * (begin[:, None] + mean_distance(extinction, length))).sum(axis=-1)
         opacity = opacities.sum(axis=-1)
     mean = np.divide(distance, opacity, out=np.zeros_like(opacity), where=opacity > 0)
-    return _Seen(transmittance, mean, scatters)
+    return _Seen(transmittance, mean, scatters, emits)
 
 
 def _scattered(

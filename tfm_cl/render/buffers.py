@@ -21,6 +21,8 @@ SUMS: dict[str, tuple[type[np.generic], int]] = {
     "samples": (np.uint32, 1),
 }
 """Name, as kernels take it -> type and numbers per pixel."""
+EMISSION: dict[str, tuple[type[np.generic], int]] = {"emission": (np.float32, 4)}
+"""Likewise, where media emit light."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,10 @@ class FrameBuffers:
         known |= {"solid": self.solid, "albedo": self.albedo}
         return {name: known[name] for name in names}
 
+    def stored(self) -> dict[str, cl.Buffer]:
+        """Return those of kernels that store a frame."""
+        return self.arguments(*self.sums)
+
 
 @dataclass(frozen=True)
 class Sums:
@@ -48,6 +54,7 @@ class Sums:
     light_seen: NDArray[np.float32]
     transmittance: NDArray[np.float32]
     samples: NDArray[np.uint32]
+    emitted: NDArray[np.float32] | None
     gbuffer: GBuffer | None
     of_errors: NDArray[np.float32] | None
     of_lattice: NDArray[np.float32] | None
@@ -67,6 +74,11 @@ class Sums:
         return np.zeros_like(self.radiance) if self.gbuffer is None else self.gbuffer.albedo
 
     @property
+    def emission(self) -> NDArray[np.float32]:
+        """RGB, and 0."""
+        return np.zeros_like(self.radiance) if self.emitted is None else self.emitted
+
+    @property
     def errors(self) -> NDArray[np.float32]:
         """As ``light_seen``."""
         return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
@@ -78,12 +90,19 @@ class Sums:
 
 
 def allocate(
-    launcher: Launcher, crop: tuple[int, int, int, int], gbuffer: GBuffer | None, *, clear: bool = False
+    launcher: Launcher,
+    crop: tuple[int, int, int, int],
+    gbuffer: GBuffer | None,
+    *,
+    emits: bool,
+    clear: bool = False,
 ) -> FrameBuffers:
     """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show.
 
     Parameters
     ----------
+    emits
+        Whether media emit light.
     clear
         Fill them with zeros; else the first pass over them stores what others add to.
     """
@@ -91,7 +110,7 @@ def allocate(
     shape, none = (y1 - y0, x1 - x0), np.zeros(4, np.float32)
     sums = {
         name: launcher.output("the image", (*shape, count) if count > 1 else shape, kind)
-        for name, (kind, count) in SUMS.items()
+        for name, (kind, count) in (SUMS | EMISSION if emits else SUMS).items()
     }
     if clear:
         for output in sums.values():
@@ -119,7 +138,8 @@ def read(
     """Return the sums on the host; the frame's buffers are then of no more use."""
     sums = {name: launcher.read(output) for name, output in frame.sums.items()}
     return Sums(
-        **sums,
+        **{name: sums[name] for name in SUMS},
+        emitted=sums.get("emission"),
         gbuffer=gbuffer,
         of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
         of_lattice=of_lattice,

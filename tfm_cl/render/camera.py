@@ -40,7 +40,5 @@ def see(
         kernel,
         crop,
         steps + met.longest,
-        {"view": view}
-        | met.arguments
-        | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),
+        {"view": view} | met.arguments | frame.arguments("solid", "albedo") | frame.stored(),
     )

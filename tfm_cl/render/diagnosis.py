@@ -82,9 +82,10 @@ def why_black(result: RenderResult, visibility: Visibility) -> str:
     str
         One line.
     """
-    if not result.scene.lights and not any(result.scene.ambient.radiance):
+    scene = result.scene
+    if not (scene.lights or any(scene.ambient.radiance) or scene.emits):
         return f"{_black(result)}: the scene has no light and no ambient"
-    gbuffer = visibility.gbuffer(result.scene, result.crop)
+    gbuffer = visibility.gbuffer(scene, result.crop)
     reasons = [_Finder(result, visibility, gbuffer).reason()]
     if gbuffer is not None and gbuffer.shown.any():
         dark = not gbuffer.albedo[gbuffer.shown].any()
@@ -122,7 +123,7 @@ def too_thin(scene: Scene) -> str:
     """Tell why all bodies together are too thin to be seen, however lit; empty where they are not."""
     parts = [part for part in _parts_of(scene) if part.optical_depth > 0]
     depth = sum(part.optical_depth for part in parts)
-    if not parts or not depth < THINNEST:
+    if not parts or not depth < THINNEST or scene.emits:
         return ""
     reason = f"the medium is too thin to be seen, its optical depth at most {depth:.2g}"
     raised = [part.density_key for part in parts if part.density_factor < LARGEST_COLOUR]
@@ -173,11 +174,21 @@ class _Part:
         """σ_s, [3]: 0 for colours of which it has no density."""
         return np.where(self.body.largest_density > 0, self.medium.sigma_s, 0.0)
 
+    @cached_property
+    def emits(self) -> bool:
+        """Whether it emits light of a colour that it has a density of."""
+        return bool((self.body.largest_density * self.medium.emission).any())
+
+    @property
+    def sends_light(self) -> bool:
+        """Whether it scatters or emits any."""
+        return self.emits or bool(self.scatters.any())
+
     def why_dark(self) -> str:
-        """Tell why it scatters no light whatever; empty where it would."""
+        """Tell why it sends no light whatever; empty where it would."""
         if empty := self.body.why_empty:
             return f"{self.name}: {empty}"
-        if self.scatters.any():
+        if self.sends_light:
             return ""
         key = "medium" if self.body.own_medium is None else f"{self.section}.medium"
         if any(self.medium.sigma_s):
@@ -220,13 +231,15 @@ class _Finder:
         self._result, self._visibility, self._gbuffer = result, visibility, gbuffer
         self._scene: Scene = result.scene
         self._parts = _parts_of(self._scene)
-        self._scattering = [part for part in self._parts if part.scatters.any()]
+        self._scattering = [part for part in self._parts if part.sends_light]
         self._scatters = np.max([part.scatters for part in self._parts], axis=0)
 
     def reason(self) -> str:
         """Return the first that holds."""
         reason = self._nothing_scatters() or self._not_seen()
-        if not reason and not (self._scatters * self._scene.ambient.radiance).any():
+        if not reason and any(part.emits for part in self._parts):
+            reason = self._behind_absorbers()
+        elif not reason and not (self._scatters * self._scene.ambient.radiance).any():
             reason = (
                 self._no_light()
                 or self._not_reached()
@@ -248,9 +261,9 @@ class _Finder:
 
     def _not_seen(self) -> str:
         """Tell why the camera sees nothing of what scatters."""
-        if self._transmittance >= 1:
+        if self._transmittance >= 1 and not (self._scene.emits and self._result.aovs["emission"].any()):
             return too_thin(self._scene) or self._out_of_sight(
-                [part for part in self._parts if part.optical_depth > 0], meets_none=True
+                [part for part in self._parts if part.optical_depth > 0 or part.emits], meets_none=True
             )
         only_absorb = len(self._scattering) < len(self._parts)
         return self._out_of_sight(self._scattering, meets_none=False) if only_absorb else ""
@@ -475,12 +488,13 @@ class _Finder:
 
     def _behind_absorbers(self) -> str:
         """Tell which body hides those that scatter, and scatters nothing itself."""
-        absorbing = [part for part in self._parts if part.optical_depth > 0 and not part.scatters.any()]
+        absorbing = [part for part in self._parts if part.optical_depth > 0 and not part.sends_light]
         if not absorbing or not self._ends_within():
             return ""
         thickest = _thickest(absorbing)
         return (
-            f"what scatters light lies behind {thickest.name}, which only absorbs it: lower "
+            f"what {'emits' if self._scene.emits else 'scatters'} light lies behind {thickest.name}, which "
+            "only absorbs it: lower "
             f"{thickest.density_key}"
         )
 
@@ -488,9 +502,11 @@ class _Finder:
         textured = [number for number, light in enumerate(self._scene.lights, 1) if light.is_textured]
         if textured:
             return f"the texture of light {textured[0]} is black where the camera sees it fall on the medium"
+        key = "light.intensity" if self._scene.lights else "ambient.radiance"
+        if self._scene.emits:
+            key = f"medium.emission or {key}"
         return (
-            "too little light for float32 numbers arrives at what the camera sees of the medium: raise "
-            f"{'light.intensity' if self._scene.lights else 'ambient.radiance'}"
+            "too little light for float32 numbers arrives at what the camera sees of the medium: raise " + key
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -125,14 +125,15 @@ class Frame:
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
         view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
+        allocate = partial(buffers.allocate, launcher, crop, gbuffer, emits=scene.emits)
         work = _Work(
             scene=scene,
             media=self.media,
             view=view,
             gbuffer=gbuffer,
-            frame=buffers.allocate(launcher, crop, gbuffer),
-            errors=buffers.allocate(launcher, crop, gbuffer, clear=True) if "map_error" in asked else None,
-            without_lattice=buffers.allocate(launcher, crop, gbuffer) if "lattice_error" in asked else None,
+            frame=allocate(),
+            errors=allocate(clear=True) if "map_error" in asked else None,
+            without_lattice=allocate() if "lattice_error" in asked else None,
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             builds=maps is None,
             batches=Batches(

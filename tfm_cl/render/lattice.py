@@ -166,7 +166,8 @@ class Lattice:
             crop,
             steps,
             media.arguments
-            | frame.arguments("albedo", "transmittance", "radiance", "light_seen", "samples")
+            | frame.arguments("albedo")
+            | frame.stored()
             | {
                 "view": self.view,
                 "lattice": self._numbers,

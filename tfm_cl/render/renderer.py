@@ -314,11 +314,8 @@ class Renderer:
             progress,
         )
         sums, warnings = frame.render(method, maps, aovs)
-        names = [
-            name
-            for name, layer in LAYERS.items()
-            if layer.made == "always" or name in aovs or (layer.made == "solids" and scene.solids)
-        ]
+        made_here = {"always": True, "solids": bool(scene.solids), "emission": scene.emits, "asked": False}
+        names = [name for name, layer in LAYERS.items() if made_here[layer.made] or name in aovs]
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()

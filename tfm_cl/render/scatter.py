@@ -59,6 +59,7 @@ def scatter(
         | met.arguments
         | batch.arguments
         | batch.blocks
-        | frame.arguments("solid", "albedo", "transmittance", "radiance", "light_seen", "samples"),
+        | frame.arguments("solid", "albedo")
+        | frame.stored(),
         done,
     )

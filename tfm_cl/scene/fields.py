@@ -86,10 +86,9 @@ def fields_of(scene: Scene) -> Fields:
     if len(scene.marched) == 0:
         return Fields(np.zeros((3, 0)), np.zeros((0, 3, 0)), extinctions)
     coloured = np.array([body.colour is not None for body in scene.marched])
-    media = [scene.medium_of(body) for body in scene.marched]
     weights: NDArray[np.float64]
-    if not coloured.any() and all(medium == media[0] for medium in media):
-        weights = np.zeros((len(media), 3, 1))
+    if not coloured.any() and (extinctions == extinctions[0]).all():
+        weights = np.zeros((len(extinctions), 3, 1))
         weights[:, 0] = 1
         return Fields(extinctions[:1].T.copy(), weights, extinctions)
     ratios: list[NDArray[np.float64]] = []
@@ -101,17 +100,17 @@ def fields_of(scene: Scene) -> Fields:
             ratios.append(ratio)
         numbers.append(same[0] if same else len(ratios) - 1)
     if not coloured.any() and len(ratios) < MOST_FIELDS:
-        weights = np.zeros((len(media), 3, len(ratios)))
-        weights[np.arange(len(media)), 0, numbers] = sizes
+        weights = np.zeros((len(extinctions), 3, len(ratios)))
+        weights[np.arange(len(extinctions)), 0, numbers] = sizes
         # Relative to the strongest of the field: how strong all of it is stays out of the maps, too.
         strongest = weights[:, 0].max(axis=0)
         weights /= np.where(strongest > 0, strongest, 1)
         return Fields(np.stack(ratios, axis=1) * strongest, weights, extinctions)
     if coloured.all() and all(np.array_equal(one, extinctions[0]) for one in extinctions):
         # As with one medium: its colour stays out of the maps.
-        weights = np.broadcast_to(np.eye(3), (len(media), 3, 3)).copy()
+        weights = np.broadcast_to(np.eye(3), (len(extinctions), 3, 3)).copy()
         return Fields(np.diag(extinctions[0]), weights, extinctions)
-    weights = np.zeros((len(media), 3, 3))
+    weights = np.zeros((len(extinctions), 3, 3))
     for grid, (extinction, has_colour) in enumerate(zip(extinctions, coloured, strict=True)):
         if has_colour:
             weights[grid] = np.diag(extinction)

@@ -44,6 +44,10 @@ class Seen(Protocol):
         """[…, 4]: its RGB, and 0."""
 
     @property
+    def emission(self) -> Array:
+        """[…, 4]: RGB of what the media emit, and 0."""
+
+    @property
     def errors(self) -> Array:
         """[…, 4]: as ``light_seen``, with the maps' errors in the place of the light."""
 
@@ -59,8 +63,9 @@ class Layer:
     channels: Literal[1, 3]
     meaning: str
     resolve: Callable[[Seen], Array]
-    made: Literal["always", "solids", "asked"] = "always"
-    """When: in every picture, where there are solids or it is asked for, or only where it is asked for."""
+    made: Literal["always", "solids", "emission", "asked"] = "always"
+    """When: in every picture, where there are solids, or media that emit light, or it is asked for, or only
+    where it is asked for."""
 
 
 def _mean_by_opacity(sums: Array) -> Array:
@@ -112,6 +117,12 @@ LAYERS = {
     ),
     "albedo": Layer(
         3, "RGB albedo of that solid; 0 without", lambda seen: seen.albedo[..., :3].copy(), "solids"
+    ),
+    "emission": Layer(
+        3,
+        "RGB radiance that the media emit towards the camera, part of the picture; 0 where none does",
+        lambda seen: seen.emission[..., :3].copy(),
+        "emission",
     ),
     "map_error": Layer(
         1,

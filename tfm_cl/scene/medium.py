@@ -16,7 +16,7 @@ from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 
 
 class Medium(Model):
-    """Scattering and absorption per unit of density, and the phase function."""
+    """Scattering, absorption and emission per unit of density, and the phase function."""
 
     SECTION: ClassVar[str] = "medium"
 
@@ -26,6 +26,9 @@ class Medium(Model):
         "isotropic",
         validate_default=True,
         description=f"phase function: {', '.join(phase.usage() for phase in PHASES.values())}",
+    )
+    emission: RGB = Field(
+        (0.0, 0.0, 0.0), description="radiance emitted at density 1, per world unit, also without lights"
     )
 
     octaves: int = Field(
@@ -75,6 +78,11 @@ class Medium(Model):
         """Return the same with names of files that are relative to ``folder`` made absolute."""
         phase = self.phase.beside(folder)
         return self if phase is self.phase else self.replace(phase=phase)
+
+    @property
+    def emits(self) -> bool:
+        """Whether it emits any light."""
+        return any(self.emission)
 
 
 def parse_medium(value: Any) -> Medium | None:

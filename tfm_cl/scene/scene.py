@@ -53,7 +53,8 @@ class Scene:
     Raises
     ------
     SceneError
-        A medium everywhere, and nothing else, without a camera or without ``lights``.
+        A medium everywhere, and nothing else, without a camera or without ``lights``; or one that emits light
+        of a colour that nothing everywhere extinguishes.
     VolumeError
         When there is no body, or there are too many.
     """
@@ -101,6 +102,20 @@ class Scene:
             ("shadow", shadow or ShadowSettings()),
         ):
             object.__setattr__(self, name, value)
+        self._check_emission()
+
+    def _check_emission(self) -> None:
+        endless = [body for body in self.homogeneous if not np.isfinite(body.bounds).all()]
+        extinction = sum((body.density * self.medium_of(body).sigma_t for body in endless), np.zeros(3))
+        for body in endless:
+            medium = self.medium_of(body)
+            if body.density > 0 and (np.asarray(medium.emission)[extinction == 0] > 0).any():
+                number = f".{self.bodies.index(body)}" if len(self.bodies) > 1 else ""
+                key = "medium" if body.own_medium is None else f"volume{number}.medium"
+                raise SceneError(
+                    f"{key}.emission = {list(medium.emission)}: a medium everywhere that emits a colour and "
+                    "extinguishes none of it is infinitely bright; give it a sigma_a > 0 in that channel"
+                )
 
     @property
     def volume(self) -> Body:
@@ -148,6 +163,11 @@ class Scene:
     def medium_of(self, body: Body) -> Medium:
         """Return what a body is made of: its own medium, or the scene's."""
         return body.own_medium or self.medium
+
+    @property
+    def emits(self) -> bool:
+        """Whether any body's medium emits light."""
+        return any(self.medium_of(body).emits for body in self.bodies)
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:

@@ -44,6 +44,7 @@ MEDIUM = Struct(
         Field("float", "octave_lobe", MOST_OCTAVES, "the phase function's share"),
         Field("float", "octave_even", MOST_OCTAVES, "what is scattered evenly, per steradian"),
         Field("int", "phase_table", 1, "floats from here to its table, where it has one"),
+        Field("float", "emission", 3, "radiance per world unit, RGB"),
     ),
 )
 

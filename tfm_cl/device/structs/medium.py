@@ -36,4 +36,5 @@ def medium_structs(media: Sequence[Medium]) -> NDArray[Any]:
         if table is not None:
             struct["phase_table"] = begin - i * width
             begin += len(table)
+        struct["emission"] = medium.emission
     return structs
