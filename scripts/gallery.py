@@ -10,6 +10,7 @@ SIZES = {
     "cumulus": "960x540",
     "plume": "480x600",
     "figure": "480x480",
+    "fire": "480x600",
     "smoke_and_solids": "640x480",
     "shafts": "640x360",
     "two_clouds": "640x360",

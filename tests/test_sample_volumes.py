@@ -41,7 +41,7 @@ def density(sample):
 @pytest.fixture(scope="module")
 def modules():
     """The generators' modules, which import each other as scripts do."""
-    names = ("noise", "cumulus", "figure", "plume", "ply", "particles", "hair", "tree", "generate")
+    names = ("noise", "cumulus", "figure", "plume", "fire", "ply", "particles", "hair", "tree", "generate")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(FOLDER)
         yield {name: importlib.import_module(name) for name in names}
@@ -160,6 +160,21 @@ def test_generator_reproduces_every_third_voxel(name, density, modules):
     made = modules["generate"].generate(modules[name], every=3)
     assert made.dtype == density.dtype
     np.testing.assert_array_equal(made, density[1::3, 1::3, 1::3])
+
+
+def test_fire_is_hot_below_and_smoke_above(modules):
+    fire, kept = modules["fire"], load("fire")
+    for key, function in (("density", fire.density), ("temperature", fire.temperature)):
+        made = modules["generate"].generate(fire, every=3, function=function)
+        np.testing.assert_array_equal(made, kept[key][1::3, 1::3, 1::3])
+        assert not any(np.moveaxis(kept[key], axis, 0)[[0, -1]].any() for axis in range(3))
+    assert (FOLDER / "fire.npz").stat().st_size < 300_000
+    heights = np.arange(fire.SHAPE[1])
+    heat, smoke = (kept[key].sum(axis=(0, 2), dtype=np.float64) for key in ("temperature", "density"))
+    assert (heat @ heights) / heat.sum() + 20 < (smoke @ heights) / smoke.sum()
+    scene = tfm_cl.Scene.load(FOLDER / "fire.toml")
+    assert scene.medium.temperature_scale == fire.KELVIN
+    assert 1 < scene.flames[0].medium.emission[0] * scene.flames[0].largest < 100
 
 
 @pytest.mark.slow

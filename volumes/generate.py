@@ -8,11 +8,13 @@ every run.
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 import cumulus
 import figure
+import fire
 import hair
 import numpy as np
 import particles
@@ -42,7 +44,7 @@ class Sample(Protocol):
         ...
 
 
-SAMPLES: dict[str, Sample] = {"cumulus": cumulus, "figure": figure, "plume": plume}
+SAMPLES: dict[str, Sample] = {"cumulus": cumulus, "figure": figure, "plume": plume, "fire": fire}
 PARTICLES = {"particles": particles.smoke_plume, "spirals": particles.spirals}
 GROWN = (*hair.STYLES, "tree")
 """Those that have a full size too."""
@@ -50,7 +52,9 @@ NAMES = (*SAMPLES, *PARTICLES, *GROWN)
 SUFFIX = "_full"
 
 
-def generate(sample: Sample, every: int = 1) -> NDArray[np.float16 | np.uint8]:
+def generate(
+    sample: Sample, every: int = 1, function: Callable[[F32, F32, F32], F32] | None = None
+) -> NDArray[np.float16 | np.uint8]:
     """Sample a volume at the voxel centres.
 
     Parameters
@@ -59,6 +63,8 @@ def generate(sample: Sample, every: int = 1) -> NDArray[np.float16 | np.uint8]:
         The volume's module.
     every
         Odd; 3 samples only the middle voxel of each block of 3×3×3, and so on.
+    function
+        Of its module, of a mesh; by default its density.
 
     Returns
     -------
@@ -69,8 +75,9 @@ def generate(sample: Sample, every: int = 1) -> NDArray[np.float16 | np.uint8]:
         (low + (np.arange(every // 2, count, every) + 0.5) * sample.VOXEL).astype(np.float32)
         for low, count in zip(sample.ORIGIN, sample.SHAPE[::-1], strict=True)
     )
-    density = np.concatenate([sample.density(z[i : i + SLAB], y, x) for i in range(0, len(z), SLAB)])
-    return density.astype(np.uint8) if sample.SOLID else _rounded(density)
+    function = function or sample.density
+    values = np.concatenate([function(z[i : i + SLAB], y, x) for i in range(0, len(z), SLAB)])
+    return values.astype(np.uint8) if sample.SOLID else _rounded(values)
 
 
 def _rounded(density: F32) -> NDArray[np.float16]:
@@ -79,18 +86,20 @@ def _rounded(density: F32) -> NDArray[np.float16]:
     return np.ldexp(np.rint(mantissa * steps) / steps, exponent).astype(np.float16)
 
 
-def save(sample: Sample, density: NDArray[np.float16 | np.uint8], path: Path) -> None:
-    """Write ``density``, ``voxel_size`` (x, y, z) and ``origin`` (x, y, z) to an ``.npz`` file."""
-    np.savez_compressed(
-        path, density=density, voxel_size=np.full(3, sample.VOXEL), origin=np.array(sample.ORIGIN)
-    )
+def save(sample: Sample, path: Path, **grids: NDArray[np.float16 | np.uint8]) -> None:
+    """Write ``density`` and other grids, ``voxel_size`` and ``origin`` (both x, y, z) to an ``.npz`` file."""
+    placed = {"voxel_size": np.full(3, sample.VOXEL), "origin": np.array(sample.ORIGIN)}
+    np.savez_compressed(path, **grids, **placed)  # type: ignore[arg-type]
 
 
 def write_volume(name: str, folder: Path) -> str:
     """Write a volume; returns what it is."""
-    density = generate(SAMPLES[name])
-    save(SAMPLES[name], density, folder / f"{name}.npz")
-    z, y, x = density.shape
+    sample = SAMPLES[name]
+    grids = {"density": generate(sample)}
+    if sample is fire:
+        grids["temperature"] = generate(sample, function=fire.temperature)
+    save(sample, folder / f"{name}.npz", **grids)
+    z, y, x = grids["density"].shape
     return f"{x}×{y}×{z} voxels"
 
 

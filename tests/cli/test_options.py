@@ -97,7 +97,7 @@ KEYS = [
     (
         "volume.medium",
         "{sigma_s = 2, phase = 'hg:0.5'}",
-        tfm_cl.Medium(sigma_s=2, phase="hg:0.5").to_dict(),
+        tfm_cl.Medium(sigma_s=2, phase="hg:0.5", temperature="smoke").to_dict(),
     ),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("medium.attenuation", "0.25", 0.25),
@@ -130,6 +130,10 @@ KEYS = [
     ("light.samples", "9", 9),
     ("light.reach", "7", 7),
     ("light.texture", "/nowhere/slide.png", "/nowhere/slide.png"),
+    ("medium.temperature", "density", "density"),
+    ("medium.temperature_offset", "0.5", 0.5),
+    ("medium.temperature_scale", "0.25", 0.25),
+    ("medium.Le_scale", "3", 3),
     ("medium.emission", "[1, 0.5, 0.2]", [1, 0.5, 0.2]),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
     ("camera.res", "[5, 6]", [5, 6]),
@@ -140,6 +144,8 @@ SCENE = """
 file = "smoke.npz"
 density_scale = 1.5
 grid = "density"
+[medium]
+temperature = "smoke"
 [camera]
 from = [1, 2, 30]
 to = [3, 3, 3]

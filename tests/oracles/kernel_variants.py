@@ -7,6 +7,7 @@ from their registries, phase functions from ``every_phase``, which a test compar
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,15 @@ def _ball(medium: tfm.Medium | None = None) -> tfm.SphereVolume:
     return tfm.SphereVolume(density=0.5, medium=medium)
 
 
+def _fire() -> tfm.Volume:
+    """As of a file, with a grid of temperatures that has been read."""
+    medium = GREY.replace(temperature="heat")
+    volume = _grid(medium, source=Path("fire.npz"))
+    flame = tfm.Volume.of_channels([VOXELS] * 3, world_from_index=np.eye(4))
+    volume.kept["flame"] = (("heat", 0.0, 1.0), flame)
+    return volume
+
+
 def _fog(medium: tfm.Medium | None = None) -> tfm.EverywhereVolume:
     return tfm.EverywhereVolume(density=0.1, medium=medium)
 
@@ -102,6 +112,7 @@ BODIES: dict[str, list[Any]] = {
     ],
     "glowing grid": [_grid(GLOWING)],
     "glowing ball": [_ball(GLOWING)],
+    "fire": [_fire()],
     "coloured flame in a grid, fog": [_grid(), _coloured(FLAME), _fog(WARM)],
     "points": [_points()],
     "every primitive": [
@@ -113,7 +124,7 @@ BODIES: dict[str, list[Any]] = {
     ],
 }
 """Mixtures, those of one body among them, since a scene of one body has kernels of its own."""
-FIELDS_IN = {"tinted grid": 1, "3 grids": 1, "coloured grid": 3, "every primitive": 3}
+FIELDS_IN = {"tinted grid": 1, "fire": 1, "3 grids": 1, "coloured grid": 3, "every primitive": 3}
 """Of these are the light passes': they know of what is marched, and of one field of density."""
 
 
@@ -128,18 +139,18 @@ def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
     """What kernels are told of bodies."""
     camera = tfm.Camera(from_=(0, 0, 9), to=(0, 0, 0))
     scene = tfm.Scene(bodies, GREY, camera, [])
-    bricks = None
-    if scene.grids:
+    grids, bricks = (*scene.grids, *scene.flames), None
+    if grids:
         bricks = BrickGrid(
             blocks=None,  # type: ignore[arg-type]
             table=None,  # type: ignore[arg-type]
             pools=(None,) * pools,  # type: ignore[arg-type]
-            brick_counts=tuple(brick_count_of(grid.shape) for grid in scene.grids),
+            brick_counts=tuple(brick_count_of(grid.shape) for grid in grids),
             occupied=1,
             records=2,
             pool_size=2,
             voxels=voxels,
-            exponents=tuple((0,) * len(grid.channel_leaves) for grid in scene.grids),
+            exponents=tuple((0,) * len(grid.channel_leaves) for grid in grids),
         )
     primitives = PrimitivesOnDevice(NoDevice(), scene) if scene.primitives else None  # type: ignore[arg-type]
     return media_on_device(NoDevice(), scene, bricks, primitives)  # type: ignore[arg-type]

@@ -48,6 +48,10 @@ contribution = 0.6
 eccentricity = 0.7
 phase = { type = "hg", g = 0.3 }
 emission = [2.0, 1.0, 0.25]
+temperature = "fire"
+temperature_offset = 0.5
+temperature_scale = 900.0
+Le_scale = 2.5
 
 [camera]
 from = [0, 0, 5]
@@ -158,9 +162,18 @@ def test_every_key_arrives(folder):
     np.testing.assert_allclose(scene.bodies[0].voxel_size, (0.1, 0.2, 0.6))
     np.testing.assert_allclose(scene.bodies[0].world_from_index @ [0, 0, 0, 1], (6.05, 8.1, 13.3, 1))
     assert scene.bodies[0].density_scale == 2.5
+    fire = {
+        "temperature": "fire",
+        "temperature_offset": 0.5,
+        "temperature_scale": 900.0,
+        "Le_scale": 2.5,
+    }
     assert scene.bodies[0].medium == scene.medium.replace(  # what it does not name is the scene's
         sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2)
     )
+    (flame,) = scene.flames
+    np.testing.assert_array_equal(flame.world_from_index, scene.bodies[0].world_from_index)
+    assert scene.medium_of(flame) == tfm.Medium(sigma_s=0, emission=2.5)
     assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
     assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
     sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))
@@ -175,6 +188,7 @@ def test_every_key_arrives(folder):
         eccentricity=0.7,
         phase=tfm.HenyeyGreenstein(0.3),
         emission=(2.0, 1.0, 0.25),
+        **fire,
     )
     assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
     spot = tfm.SpotLight(

@@ -85,19 +85,21 @@ def media_on_device(
     scene
         What to render; only its bodies, their media, and ``march.skip_empty`` matter.
     bricks
-        The voxels of its grids; None where it has none.
+        The voxels of its grids, then of its flames; None where it has none.
     primitives
         Its primitives, likewise.
     margin
         World units, by which these reach beyond their bounds.
     """
-    fields, media = fields_of(scene), list(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
-    grids, bodies = scene.grids, scene.homogeneous
-    channels = 3 if any(body.colour is not None for body in scene.marched) else 1
+    flames, bodies = scene.flames, scene.homogeneous
+    fields = fields_of(scene)
+    media = list(dict.fromkeys(scene.medium_of(body) for body in (*scene.bodies, *flames)))
+    is_coloured = any(body.colour is not None for body in scene.marched)
+    channels = 3 if flames or is_coloured else 1
     of_grids = {} if bricks is None else bricks.arguments
-    of_bricks = _of_boxes(bricks, primitives)
-    if bricks is not None:
-        of_bricks["TFM_VOXEL_CHANNELS"] = channels
+    # Only the camera sees flames: to light passes they are not there.
+    of_bricks = _of_boxes(bricks, primitives, len(scene.grids), 3 if is_coloured else 1)
+    met_by_camera = _of_boxes(bricks, primitives, len(scene.grids) + len(flames), channels)
     numbers_of_media = [media.index(scene.medium_of(body)) for body in scene.primitives]
     of_amounts = np.eye(3) if channels == 3 else np.outer([1, 0, 0], [1, 0, 0])  # noqa: PLR2004 - RGB
     phases = list(dict.fromkeys(type(medium.phase) for medium in media))
@@ -143,13 +145,13 @@ def media_on_device(
             *(phase.HEADER for phase in phases),
             *(kind.HEADER for kind in kinds),
         ),
-        defines=of_bricks
+        defines=met_by_camera
         | {
             "TFM_MEDIA": len(media),
             "TFM_AMOUNTS": channels,
             "TFM_BODIES": len(bodies),
             "TFM_FIELDS": fields.count,
-            "TFM_MEDIUM_OF_GRID(i)": _number_of(grids, scene, media),
+            "TFM_MEDIUM_OF_GRID(i)": _number_of((*scene.grids, *flames), scene, media),
             "TFM_MEDIUM_OF_BODY(i)": _number_of(bodies, scene, media),
             "TFM_PHASE(medium, mu, fibres)": choice(
                 "(medium)->phase_kind",
@@ -173,7 +175,7 @@ def media_on_device(
         arguments={
             "media": launcher.upload("the media", medium_structs(media)),
             "bodies": launcher.upload("the bodies", body_structs(scene)),
-            "grids": launcher.upload("the grids", grid_structs(scene, bricks, margin=margin)),
+            "grids": launcher.upload("the grids", grid_structs(scene, bricks, margin=margin, flames=True)),
             **of_grids,
         },
         of_fields=of_fields,
@@ -181,11 +183,13 @@ def media_on_device(
     )
 
 
-def _of_boxes(bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None) -> dict[str, int | str]:
-    """Macros that say what is marched: the grids' boxes, and the one around all primitives."""
+def _of_boxes(
+    bricks: BrickGrid | None, primitives: PrimitivesOnDevice | None, grids: int, channels: int
+) -> dict[str, int | str]:
+    """Macros that say what is marched: boxes of the first ``grids``, and the one around all primitives."""
     defines: dict[str, int | str] = {"TFM_GRIDS": 0, "TFM_VOXEL_CHANNELS": 1}
     if bricks is not None:
-        defines |= bricks.defines
+        defines |= bricks.defines | {"TFM_GRIDS": grids, "TFM_VOXEL_CHANNELS": channels}
     if primitives is None:
         return defines
     return defines | primitives.defines | {"TFM_GRIDS": int(defines["TFM_GRIDS"]) + 1, "TFM_PRIMITIVES": 1}

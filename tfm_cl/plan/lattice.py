@@ -67,17 +67,15 @@ class Choice(NamedTuple):
 
 def why_not(scene: Scene) -> str:
     """Tell what keeps every light of a scene from a lattice; empty where nothing does."""
-    if not scene.grids:
-        return "no grid has voxels to look light up at"
-    if scene.primitives:
-        return "primitives have no voxels"
-    if scene.homogeneous:
-        return "bodies of constant density have no voxels"
-    if scene.solids:
-        return "the shadows of solids have edges within a voxel"
-    if len({scene.medium_of(grid) for grid in scene.grids}) > 1:
-        return "several media scatter differently"
-    return ""
+    reasons = {
+        "no grid has voxels to look light up at": not scene.grids,
+        "primitives have no voxels": scene.primitives,
+        "bodies of constant density have no voxels": scene.homogeneous,
+        "flames have voxels of their own": scene.flames,
+        "the shadows of solids have edges within a voxel": scene.solids,
+        "several media scatter differently": len({scene.medium_of(grid) for grid in scene.grids}) > 1,
+    }
+    return next((why for why, holds in reasons.items() if holds), "")
 
 
 def smooth_lights(scene: Scene) -> list[int]:

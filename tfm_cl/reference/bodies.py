@@ -197,7 +197,7 @@ def body_interval(
 
 
 class Matter:
-    """The bodies of a scene, grids first, then primitives, with what each is made of.
+    """The bodies of a scene, grids and flames first, then primitives, with what each is made of.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class Matter:
     """
 
     def __init__(self, scene: Scene, margin: float = 0.0) -> None:
-        self.grids, self.homogeneous = scene.grids, scene.homogeneous
+        self.grids, self.homogeneous = (*scene.grids, *scene.flames), scene.homogeneous
         self.primitives = primitives_of(scene.primitives)
         self.margin = margin
         self.media = [scene.medium_of(body) for body in (*self.marched, *self.homogeneous)]

@@ -200,10 +200,11 @@ class _Part:
 
 def _parts_of(scene: Scene) -> list[_Part]:
     several = len(scene.bodies) > 1
-    return [
+    parts = [
         _Part(number if several else None, body, scene.medium_of(body))
         for number, body in enumerate(scene.bodies)
     ]
+    return parts + [_Part(None, flame, scene.medium_of(flame)) for flame in scene.flames]
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,7 @@ class Renderer:
         margin = max(light_margin(scene), camera_margin(scene))
         if maps and maps[0].settings.range == "box":
             margin = maps[0].medium.margin
-        grids, voxels, bricks = scene.grids, scene.march.voxels, None
+        grids, voxels, bricks = (*scene.grids, *scene.flames), scene.march.voxels, None
         if grids:
             bricks = self._cache.get(
                 "bricks",
@@ -164,7 +164,7 @@ class Renderer:
         primitives = self._primitives(scene) if scene.primitives else None
         key = (
             scene.bodies,
-            tuple(body.density_key for body in scene.marched),
+            tuple(body.density_key for body in (*scene.marched, *scene.flames)),
             scene.medium,
             tuple(scene.medium_of(body).phase.content for body in scene.bodies),
             scene.march.skip_empty,
@@ -320,7 +320,7 @@ class Renderer:
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
         lit = any(row[:, 3].any() for row in diagnosis.rows_from_the_middle(sums.light_seen))
-        notes = dict.fromkeys(note for grid in scene.grids for note in grid.notes)
+        notes = dict.fromkeys(note for grid in (*scene.grids, *scene.flames) for note in grid.notes)
         traced, compiled = self._visibility.seconds - traced, self._launcher.kernels.seconds - compiled
         total = time.perf_counter() - started
         host = max(total - (self._launcher.seconds - launched) - compiled - traced, 0.0)

@@ -7,12 +7,18 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.constants import MOST_OCTAVES
 from tfm_cl.errors import SceneError
+from tfm_cl.files.paths import name_of
+from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import RGB, Model, section_within
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
+
+
+def _grid_name(value: Any) -> str | None:
+    return None if value is None else name_of(value, "a grid of temperatures")
 
 
 class Medium(Model):
@@ -29,6 +35,27 @@ class Medium(Model):
     )
     emission: RGB = Field(
         (0.0, 0.0, 0.0), description="radiance emitted at density 1, per world unit, also without lights"
+    )
+    temperature: Annotated[str | None, BeforeValidator(_grid_name)] = Field(
+        None,
+        description="name of a grid of the volume's file: where that is hot a black body glows, whatever "
+        "the density",
+    )
+    temperature_offset: float = Field(
+        0.0,
+        ge=-LARGEST_COLOUR,
+        le=LARGEST_COLOUR,
+        description="kelvin = (value - temperature_offset) * temperature_scale, of the values of that grid",
+    )
+    temperature_scale: float = Field(
+        1.0, ge=0, le=LARGEST_COLOUR, description="of the same; for instance 1000 where 1 means 1000 K"
+    )
+    Le_scale: float = Field(
+        1.0,
+        ge=0,
+        le=LARGEST_COLOUR,
+        description="radiance per world unit where that grid is hot: Le_scale times a black body's, relative "
+        "to its peak",
     )
 
     octaves: int = Field(
@@ -81,8 +108,17 @@ class Medium(Model):
 
     @property
     def emits(self) -> bool:
-        """Whether it emits any light."""
+        """Whether its density emits any light."""
         return any(self.emission)
+
+    @model_validator(mode="after")
+    def _check_used(self) -> Self:
+        given = {"temperature_offset": 0, "temperature_scale": 1, "Le_scale": 1}
+        unused = [name for name, neutral in given.items() if getattr(self, name) != neutral]
+        if self.temperature is None and unused:
+            value = getattr(self, unused[0])
+            raise ValueError(f"{unused[0]} = {value:g} does nothing without temperature, the name of a grid")
+        return self
 
 
 def parse_medium(value: Any) -> Medium | None:

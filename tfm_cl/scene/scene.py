@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from tfm_cl.files.paths import source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body, MarchedBody, around
+from tfm_cl.scene.bodies.flame import flame_of
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
@@ -54,9 +55,10 @@ class Scene:
     ------
     SceneError
         A medium everywhere, and nothing else, without a camera or without ``lights``; or one that emits light
-        of a colour that nothing everywhere extinguishes.
+        of a colour that nothing everywhere extinguishes; temperatures of a body that has no file, or that are
+        impossible.
     VolumeError
-        When there is no body, or there are too many.
+        When there is no body, or there are too many; a grid of temperatures that cannot be read.
     """
 
     bodies: tuple[Body, ...]
@@ -68,6 +70,8 @@ class Scene:
     solids: tuple[Solid, ...]
     ambient: Ambient
     shadow: ShadowSettings
+    flames: tuple[Volume, ...] = field(init=False, repr=False, compare=False)
+    """What glows where grids of temperatures are hot: volumes that only the camera sees."""
 
     def __init__(
         self,
@@ -103,6 +107,8 @@ class Scene:
         ):
             object.__setattr__(self, name, value)
         self._check_emission()
+        flames = (flame_of(body, self.medium_of(body)) for body in bodies)
+        object.__setattr__(self, "flames", tuple(flame for flame in flames if flame is not None))
 
     def _check_emission(self) -> None:
         endless = [body for body in self.homogeneous if not np.isfinite(body.bounds).all()]
@@ -167,7 +173,7 @@ class Scene:
     @property
     def emits(self) -> bool:
         """Whether any body's medium emits light."""
-        return any(self.medium_of(body).emits for body in self.bodies)
+        return bool(self.flames) or any(self.medium_of(body).emits for body in self.bodies)
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -199,6 +205,6 @@ class Scene:
 
     def replace(self, **changes: Any) -> Scene:
         """Return a copy with other parts: ``scene.replace(medium=Medium(sigma_s=(1, .8, .5)))``."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
         values["volume"] = values.pop("bodies")
         return type(self)(**values | changes)

@@ -38,10 +38,12 @@ def grid_structs(
     bricks: BrickGrid | None,
     weights: NDArray[np.float64] | None = None,
     margin: float = 0.0,
+    *,
+    flames: bool = False,
 ) -> NDArray[Any]:
     """Return the structs of the boxes that are marched; one of no meaning where there are none.
 
-    The grids come first, then the box around all primitives.
+    The grids come first, then flames, then the box around all primitives.
 
     Parameters
     ----------
@@ -51,8 +53,10 @@ def grid_structs(
         float [grids, 3]: what densities of each channel are multiplied by, 1 for all by default.
     margin
         World units, by which primitives reach beyond their bounds.
+    flames
+        Whether there are any.
     """
-    grids = scene.grids
+    grids = (*scene.grids, *scene.flames) if flames else scene.grids
     structs = np.zeros(max(1, len(grids) + bool(scene.primitives)), GRID.dtype)
     moved = world_from_device(scene)
     if scene.primitives:

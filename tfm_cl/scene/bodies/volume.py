@@ -75,6 +75,8 @@ class Volume(MarchedBody):
     world_from_index: NDArray[np.float64]
     notes: tuple[str, ...]
     """What a user should know of how it was read from its file: sentences for warnings."""
+    kept: dict[str, Any]
+    """What others made of its file; copies of the volume share it."""
 
     def __init__(
         self,
@@ -93,7 +95,9 @@ class Volume(MarchedBody):
         self.name = name
         self.medium = parse_medium(medium)
         self.source = source
+        self.sanitize = sanitize
         self.notes = ()
+        self.kept = {}
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
         if isinstance(data, Leaves):
             self._voxels = _Voxels(_as_density_leaves(data, self.label, sanitize=sanitize))
@@ -230,6 +234,37 @@ class Volume(MarchedBody):
         )
         volume.notes = notes
         return volume
+
+    @classmethod
+    def of_channels(
+        cls,
+        channels: Sequence[NDArray[np.float32] | Leaves],
+        *,
+        world_from_index: ArrayLike,
+        name: str = "",
+        source: Path | None = None,
+    ) -> Volume:
+        """Make a coloured volume of its densities in red, green and blue.
+
+        Parameters
+        ----------
+        channels
+            Arrays [z, y, x], which nobody else writes to, or leaves, the same ones in all three; its `data`
+            is the largest of the three in each voxel.
+        world_from_index, name, source
+            As in the constructor.
+        """
+        red, green, blue = (one.values if isinstance(one, Leaves) else one for one in channels)
+        most, first = np.maximum(np.maximum(red, green), blue), channels[0]
+        for channel in (red, green, blue):
+            channel.flags.writeable = False
+        volume = cls(
+            Leaves(first.shape, first.first, first.coordinates, most) if isinstance(first, Leaves) else most,
+            world_from_index=world_from_index,
+            name=name,
+            source=source,
+        )
+        return volume._with(_colour=_Channels(volume._voxels, channels))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -535,11 +570,15 @@ class _Colour:
 
     def __init__(self, voxels: _Voxels, rgb: ArrayLike, label: str, *, sanitize: bool) -> None:
         self.number = next(_NUMBERS)
-        self.rgb = _as_colour(rgb, voxels.shape, label, sanitize=sanitize)
+        self._rgb = _as_colour(rgb, voxels.shape, label, sanitize=sanitize)
         self._voxels = voxels
         largest = float(voxels.stored.max()) * float(self.rgb.max())  # NaN where there are no leaves
         if largest > float(np.finfo(np.float32).max):
             raise VolumeError(f"{label}: the largest density times the largest colour is beyond float32")
+
+    @property
+    def rgb(self) -> NDArray[np.float32]:
+        return self._rgb
 
     @cached_property
     def products(self) -> tuple[_Voxels, ...]:
@@ -560,6 +599,22 @@ class _Colour:
     def _dense(self) -> NDArray[np.float32]:
         leaves = self._voxels.leaves
         return self._voxels.dense if leaves is None else leaves.to_dense()  # not to be kept
+
+
+class _Channels(_Colour):
+    """The colour of voxels of which it is known what they are in each channel."""
+
+    def __init__(self, voxels: _Voxels, channels: Sequence[NDArray[np.float32] | Leaves]) -> None:
+        self.number = next(_NUMBERS)
+        self._voxels = voxels
+        self.products = tuple(_Voxels(channel) for channel in channels)
+
+    @cached_property
+    def rgb(self) -> NDArray[np.float32]:
+        """Each channel over the voxels, which are the largest of all."""
+        most = self._dense()[..., None]
+        channels = np.stack([product.dense for product in self.products], axis=-1)
+        return np.divide(channels, most, out=np.zeros_like(channels), where=most > 0)
 
 
 def bounds_of(shape: tuple[int, int, int], world_from_index: NDArray[np.float64]) -> NDArray[np.float64]:
