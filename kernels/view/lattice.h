@@ -13,6 +13,9 @@
    what arrives. */
 #define LATTICE_NUMBERS (TFM_LATTICE_COLOURS + TFM_CHANNELS)
 
+#define LATTICE __global const float *
+#define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, walk, steps, k, t)
+
 typedef struct {
   Floats of[LATTICE_NUMBERS];
 } LatticeValue;

@@ -1,7 +1,7 @@
 /* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, eq. 7's ambient light,
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
-   requires. */
+   requires, 2 where it is what later orders scatter, with what orders.h requires. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
 
@@ -9,11 +9,17 @@
 #ifndef TFM_LATTICE
 #define TFM_LATTICE 0
 #endif
-#if TFM_LATTICE
+#if TFM_LATTICE == 1
 #include "view/lattice.h"
-#define LATTICE_PARAMETERS , __global const float *lattice, LightSums *lit
+#elif TFM_LATTICE == 2
+#include "view/orders.h"
+#endif
+#if TFM_LATTICE
+#define LATTICE_PARAMETERS , LATTICE lattice, LightSums *lit
+#define LATTICE_ARGUMENTS , lattice, lit
 #else
 #define LATTICE_PARAMETERS
+#define LATTICE_ARGUMENTS
 #endif
 
 #if TFM_GRIDS
@@ -45,7 +51,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
 #if TFM_LATTICE
     LatticeValue light[MOST_STEPS];
     for (int k = 0; k < list.count; ++k)
-      light[k] = any_lane(any_amount(&step[k])) ? lattice_at(lattice, &walk, &list, k, place_of(&walk, list.n[k]).t)
+      light[k] = any_lane(any_amount(&step[k])) ? LATTICE_AT(lattice, &walk, &list, k, place_of(&walk, list.n[k]).t)
                                                 : lattice_begin();
 #endif
     for (int k = 0; k < list.count; ++k) {
@@ -64,7 +70,8 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
 
 #if TFM_BODIES
 /* A stretch without grids. */
-TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, CameraSums *sums)
+TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps,
+                           CameraSums *sums LATTICE_PARAMETERS)
 {
   MEDIUM media = scene->media;
   const int most = -least_int(-steps);
@@ -81,23 +88,28 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
     const Floats weight = camera_ray_step(media, &sums->ray, &step, opacity);
     for (int c = 0; c < TFM_CHANNELS; ++c)
       mean += opacity[c] * mean_distance(depth[c], length) * (1.0f / TFM_CHANNELS);
+#if TFM_LATTICE
+    const LatticeValue light = LATTICE_AT(lattice, 0, 0, 0, begin + 0.5f * length);
+    lattice_step(lit, &light, opacity, weight);
+#endif
     camera_sums_step(media, sums, &sums->ray, &step, begin, opacity, weight);
     sums->distance_sum += mean;
   }
 }
 #endif
 
-#if !TFM_LATTICE
+#if TFM_LATTICE != 1
 /* A part of the rays, from where they meet the first of the media. only_dims: what it takes from the rays is wanted, not
    where. */
-TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, Interval part, int only_dims, Ints active)
+TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, Interval part, int only_dims,
+                                Ints active LATTICE_PARAMETERS)
 {
   const int steps = scene->view->steps;
   CameraSums sums = camera_sums_begin(scene->media, active);
   active &= part.begin < part.end;
 #if TFM_BODIES == 0
   const Ints wanted = only_dims ? steps_in_grids(on_ray, part, steps) : ints(steps);
-  see_grids(scene, on_ray, part, wanted, !only_dims, active, &sums);
+  see_grids(scene, on_ray, part, wanted, !only_dims, active, &sums LATTICE_ARGUMENTS);
 #else
   /* Beyond nothing is seen, and steps that reach farther would be too long. */
   Interval visible = part;
@@ -109,19 +121,21 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
       sums.ray.through[c] *= transmittance_of(extinguished(scene->media, &sums.total, c));
     return sums;
   }
-  if (TFM_BODIES == 1) /* its mean distance is known */
+  /* Of one its mean distance is known. */
+  const int at_once = TFM_BODIES == 1 && !TFM_LATTICE;
+  if (at_once)
     visible = part;
-  see_bodies(scene, on_ray, visible, active ? ints(TFM_BODIES == 1 ? 1 : steps) : ints(0), &sums);
+  see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums LATTICE_ARGUMENTS);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
   for (int i = 0; i < STRETCHES; ++i) {
     const Ints here = active & (stretch[i].begin < stretch[i].end);
     if (i == 1)
-      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), 0, here, &sums);
+      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), 0, here, &sums LATTICE_ARGUMENTS);
     else {
       const Ints wanted = only_dims ? ints(1) : steps_of_stretch(stretch[i], visible, steps);
-      see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums);
+      see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums LATTICE_ARGUMENTS);
     }
   }
 #endif

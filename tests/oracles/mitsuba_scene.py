@@ -2,10 +2,10 @@
 
 Conventions that differ: Mitsuba's volumes span [0, 1]³ with voxel centres at (i + ½)/N and are clamped
 beyond them, so the array goes in with one layer of zeros around it, and the box [-1.5, N + 0.5] of index
-space becomes the unit cube. ``max_depth = 2`` is single scattering, and direct light on solids, both dimmed
-by the medium. A spot's angles are half angles; its light and a point's always fall off with the square of the
-distance. Solids within the medium need no medium of their own: only a surface between two media changes that
-of a ray.
+space becomes the unit cube. ``max_depth`` is one more than the orders of scattering: 2 is single scattering,
+and direct light on solids, both dimmed by the medium. A spot's angles are half angles; its light and a
+point's always fall off with the square of the distance. Solids within the medium need no medium of their own:
+only a surface between two media changes that of a ray.
 
 Mitsuba knows one medium at a place, so bodies that share space are a medium written here, whose coefficients
 are the sums of theirs. A grid of the sum's albedo would not do: between voxel centres the ratio of two
@@ -31,6 +31,7 @@ import numpy as np
 import pytest
 
 import tfm_cl as tfm
+from tfm_cl.plan.orders import orders_of
 
 mi = pytest.importorskip("mitsuba")  # skips whichever test module imports this one
 dr = pytest.importorskip("drjit")
@@ -86,7 +87,7 @@ class MitsubaScene:
         camera = scene.camera
         description = {
             "type": "scene",
-            "integrator": {"type": "volpath", "max_depth": 1 if backlit else 2},
+            "integrator": {"type": "volpath", "max_depth": 1 if backlit else 1 + orders_of(scene)},
             "sensor": {
                 "type": "perspective",
                 "to_world": mi.ScalarTransform4f().look_at(camera.from_, camera.to, camera.up),

@@ -154,6 +154,7 @@ SCENE_OPTIONS = (
     SceneOption("Medium", "--sigma-s", "medium.sigma_s", COLOUR, numbers),
     SceneOption("Medium", "--sigma-a", "medium.sigma_a", COLOUR, numbers),
     SceneOption("Medium", "--octaves", "medium.octaves", "N", click.INT),
+    SceneOption("Medium", "--orders", "medium.orders", "N", click.INT),
     SceneOption("Medium", "--phase", "medium.phase", "NAME[:P[:P…]]", click.STRING),
     SceneOption("Camera", "--camera-from", "camera.from", "X,Y,Z", numbers, "the volume fills the frame"),
     SceneOption("Camera", "--camera-to", "camera.to", "X,Y,Z", numbers, "the volume's centre"),

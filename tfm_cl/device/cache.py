@@ -12,6 +12,21 @@ BUDGET = 2 << 30
 """Bytes, on host and device together, that are kept for the next frames, unless a caller asks otherwise."""
 
 
+class Same:
+    """What is known by being itself, as part of a key; it lives as long as that."""
+
+    def __init__(self, value: object) -> None:
+        self._value = value
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether both are one."""
+        return isinstance(other, Same) and self._value is other._value
+
+    def __hash__(self) -> int:
+        """Of the object's identity."""
+        return id(self._value)
+
+
 class Cache:
     """Keeps what was made, the most recently used first, as long as it fits.
 

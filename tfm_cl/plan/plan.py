@@ -16,7 +16,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.plan import lattice, resolution
+from tfm_cl.plan import lattice, orders, resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.primitives import Primitives
@@ -70,10 +70,11 @@ class Plan:
     def told(self) -> dict[str, Any]:
         """What was placed, scaled or counted, by dotted key, to be fixed by hand."""
         counts = ("map.res", "map.steps", "march.steps")
+        found = ("map", "march", "orders")
         return {
             key: decision.value
             for key, decision in self.decisions.items()
-            if decision.value is not None and (key in counts or key.split(".")[0] not in ("map", "march"))
+            if decision.value is not None and (key in counts or key.split(".")[0] not in found)
         }
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
@@ -139,10 +140,12 @@ def plan(
     Raises
     ------
     SceneError
-        ``map.bytes`` that are too few, a blur or deposits that its basis does not take, or deposits of
-        nothing.
+        ``map.bytes`` that are too few, a blur or deposits that its basis does not take, deposits of
+        nothing, or several orders of scattering of what scatters once only.
     """
+    orders.check(scene)
     decisions = {} if file is None else dict(_placed(scene, file))
+    decisions |= dict(_of_orders(scene))
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.lights)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(
@@ -173,6 +176,14 @@ def plan(
         decisions |= _of_map(scene.map, resolved)
     decisions |= {key: Decision(number, why) for key, (number, _, why) in wanted.items()}
     return Plan(decided, resolved, decisions)
+
+
+def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
+    """Yield what later orders of scattering are found with."""
+    if orders.orders_of(scene) > 1 and scene.lights:
+        points = orders.lattice_of(scene)
+        yield "orders.points", Decision("{}x{}x{}".format(*points.size), points.why)
+        yield "orders.directions", Decision(orders.DIRECTIONS, "of each order, turned from one to the next")
 
 
 def _for_thin(scene: Scene) -> Iterator[tuple[str, Decision]]:

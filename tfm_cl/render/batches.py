@@ -7,7 +7,7 @@ Each block of pixels has a list of the lights that touch it (`tfm_cl.render.cull
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,12 +92,12 @@ class Batch:
     """``TFM_SHADOW``: 0 without solids."""
     is_dual: bool
     arguments: dict[str, Any]
-    blocks: dict[str, Any]
+    blocks: dict[str, Any] = field(default_factory=dict)
     """Which block sees which."""
-    most_in_a_block: int
-    window: Rectangle
+    most_in_a_block: int = 0
+    window: Rectangle = (0, 0, 0, 0)
     """The pixels that any of them touches."""
-    lit: cl.Buffer
+    lit: cl.Buffer | None = None
     """uchar: which pixels of each light's rectangle show a solid that it lights; not read without solids."""
     shows_residual: bool = False
 
@@ -177,11 +177,12 @@ class Batches:
             sizes = np.minimum(fine, sizes)
         self._sizes = sizes
         self._regions: LitRegions | None = None
-        self._is_shadowed = np.zeros(len(touched), dtype=bool)
+        self._is_shadowed = self._shades_points = np.zeros(len(touched), dtype=bool)
         if (tracer := visibility.tracer(scene)) is not None:
             self._regions = LitRegions.of(scene.lights)
             looked_up = self._regions.with_texels(structs["chart"], sizes)
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
+            self._shades_points = tracer.may_shade(looked_up)
         blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
         self._costs = structs.itemsize + 16 * np.maximum(blocks, 0)
         if settings is not None:
@@ -197,11 +198,13 @@ class Batches:
         """Whether a light may change any pixel."""
         return bool(self._areas[light] > 0)
 
-    def groups(self, lights: Collection[int]) -> Iterator[tuple[LightVariant, list[int]]]:
-        """Yield those lights that may be seen, by variant; first those that share the camera's samples."""
+    def groups(
+        self, lights: Collection[int], *, all_of_them: bool = False
+    ) -> Iterator[tuple[LightVariant, list[int]]]:
+        """Yield lights by variant, those seen or all; first those that share the camera's samples."""
         found: dict[LightVariant, list[int]] = {}
         for index in lights:
-            if self.is_seen(index):
+            if all_of_them or self.is_seen(index):
                 found.setdefault(LightVariant.of(self._scene.lights[index], self._scene), []).append(index)
         yield from sorted(found.items(), key=lambda item: not item[0].shares_samples)
 
@@ -241,12 +244,45 @@ class Batches:
         x0, y0 = rectangles[:, :2].min(axis=0).tolist()
         x1, y1 = rectangles[:, 2:].max(axis=0).tolist()
         window = self._crop if whole else (x0, y0, x1, y1)
-        shadow, texture, lit = self._shadows(indices), self._textures(indices), self._lit(indices)
-        fields = self._media.fields.count
-        self._structs["first_map"][indices] = fields * np.arange(len(indices))
+        lit = self._lit(indices)
+        lists = block_lists(rectangles, window, BLOCK)
+        return replace(
+            self.at_points(variant, indices, maps, shadowed=self._is_shadowed),
+            blocks={
+                "starts": upload("the lists of lights", lists.starts),
+                "touching": upload(
+                    "the lists of lights", lists.lights if len(lists.lights) else np.zeros(1, np.int32)
+                ),
+                "blocks": (*lists.first, lists.columns, BLOCK),
+            },
+            most_in_a_block=max(1, int(np.diff(lists.starts).max(initial=1))),
+            window=window,
+            lit=upload("the lit pixels", lit),
+        )
+
+    def at_points(
+        self,
+        variant: LightVariant,
+        indices: list[int],
+        maps: Sequence[TransmittanceMap],
+        *,
+        shadowed: NDArray[np.bool_] | None = None,
+    ) -> Batch:
+        """Put some lights on the device, to be looked up at any points, whatever pixels they touch.
+
+        Parameters
+        ----------
+        maps
+            As of `batch`.
+        shadowed
+            [lights]: those that solids keep from points that count; by default from any.
+        """
+        upload = self._launcher.upload
+        shadow = self._shadows(indices, self._shades_points if shadowed is None else shadowed)
+        texture = self._textures(indices)
+        self._structs["first_map"][indices] = self._media.fields.count * np.arange(len(indices))
         lists_of_lights = self._primitives(indices)
         self._structs["bias"][indices] = self._biases(indices, maps)
-        lists = block_lists(rectangles, window, BLOCK)
         return Batch(
             of=variant,
             indices=indices,
@@ -260,16 +296,6 @@ class Batches:
                 **(self._maps(maps) if maps else {}),
                 **lists_of_lights,
             },
-            blocks={
-                "starts": upload("the lists of lights", lists.starts),
-                "touching": upload(
-                    "the lists of lights", lists.lights if len(lists.lights) else np.zeros(1, np.int32)
-                ),
-                "blocks": (*lists.first, lists.columns, BLOCK),
-            },
-            most_in_a_block=max(1, int(np.diff(lists.starts).max(initial=1))),
-            window=window,
-            lit=upload("the lit pixels", lit),
         )
 
     def residuals(self, batch: Batch, maps: Sequence[TransmittanceMap]) -> Batch:
@@ -362,13 +388,13 @@ class Batches:
             self._structs["first_texel"][index] = places[id(image)]
         return np.concatenate(parts)
 
-    def _shadows(self, batch: list[int]) -> NDArray[np.float32]:
+    def _shadows(self, batch: list[int], shadowed: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Put the shadow maps of a batch one after the other, and then their bounds.
 
         Before them come those of all other lights.
         """
         self._structs["shadow_res"][batch] = 1
-        cast = [index for index in batch if self._is_shadowed[index]]
+        cast = [index for index in batch if shadowed[index]]
         sizes = self._sizes[cast]
         ends, bounds_ends = 1 + (sizes**2).cumsum(), bounds_size(sizes).cumsum()
         first_bounds = 2 + int((sizes**2).sum())

@@ -9,17 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.device.cache import Same
+from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.margins import camera_margin, grown, light_margin
+from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
 from tfm_cl.plan.lattice import smooth_lights
+from tfm_cl.plan.orders import lattice_of, medium_of, orders_of
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.lattice import Lattice
+from tfm_cl.render.orders import Orders
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
 from tfm_cl.scene.bodies.base import around
@@ -29,6 +34,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
+    from tfm_cl.device.cache import Cache
     from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
@@ -38,6 +44,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.maps import MapBuilder, Sources
+    from tfm_cl.render.orders import Scattered
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
@@ -100,6 +107,7 @@ class Frame:
     crop: Rectangle
     stats: RenderStats
     progress: Progress
+    cache: Cache
 
     def render(
         self, method: str, maps: Sequence[TransmittanceMap] | None, asked: Collection[str]
@@ -159,6 +167,8 @@ class Frame:
         self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
         if not work.camera_is_seen:
             work.seconds += self._see(work, work.frame, has_solids=gbuffer is not None)
+        if orders_of(scene) > 1 and scene.lights:
+            self._scatter_again(work)
         self.stats.seconds["view_pass"] += work.seconds
         sums = buffers.read(launcher, work.frame, gbuffer, work.errors, work.lattice_change)
         return sums, (*work.warnings,)
@@ -211,6 +221,51 @@ class Frame:
                         launcher, media, work.met, view, batch, work.light_steps, frame, done
                     )
                 self._sum_errors(work, batch, maps)
+
+    def _scatter_again(self, work: _Work) -> None:
+        """Add the later orders of scattering, found on a lattice; those of the last frames are there."""
+        launcher, scene = self.launcher, self.scene
+        even = scene.replace(
+            medium=medium_of(scene).reduced, volume=[body.with_medium(None) for body in scene.bodies]
+        )
+        media = media_on_device(launcher, even, self.media.bricks)
+        view = launcher.upload("the view", view_struct(even, media.fields, self.crop))
+        orders = Orders(launcher, even, media, view, lattice_of(scene))
+
+        def arrive(add: Callable[[Batch], None]) -> None:
+            for variant, members in work.batches.groups(range(len(scene.lights)), all_of_them=True):
+                for indices in work.batches.cut(members):
+                    add(work.batches.at_points(variant, indices, self._maps_again(work, indices)))
+
+        found = self._kept(work, even, lambda: orders.scatter(arrive))
+        self.stats.seconds["orders"] = orders.seconds
+        done = _reporter(self.progress, "later orders")
+        has_solids, steps = work.gbuffer is not None, decided(scene.march.steps)
+        work.seconds += orders.see(found, self.crop, steps, work.frame, done, has_solids=has_solids)
+
+    def _kept(self, work: _Work, even: Scene, make: Callable[[], Scattered]) -> Scattered:
+        """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
+        if not work.builds:
+            return make()
+        key = (
+            even.medium,
+            tuple(body.density_key for body in even.grids),
+            even.homogeneous,
+            tuple((light, light.map_key(), Same(light.texture_image())) for light in even.lights),
+            even.map,
+            work.reads_maps,
+            even.march.voxels,
+            even.solids,
+            even.shadow,
+            world_from_device(even).tobytes(),
+        )
+        return self.cache.get("orders", key, make, lambda found: found.nbytes)
+
+    def _maps_again(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
+        """Return the maps of some lights; those that the camera does not see are not counted yet."""
+        if all(work.batches.is_seen(light) for light in indices) and work.sources is not None:
+            return self.maps.of(work.sources, indices, self.progress) if work.reads_maps else []
+        return self._maps_of(work, indices)
 
     def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
         """Build or find the maps of some lights, and tell of them."""

@@ -18,7 +18,7 @@ from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import pyopencl as cl
 
@@ -52,6 +52,15 @@ def pass_variant(media: MediaOnDevice, colours: int) -> Variant:
     """Return those of the camera's pass through the lattice."""
     defines = media.defines | media.channels(textured=False)
     return media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1, "TFM_LATTICE_COLOURS": colours}
+
+
+def common_colour(intensities: Sequence[Sequence[float]]) -> NDArray[np.float64] | None:
+    """Return the colour, at most 1, that those of some lights are multiples of; None where they differ."""
+    colours = np.array(intensities, np.float64)
+    most = colours.max(axis=1)
+    strongest: NDArray[np.float64] = colours[most.argmax()] / max(float(most.max()), TINY)
+    difference = np.abs(colours - np.outer(most, strongest)).max(axis=1)
+    return strongest if (difference <= SAME_COLOUR * most).all() else None
 
 
 @dataclass
@@ -100,11 +109,7 @@ class Lattice:
     @cached_property
     def _colour(self) -> NDArray[np.float64] | None:
         """The colour, at most 1, that those of all lights are multiples of; None where they differ."""
-        colours = np.array([self.scene.lights[i].intensity for i in self.lights], np.float64)
-        most = colours.max(axis=1)
-        strongest = colours[most.argmax()] / max(float(most.max()), TINY)
-        difference = np.abs(colours - np.outer(most, strongest)).max(axis=1)
-        return strongest if (difference <= SAME_COLOUR * most).all() else None
+        return common_colour([self.scene.lights[i].intensity for i in self.lights])
 
     @property
     def _colours(self) -> int:

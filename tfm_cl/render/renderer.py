@@ -312,6 +312,7 @@ class Renderer:
             crop,
             stats,
             progress,
+            self._cache,
         )
         sums, warnings = frame.render(method, maps, aovs)
         made_here = {"always": True, "solids": bool(scene.solids), "emission": scene.emits, "asked": False}

@@ -21,6 +21,10 @@ def _grid_name(value: Any) -> str | None:
     return None if value is None else name_of(value, "a grid of temperatures")
 
 
+MOST_ORDERS = 1000
+"""Of scattering, of which a deep cloud of albedo 1 still shows the last."""
+
+
 class Medium(Model):
     """Scattering, absorption and emission per unit of density, and the phase function."""
 
@@ -58,6 +62,13 @@ class Medium(Model):
         "to its peak",
     )
 
+    orders: int = Field(
+        1,
+        ge=1,
+        le=MOST_ORDERS,
+        description="how often light is scattered, at most, on its way to the camera; 1: single scattering; "
+        "more: the first order as before, the others from a lattice, without noise",
+    )
     octaves: int = Field(
         1,
         ge=1,
@@ -113,12 +124,26 @@ class Medium(Model):
 
     @model_validator(mode="after")
     def _check_used(self) -> Self:
+        if self.octaves > 1 and self.orders > 1:
+            raise ValueError(
+                f"octaves = {self.octaves} and orders = {self.orders}: both are multiple scattering; set one of them"
+            )
         given = {"temperature_offset": 0, "temperature_scale": 1, "Le_scale": 1}
         unused = [name for name, neutral in given.items() if getattr(self, name) != neutral]
         if self.temperature is None and unused:
             value = getattr(self, unused[0])
             raise ValueError(f"{unused[0]} = {value:g} does nothing without temperature, the name of a grid")
         return self
+
+    @property
+    def reduced(self) -> Self:
+        """What scatters evenly, and after many times nearly as this medium does: σ_s (1 - g), isotropic.
+
+        Source: H. C. van de Hulst, "Multiple Light Scattering" (1980), ch. 14, similarity relations.
+        """
+        share = 1.0 - self.phase.mean_cosine
+        sigma_s = tuple(share * sigma for sigma in self.sigma_s)
+        return self.replace(sigma_s=sigma_s, phase="isotropic")
 
 
 def parse_medium(value: Any) -> Medium | None:

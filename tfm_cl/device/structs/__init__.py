@@ -15,13 +15,15 @@ from tfm_cl.device.structs.declared import (
     LIGHT,
     MAP,
     MEDIUM,
+    ORDERS,
     PRIMITIVE,
     SET,
     SOURCE,
+    SWEEP,
     VIEW,
 )
 
-STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP, SOURCE, SET, PRIMITIVE)
+STRUCTS = (VIEW, MEDIUM, BODY, GRID, LIGHT, MAP, SOURCE, SET, PRIMITIVE, ORDERS, SWEEP)
 
 __all__ = [
     "BODY",
@@ -29,10 +31,12 @@ __all__ = [
     "LIGHT",
     "MAP",
     "MEDIUM",
+    "ORDERS",
     "PRIMITIVE",
     "SET",
     "SOURCE",
     "STRUCTS",
+    "SWEEP",
     "VIEW",
     "Field",
     "Struct",

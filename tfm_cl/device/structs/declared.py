@@ -161,3 +161,30 @@ PRIMITIVE = Struct(
         Field("int", "bends", 3, "of a segment: its tangents at both ends, less its direction"),
     ),
 )
+
+ORDERS = Struct(
+    "Orders",
+    "The lattice on which light is scattered again and again. World: from the device's origin.",
+    (
+        Field("float", "origin", 3, "world, of the first point"),
+        Field("float", "spacing", 1, "from a point to the next, along the world's axes"),
+        Field("int", "size", 3, "points along x, y, z"),
+        Field("int", "samples", 1, "of the density, along each edge of the cube around a point"),
+        Field("float", "albedo", 3, "of what scatters, RGB"),
+    ),
+)
+
+SWEEP = Struct(
+    "Sweep",
+    "A direction in which light goes through that lattice, plane by plane.",
+    (
+        Field("int", "columns", 1, "points of a row"),
+        Field("int", "rows", 1, "rows of a plane"),
+        Field("int", "planes", 1, "planes"),
+        Field("int", "row", 1, "numbers from a row to the next"),
+        Field("int", "plane", 1, "numbers from a plane to the next"),
+        Field("int", "backwards", 1, "1: from the last plane to the first"),
+        Field("float", "slope", 2, "columns and rows that it moves by from plane to plane"),
+        Field("float", "length", 1, "world, of the way from plane to plane"),
+    ),
+)

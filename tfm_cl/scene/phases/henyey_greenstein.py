@@ -30,6 +30,11 @@ class HenyeyGreenstein(Phase):
         """(g,)."""
         return (self.g,)
 
+    @property
+    def mean_cosine(self) -> float:
+        """It is g."""
+        return self.g
+
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """p(μ), in double precision."""
         return lobe(self.g, mu)

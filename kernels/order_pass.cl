@@ -1,0 +1,31 @@
+/* Camera pass through what the later orders scatter (view/orders.h).
+   Includes expected before: the headers of the bodies' kinds. Requires: what see.h does, with TFM_LATTICE 2. */
+#include "view/see.h"
+
+/* scattered  sum over the orders of the light that arrives, TFM_ORDER_COLOURS of each point
+   colour     of the light, where that is one number for three
+   solid      as of camera_pass
+   radiance   adds to
+   window     x0, y0, x1, y1 of the pixels of this launch */
+__kernel void order_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, ORDERS orders,
+                         __global const float *scattered, float4 colour, __global const float4 *solid,
+                         __global float4 *radiance, int4 window)
+{
+  const Pixels pixels = tile_pixels(view, window);
+  if (!any_lane(pixels.wanted))
+    return;
+  const Ray ray = camera_rays(view, pixels);
+  Interval seen = {floats(0.0f), floats(INFINITY)};
+#if TFM_SHADOW
+  seen.end = solid_distance(view, solid, pixels);
+#else
+  (void)solid;
+#endif
+  const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
+  SCENE(scene, pixels.x, pixels.y);
+  const OrdersOnRay lattice = orders_on_ray(orders, scattered, ray);
+  LightSums sums = light_sums_begin();
+  see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets, &lattice, &sums);
+  add_float4(radiance, pixel_index(view, pixels), pixels.wanted, media->albedo[0] * colour.x * sums.colour[0],
+             media->albedo[1] * colour.y * sums.colour[1], media->albedo[2] * colour.z * sums.colour[2], floats(0.0f));
+}

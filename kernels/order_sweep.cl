@@ -1,0 +1,169 @@
+/* One more order of scattering on a lattice (view/orders.h). For each direction a ray passes between the points of every
+   plane across it, shifted by the same part of a distance wherever it is in the plane: rays never mix, so that nothing
+   spreads sideways however far they go.
+   Requires: what view/orders.h does. */
+#include "core/store.h"
+#include "view/orders.h"
+
+/* Lanes that are neighbours in memory, wherever they begin. */
+typedef Floats FloatRow __attribute__((aligned(4)));
+#define ROW(p) (*(__global const FloatRow *)(p))
+
+/* Where the rays of a direction cross a plane. */
+typedef struct {
+  int whole; /* by how many points they are shifted */
+  float part; /* and by which part of a distance more */
+} Shift;
+
+TFM_INLINE Shift shift_of(float slope, int plane)
+{
+  const float shift = slope * (float)plane;
+  Shift found;
+  found.whole = (int)shift;
+  found.whole -= (float)found.whole > shift;
+  found.part = shift - (float)found.whole;
+  return found;
+}
+
+/* Rays along an axis are numbered by where they cross the first plane. All that cross a plane between the place before
+   its first point and its last: the first of them, and their number. */
+TFM_INLINE int2 rays_along(float slope, int size, int planes)
+{
+  const int last = shift_of(slope, planes - 1).whole;
+  return (int2)(-1 - (last > 0 ? last : 0), size + 1 + (last > 0 ? last : -last));
+}
+
+/* Mean of what four neighbours hold: of two rows, from a column on. */
+TFM_INLINE Floats between_rows(__global const float *lower, int row, float right, float up)
+{
+  __global const float *upper = lower + row;
+  const Floats low = ROW(lower) + right * (ROW(lower + 1) - ROW(lower));
+  const Floats high = ROW(upper) + right * (ROW(upper + 1) - ROW(upper));
+  return low + up * (high - low);
+}
+
+/* One work-item takes as many rays, in neighbouring columns, as there are lanes.
+   extinction, light  of the points, in the rows that the sweeps have
+   radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way
+   sweeps    the directions of this launch
+   count     of these; size: numbers that one extinction or colour has */
+__kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *extinction, __global const float *light,
+                          __global float *radiance, int count, int size)
+{
+  const int number = (int)get_global_id(1);
+  if (number >= count)
+    return;
+  SWEEP sweep = sweeps + number;
+  const float slope_x = sweep->slope[0], slope_y = sweep->slope[1], length = 0.5f * sweep->length;
+  const int columns = sweep->columns, rows = sweep->rows, planes = sweep->planes, row = sweep->row;
+  const int2 across = rays_along(slope_x, columns, planes), along = rays_along(slope_y, rows, planes);
+  const int chunks = (across.y + TFM_LANES - 1) / TFM_LANES;
+  const int first_x = across.x + (int)get_global_id(0) % chunks * TFM_LANES, first_y = along.x + (int)get_global_id(0) / chunks;
+  if (first_y >= along.x + along.y)
+    return;
+  __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
+  float albedo[TFM_ORDER_COLOURS];
+  Floats radiances[TFM_ORDER_COLOURS], sources[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    albedo[c] = orders->albedo[c];
+    radiances[c] = sources[c] = floats(0.0f);
+  }
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    extinctions[c] = floats(0.0f);
+  for (int m = 0; m < planes; ++m) {
+    const Shift shift_x = shift_of(slope_x, m), shift_y = shift_of(slope_y, m);
+    const int x = first_x + shift_x.whole, y = first_y + shift_y.whole;
+    if (x < -TFM_LANES || x >= columns || y < -1 || y >= rows)
+      continue; /* outside nothing is scattered */
+    const int plane = sweep->backwards ? planes - 1 - m : m;
+    const int at = (plane + 1) * sweep->plane + (y + 1) * row + x + PAD;
+    Floats depth[TFM_CHANNELS], most = floats(0.0f);
+    for (int c = 0; c < TFM_CHANNELS; ++c) {
+      const Floats here = between_rows(extinction + (size_t)c * size + at, row, shift_x.part, shift_y.part);
+      depth[c] = length * (here + extinctions[c]);
+      extinctions[c] = here;
+      most = greatest(most, depth[c]);
+    }
+    if (any_lane(most > 0.0f)) {
+      Floats through[TFM_CHANNELS], mean[TFM_CHANNELS];
+      for (int c = 0; c < TFM_CHANNELS; ++c) {
+        const Exp2 e = exp_of_minus(depth[c]);
+        through[c] = e.scale + e.scale * e.part;
+        mean[c] = depth[c] > 1e-6f ? ((1.0f - e.scale) - e.scale * e.part) / depth[c] : floats(1.0f);
+      }
+      for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+        const int channel = TFM_CHANNELS == 3 ? c : 0;
+        const Floats here = albedo[c] * between_rows(light + (size_t)c * size + at, row, shift_x.part, shift_y.part);
+        /* What is scattered over what is extinguished, linear along the step. */
+        radiances[c] = radiances[c] * through[channel] + sources[c] * (mean[channel] - through[channel]) +
+                       here * (1.0f - mean[channel]);
+        sources[c] = here;
+      }
+    } else
+      for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+        sources[c] = albedo[c] * between_rows(light + (size_t)c * size + at, row, shift_x.part, shift_y.part);
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+      *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
+  }
+}
+
+/* Sums what arrives at points from the directions of a launch, which have the same rows.
+   next    of the points, in these rows: adds to, or begins
+   begins  1: the first directions */
+__kernel void order_gather(SWEEP sweeps, __global const float *radiance, __global float *next, int count, int size,
+                           int begins)
+{
+  const int columns = sweeps->columns, chunks = (columns + TFM_LANES - 1) / TFM_LANES;
+  /* Rows and planes change places from sweep to sweep; what is further apart is called a layer here. */
+  const int flat = sweeps->plane > sweeps->row;
+  const int row = flat ? sweeps->row : sweeps->plane, layer = flat ? sweeps->plane : sweeps->row;
+  const int rows = flat ? sweeps->rows : sweeps->planes, layers = flat ? sweeps->planes : sweeps->rows;
+  const int item = (int)get_global_id(0), x = item % chunks * TFM_LANES, y = item / chunks % rows, z = item / chunks / rows;
+  if (z >= layers)
+    return;
+  const int at = (z + 1) * layer + (y + 1) * row + x + PAD;
+  Floats sum[TFM_ORDER_COLOURS];
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    sum[c] = begins ? floats(0.0f) : ROW(next + (size_t)c * size + at);
+  for (int number = 0; number < count; ++number) {
+    SWEEP sweep = sweeps + number;
+    const int plane = sweep->plane == layer ? z : y, m = sweep->backwards ? sweep->planes - 1 - plane : plane;
+    const float part_x = shift_of(sweep->slope[0], m).part, part_y = shift_of(sweep->slope[1], m).part;
+    __global const float *from = radiance + (size_t)number * TFM_ORDER_COLOURS * size + at;
+    /* The rays before a point lie a part of a distance after the point before it. */
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+      sum[c] += between_rows(from + (size_t)c * size - sweep->row - 1, sweep->row, 1.0f - part_x, 1.0f - part_y);
+  }
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    *(__global FloatRow *)(next + (size_t)c * size + at) = sum[c];
+}
+
+/* next    of order_gather, from directions along y and z; turned_next: from those along x
+   light   out: their mean
+   total   to which that is added, of the points one after the other
+   share   of each direction among all */
+__kernel void order_mean(ORDERS orders, __global const float *next, __global const float *turned_next,
+                         __global float *light, __global float *total, float share)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  if (!any_lane(points.wanted))
+    return;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const Floats sum = gather_floats(next + (size_t)c * padded_size(orders), points.at) +
+                       gather_floats(turned_next + (size_t)c * turned_size(orders), points.turned);
+    store_floats(light + (size_t)c * padded_size(orders), points.at, points.wanted, share * sum);
+    const Ints number = points.number * TFM_ORDER_COLOURS + c;
+    store_floats(total, number, points.wanted, gather_floats(total, number) + share * sum);
+  }
+}
+
+/* Writes numbers of points once more, in rows along y. count: of extinctions or colours */
+__kernel void order_turn(ORDERS orders, __global const float *numbers, __global float *turned, int count)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  if (!any_lane(points.wanted))
+    return;
+  for (int c = 0; c < count; ++c)
+    store_floats(turned + (size_t)c * turned_size(orders), points.turned, points.wanted,
+                 gather_floats(numbers + (size_t)c * padded_size(orders), points.at));
+}

@@ -1,0 +1,129 @@
+/* The lattice on which light is scattered again and again: points in equal distances along the world's axes. What all
+   later orders scatter is read from it along camera rays, in the place of lattice.h.
+   Requires: TFM_CHANNELS, the extinctions that it knows, and TFM_ORDER_COLOURS, those of light: 1 or 3; what frame.h and
+   walk.h do, the latter where there are grids. */
+#ifndef TFM_ORDERS_H
+#define TFM_ORDERS_H
+
+#include "core/ray.h"
+#include "view/frame.h"
+
+/* Numbers of points lie in memory with some 0 around them, so that what passes by the lattice reads them: row by row,
+   and, for light that goes mainly along x, once more in rows along y. Each extinction and colour is by itself. */
+#define PAD (TFM_LANES + 1)
+
+TFM_INLINE int padded_size(ORDERS orders)
+{
+  return (orders->size[0] + 2 * PAD) * (orders->size[1] + 2) * (orders->size[2] + 2);
+}
+
+TFM_INLINE int turned_size(ORDERS orders)
+{
+  return (orders->size[1] + 2 * PAD) * (orders->size[0] + 2) * (orders->size[2] + 2);
+}
+
+/* Some points, a lane each: those from the item-th TFM_LANES on. */
+typedef struct {
+  Ints number; /* 0 in lanes that are not wanted */
+  Ints wanted;
+  Ints place[3]; /* along x, y, z */
+  Ints at;       /* where their numbers are */
+  Ints turned;   /* where these are in rows along y */
+} Points;
+
+TFM_INLINE Points points_of(ORDERS orders, int item)
+{
+  const int nx = orders->size[0], ny = orders->size[1], nz = orders->size[2];
+  const Ints number = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  Points points;
+  points.wanted = number < nx * ny * nz;
+  points.number = points.wanted ? number : ints(0);
+  const Ints x = points.number % nx, y = points.number / nx % ny, z = points.number / (nx * ny);
+  points.place[0] = x;
+  points.place[1] = y;
+  points.place[2] = z;
+  points.at = ((z + 1) * (ny + 2) + y + 1) * (nx + 2 * PAD) + x + PAD;
+  points.turned = ((z + 1) * (nx + 2) + x + 1) * (ny + 2 * PAD) + y + PAD;
+  return points;
+}
+
+TFM_INLINE Vec3 position_of(ORDERS orders, const Points *points)
+{
+  return vec3(orders->origin[0] + orders->spacing * TO_FLOATS(points->place[0]),
+              orders->origin[1] + orders->spacing * TO_FLOATS(points->place[1]),
+              orders->origin[2] + orders->spacing * TO_FLOATS(points->place[2]));
+}
+
+/* A camera ray among the points. */
+typedef struct {
+  __global const float *numbers; /* the sum over the orders, TFM_ORDER_COLOURS of each point */
+  ORDERS orders;
+  Ray ray; /* in distances between points, from the first one */
+} OrdersOnRay;
+#define LATTICE const OrdersOnRay *
+#define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, t)
+
+TFM_INLINE OrdersOnRay orders_on_ray(ORDERS orders, __global const float *numbers, Ray ray)
+{
+  const float inverse = 1.0f / orders->spacing;
+  OrdersOnRay on_ray;
+  on_ray.numbers = numbers;
+  on_ray.orders = orders;
+  on_ray.ray.origin = scale3(floats(inverse), vec3(ray.origin.x - orders->origin[0], ray.origin.y - orders->origin[1],
+                                                   ray.origin.z - orders->origin[2]));
+  on_ray.ray.direction = scale3(floats(inverse), ray.direction);
+  return on_ray;
+}
+
+typedef struct {
+  Floats of[TFM_ORDER_COLOURS];
+} LatticeValue;
+
+TFM_INLINE LatticeValue lattice_begin(void)
+{
+  LatticeValue value;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    value.of[c] = floats(0.0f);
+  return value;
+}
+
+/* Where a coordinate lies: the lower of two neighbours, and the weight of the upper. */
+TFM_INLINE Ints between_points(Floats x, int size, Floats *weight)
+{
+  const Floats inside = clamp_to(x, (float)(size - 1));
+  const Ints low = TO_INTS(inside), last = ints(size - 2);
+  const Ints bounded = low < last ? low : last;
+  *weight = inside - TO_FLOATS(bounded);
+  return bounded;
+}
+
+/* At distance t: linear between the points. */
+TFM_INLINE LatticeValue lattice_at(LATTICE lattice, Floats t)
+{
+  ORDERS orders = lattice->orders;
+  const Vec3 point = ray_at(lattice->ray, t);
+  Floats fx, fy, fz;
+  const Ints ix = between_points(point.x, orders->size[0], &fx), iy = between_points(point.y, orders->size[1], &fy),
+             iz = between_points(point.z, orders->size[2], &fz);
+  const int row = orders->size[0], layer = row * orders->size[1];
+  const Ints at = (iz * layer + iy * row + ix) * TFM_ORDER_COLOURS;
+  LatticeValue value = lattice_begin();
+  for (int corner = 0; corner < 8; ++corner) {
+    const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
+    const Floats weight = (x ? fx : 1.0f - fx) * (y ? fy : 1.0f - fy) * (z ? fz : 1.0f - fz);
+    __global const float *point_numbers = lattice->numbers + (z * layer + y * row + x) * TFM_ORDER_COLOURS;
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+      value.of[c] += weight * gather_floats(point_numbers + c, at);
+  }
+  return value;
+}
+
+/* A step took its opacity from the ray; colours are then over albedo. */
+TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
+{
+  (void)weight;
+  for (int c = 0; c < 3; ++c)
+    sums->colour[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * value->of[TFM_ORDER_COLOURS == 3 ? c : 0];
+}
+
+#endif
