@@ -167,3 +167,14 @@ __kernel void order_turn(ORDERS orders, __global const float *numbers, __global 
     store_floats(turned + (size_t)c * turned_size(orders), points.turned, points.wanted,
                  gather_floats(numbers + (size_t)c * padded_size(orders), points.at));
 }
+
+/* Writes light of points one after the other. */
+__kernel void order_pack(ORDERS orders, __global const float *light, __global float *packed)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  if (!any_lane(points.wanted))
+    return;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    store_floats(packed, points.number * TFM_ORDER_COLOURS + c, points.wanted,
+                 gather_floats(light + (size_t)c * padded_size(orders), points.at));
+}

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.scene.bodies.homogeneous import Homogeneous
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,13 +19,19 @@ if TYPE_CHECKING:
 DIRECTIONS = 32
 """In which light goes through the lattice at each order."""
 VOXELS_APART = 2.0
-"""Distance between points, in voxels."""
+"""Distance between points, in voxels, where a voxel is too costly."""
 OF_SMALLEST_BODY = 1 / 48
 """The same, in parts of the shortest edge of a body of constant density."""
+FINE_WORK = 1 << 22
+"""Points times orders after the first, up to which they are a voxel apart."""
 MOST_POINTS = 1 << 22
 """Of a lattice: their distance grows with what is larger."""
 FEWEST_SAMPLES = 4
 """Of the density along an edge of a point's cube, where it is no grid's."""
+FARTHER = 1.05
+"""Factor of the distance between points as long as they are too many."""
+SAME = 1e-6
+"""Of a distance: what is nearer counts as there."""
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -89,33 +94,29 @@ def lattice_of(scene: Scene) -> Lattice:
     """Decide where the points lie."""
     low, high = scene.occupied_bounds
     extent = np.maximum(high - low, 0.0)
-    wanted, why = _spacing(scene)
-    spacing = wanted
+    finest = min((grid.detail for grid in scene.grids), default=math.inf)
+    spacing, why = finest, "as far apart as voxels"
+    if scene.grids and math.prod(_points(extent, finest)) * (orders_of(scene) - 1) > FINE_WORK:
+        spacing, why = VOXELS_APART * finest, f"{VOXELS_APART:g} voxels apart: so many orders take their time"
+    for body in scene.homogeneous:
+        edge = float(np.subtract(*body.bounds[::-1]).min())
+        if OF_SMALLEST_BODY * edge < spacing:
+            spacing, why = OF_SMALLEST_BODY * edge, f"{1 / OF_SMALLEST_BODY:g} along the thinnest body"
+    wanted = spacing
     while math.prod(_points(extent, spacing)) > MOST_POINTS:
-        spacing *= 1.05
+        spacing *= FARTHER
     if spacing > wanted:
-        why = f"{why} would be more than {MOST_POINTS:,} points"
+        why = f"as near as {MOST_POINTS:,} points allow"
     size = _points(extent, spacing)
     first = (low + high) / 2 - spacing * (np.array(size) - 1) / 2
-    finest = min((grid.detail for grid in scene.grids), default=math.inf)
-    samples = max(math.ceil(spacing / finest - 1e-6), FEWEST_SAMPLES if scene.homogeneous else 1)
+    samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if scene.homogeneous else 1)
     x, y, z = first.tolist()
     return Lattice((x, y, z), spacing, size, samples, why)
 
 
-def _spacing(scene: Scene) -> tuple[float, str]:
-    """Return the distance between points that is wanted, and why."""
-    found = [(VOXELS_APART * grid.detail, f"{VOXELS_APART:g} voxels apart") for grid in scene.grids]
-    for body in scene.bodies:
-        if isinstance(body, Homogeneous):
-            edge = float(np.subtract(*body.bounds[::-1]).min())
-            found.append((OF_SMALLEST_BODY * edge, f"{1 / OF_SMALLEST_BODY:g} along the thinnest body"))
-    return min(found)
-
-
 def _points(extent: NDArray[np.float64], spacing: float) -> tuple[int, int, int]:
     # The cubes of the outermost points are empty.
-    x, y, z = (math.ceil(edge / spacing + 1e-6) + 2 for edge in extent.tolist())
+    x, y, z = (math.ceil(edge / spacing + SAME) + 2 for edge in extent.tolist())
     return x, y, z
 
 

@@ -1,4 +1,4 @@
-"""The picture and its layers: single scattering (TFM algorithm 1, section 4.2), surfaces, ambient light."""
+"""The picture and its layers: scattering (TFM algorithm 1, section 4.2), surfaces, ambient light."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import grain_of
 from tfm_cl.model import decided
+from tfm_cl.plan.orders import check, orders_of
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
 from tfm_cl.reference.fitting import lights_of, margin_of, with_numbers
@@ -31,6 +32,7 @@ from tfm_cl.reference.march import (
     scattered_light,
     segments,
 )
+from tfm_cl.reference.orders import LaterOrders
 from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -94,6 +96,7 @@ def render_with_aovs(
         A texture or mesh that cannot be used, a crop not inside the frame, light from infinity in a medium
         that is everywhere, or another number of maps.
     """
+    check(scene)
     scene = with_numbers(scene)
     lights = lights_of(scene)
     depths: Sequence[Callable[[Floats], Floats]]
@@ -109,15 +112,18 @@ def render_with_aovs(
         _Light(
             light,
             partial(arriving, light, nearest=nearest_distance(scene, light)),
-            partial(light_transmittance, scene, light, field_depths=field_depths),
+            partial(light_transmittance, light=light, field_depths=field_depths),
             bias,
         )
         for light, field_depths, bias in zip(lights, depths, biases, strict=True)
     ]
+    later = None
+    if orders_of(scene) > 1 and lit:
+        later = LaterOrders(scene, [partial(_arrives, one, obstacles) for one in lit])
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), geometry.CHUNK)
     chunks = [
-        _trace(scene, matter, lit, obstacles, rays.part(slice(first, first + geometry.CHUNK)))
+        _trace(scene, matter, lit, obstacles, later, rays.part(slice(first, first + geometry.CHUNK)))
         for first in starts
     ]
     width, height = scene.camera.res if crop is None else (crop[2] - crop[0], crop[3] - crop[1])
@@ -132,8 +138,8 @@ class _Light(NamedTuple):
     light: Light
     arrives: Callable[[Floats], Floats]
     """Without bodies and solids."""
-    transmittance: Callable[[Floats], Floats]
-    """What bodies leave of it."""
+    transmittance: Callable[..., Floats]
+    """What the bodies of a scene leave of it; the scene comes first."""
     bias: float
     """World units, by which thin primitives are looked up nearer to it."""
 
@@ -193,8 +199,19 @@ def _map_depths(
     return [depths_of(light, likes[i * count : (i + 1) * count]) for i, light in enumerate(lights)]
 
 
+def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) -> Floats:
+    """RGB of a light at points ``[n, 3]``, after the bodies of a scene, and solids."""
+    found = light.arrives(points) * obstacles.visibility(light.light, points)[:, None]
+    return found * light.transmittance(scene, points=points)
+
+
 def _trace(
-    scene: Scene, matter: Matter, lights: list[_Light], obstacles: Obstacles, rays: Rays
+    scene: Scene,
+    matter: Matter,
+    lights: list[_Light],
+    obstacles: Obstacles,
+    later: LaterOrders | None,
+    rays: Rays,
 ) -> dict[str, Floats]:
     """All layers of some camera rays."""
     surfaces = obstacles.surfaces(rays)
@@ -209,6 +226,8 @@ def _trace(
         radiance += from_bodies
         reached += transmitted
         weight += opacity
+    if later is not None:
+        radiance += later.radiance(rays, crossing)
     shows_solid = np.isfinite(surfaces.distance)
     return {
         "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
@@ -303,7 +322,7 @@ def _scattered(
         before = np.minimum(
             light.bias * step.thin, np.maximum(arrival.distance, 0)
         )  # what is thin does not shade itself
-        transmitted = light.transmittance(points - before[:, None] * arrival.direction)
+        transmitted = light.transmittance(scene, points=points - before[:, None] * arrival.direction)
         visible = obstacles.visibility(light.light, points)[:, None]
         source = scattered_light(matter, step, ways, transmitted) * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
@@ -337,6 +356,6 @@ def _reflected(
         )
     points = rays.at(met.distance)
     cosine = obstacles.lights(light.light, points, met)
-    arrives = cosine[:, None] * light.arrives(points) * light.transmittance(points)
+    arrives = cosine[:, None] * light.arrives(points) * light.transmittance(scene, points=points)
     radiance[shown] = met.albedo / np.pi * arrives * through
     return radiance

@@ -24,7 +24,7 @@ from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.lattice import Lattice
-from tfm_cl.render.orders import Orders
+from tfm_cl.render.orders import Orders, Seen
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
 from tfm_cl.scene.bodies.base import around
@@ -230,25 +230,28 @@ class Frame:
         )
         media = media_on_device(launcher, even, self.media.bricks)
         view = launcher.upload("the view", view_struct(even, media.fields, self.crop))
-        orders = Orders(launcher, even, media, view, lattice_of(scene))
+        seen = Seen(media, view)
+        mean_cosine = medium_of(scene).phase.mean_cosine
+        orders = Orders(launcher, even, seen, Seen(self.media, work.view), mean_cosine, lattice_of(scene))
 
         def arrive(add: Callable[[Batch], None]) -> None:
             for variant, members in work.batches.groups(range(len(scene.lights)), all_of_them=True):
                 for indices in work.batches.cut(members):
                     add(work.batches.at_points(variant, indices, self._maps_again(work, indices)))
 
-        found = self._kept(work, even, lambda: orders.scatter(arrive))
+        found = self._kept(
+            work, even, lambda: orders.scatter(arrive, _reporter(self.progress, "later orders"))
+        )
         self.stats.seconds["orders"] = orders.seconds
-        done = _reporter(self.progress, "later orders")
-        has_solids, steps = work.gbuffer is not None, decided(scene.march.steps)
-        work.seconds += orders.see(found, self.crop, steps, work.frame, done, has_solids=has_solids)
+        done = _reporter(self.progress, "view pass, later orders")
+        work.seconds += orders.see(found, self.crop, work.frame, done)
 
     def _kept(self, work: _Work, even: Scene, make: Callable[[], Scattered]) -> Scattered:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
         key = (
-            even.medium,
+            medium_of(work.scene),
             tuple(body.density_key for body in even.grids),
             even.homogeneous,
             tuple((light, light.map_key(), Same(light.texture_image())) for light in even.lights),

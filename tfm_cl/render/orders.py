@@ -7,7 +7,9 @@ arrives it is scattered once more:
 
 Order k of the radiance that the camera sees has ϖ J_k as its source. The first order is found without the
 lattice, at each sample of the camera's rays and with the medium's own phase function. The later ones are
-those of the medium that similarity theory puts in its place (`Medium.reduced`).
+those of the medium that similarity theory puts in its place (`Medium.reduced`): what a lobe scatters nearly
+straight on counts as not scattered. Where there is a lobe, the first order of that medium takes part, too,
+less what of it the first order of the other shows, which is extinguished sooner.
 
 For each of a few directions that are evenly spread and turned from order to order, light is swept through the
 lattice plane by plane (``kernels/order_sweep.cl``). This is the method of discrete ordinates (Chandrasekhar,
@@ -157,9 +159,23 @@ class Scattered:
     """
 
     numbers: cl.Buffer
+    first: cl.Buffer | None
+    """What arrives unscattered through the medium itself, where it is not its own reduced one."""
     nbytes: int
     colours: int
     colour: tuple[float, float, float]
+
+
+class Seen(NamedTuple):
+    """A medium on the device, and the struct of the camera that says how maps speak of it."""
+
+    media: MediaOnDevice
+    view: cl.Buffer
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of kernels, by name."""
+        return {**self.media.arguments, "view": self.view}
 
 
 class _Room(NamedTuple):
@@ -179,16 +195,19 @@ class Orders:
     ----------
     scene
         Of single, fitted lights, and the medium of similarity theory.
-    media
-        Its media.
-    view
-        The struct, on the device.
+    even
+        That medium.
+    own
+        The medium itself.
+    mean_cosine
+        Of its phase function.
     """
 
     launcher: Launcher
     scene: Scene
-    media: MediaOnDevice
-    view: cl.Buffer
+    even: Seen
+    own: Seen
+    mean_cosine: float
     lattice: Lattice
     seconds: float = 0.0
 
@@ -210,7 +229,7 @@ class Orders:
     def _colour(self) -> NDArray[np.float64] | None:
         """The colour of all that is scattered, at most 1; None where lights or orders differ in theirs."""
         lights, albedo = self.scene.lights, self._albedo
-        is_grey = channels_of(self.media) == 1 and np.ptp(albedo) == 0
+        is_grey = channels_of(self.even.media) == 1 and np.ptp(albedo) == 0
         if not is_grey or any(light.is_textured for light in lights):
             return None
         return common_colour([light.intensity for light in lights])
@@ -219,31 +238,45 @@ class Orders:
     def _colours(self) -> int:
         return RGB if self._colour is None else 1
 
-    def scatter(self, arrive: Callable[[Callable[[Batch], None]], None]) -> Scattered:
+    def scatter(
+        self, arrive: Callable[[Callable[[Batch], None]], None], done: Callable[[float], None]
+    ) -> Scattered:
         """Find all later orders.
 
         Parameters
         ----------
         arrive
             Calls what it is given with batches of all lights, one after the other.
+        done
+            Called with the part that is done.
         """
-        lattice, colours, channels = self.lattice, self._colours, channels_of(self.media)
+        lattice, colours, channels = self.lattice, self._colours, channels_of(self.even.media)
         extinction, light = self._numbers(channels), self._numbers(colours)
-        headers, defines = media_variant(self.media, colours)
+        headers, defines = media_variant(self.even.media, colours)
         of_density = self.launcher.kernels.kernel("order_media", "order_media.cl", headers, defines)
-        known = {**self.media.arguments, "view": self.view, "orders": self._struct}
+        known = self.even.arguments | {"orders": self._struct}
         self._over_points(of_density, known | {"extinction": extinction[0]}, lattice.samples**3)
         self._turn(extinction, channels)
-        arrive(lambda batch: self._add_lights(batch, known | {"light": light[0]}))
         nbytes = 4 * lattice.points * colours
-        total = self.launcher.zeros(WHAT, nbytes)
+        total, first = self.launcher.zeros(WHAT, nbytes), None
+        if self.mean_cosine:
+            first = self.launcher.empty(WHAT, nbytes, reuse=True)
+            arrive(lambda batch: self._add_lights(batch, self.own, light[0]))
+            self._pack(light[0], first)
+            self.launcher.clear(light[0], 4 * colours * self._rows[0].numbers)
+        arrive(lambda batch: self._add_lights(batch, self.even, light[0]))
+        if first is not None:
+            self._pack(light[0], total)
+            nbytes *= 2
         room = _Room(self._numbers(colours), self.launcher.empty(WHAT, self._radiance_bytes, reuse=True))
         # What the last order needs is where light is scattered last but once.
-        for order in range(1, orders_of(self.scene)):
+        last = orders_of(self.scene) - 1
+        for order in range(1, last + 1):
             self._turn(light, colours)
             self._sweep(order, extinction, light, room, total)
+            done(order / last)
         colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
-        return Scattered(total, nbytes, colours, colour)
+        return Scattered(total, first, nbytes, colours, colour)
 
     @property
     def _pad(self) -> int:
@@ -279,16 +312,23 @@ class Orders:
             end = min(first + most, items)
             self._run(kernel, (end - first,), arguments | {"items": (first, end)})
 
-    def _add_lights(self, batch: Batch, known: dict[str, Any]) -> None:
-        headers, defines = lights_variant(batch, self.media, self._colours)
+    def _pack(self, light: cl.Buffer, packed: cl.Buffer) -> None:
+        """Write light of the points one after the other."""
+        items = -(-self.lattice.points // self.launcher.lanes)
+        known = {"orders": self._struct, "light": light, "packed": packed}
+        self._run(self._kernel("order_pack"), (items,), known)
+
+    def _add_lights(self, batch: Batch, through: Seen, light: cl.Buffer) -> None:
+        headers, defines = lights_variant(batch, through.media, self._colours)
         kernel = self.launcher.kernels.kernel("order_lights", "order_lights.cl", headers, defines)
         steps = decided(self.scene.map.steps) if batch.is_dual else 1
+        arguments = through.arguments | {"orders": self._struct, "light": light}
         for number in range(len(batch.indices)):
-            of_light = known | batch.arguments | {"number": number}
+            of_light = arguments | batch.arguments | {"number": number}
             self._over_points(kernel, of_light, self.lattice.samples**3 * steps)
 
     def _kernel(self, name: str) -> Kernel:
-        headers, defines = sweep_variant(channels_of(self.media), self._colours)
+        headers, defines = sweep_variant(channels_of(self.even.media), self._colours)
         return self.launcher.kernels.kernel(name, "order_sweep.cl", headers, defines)
 
     def _run(self, kernel: Kernel, size: tuple[int, ...], arguments: dict[str, Any]) -> None:
@@ -331,35 +371,29 @@ class Orders:
         self._run(self._kernel("order_mean"), (items,), means)
 
     def see(
-        self,
-        found: Scattered,
-        crop: Rectangle,
-        steps: int,
-        frame: FrameBuffers,
-        done: Callable[[float], None],
-        *,
-        has_solids: bool,
+        self, found: Scattered, crop: Rectangle, frame: FrameBuffers, done: Callable[[float], None]
     ) -> float:
-        """Add what all later orders scatter to the camera; returns device seconds.
-
-        Parameters
-        ----------
-        steps
-            Samples along a camera ray.
-        """
-        headers, defines = pass_variant(self.media, found.colours, has_solids=has_solids)
-        kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
-        return self.launcher.run_windows(
-            kernel,
-            crop,
-            steps,
-            self.media.arguments
-            | frame.arguments("solid", "radiance")
-            | {
-                "view": self.view,
-                "orders": self._struct,
-                "scattered": found.numbers,
-                "colour": (*found.colour, 0.0),
-            },
-            done,
+        """Add what all later orders scatter to the camera; returns device seconds."""
+        passes = [(self.even, found.numbers, 1.0)]
+        if found.first is not None:
+            passes.append((self.own, found.first, self.mean_cosine - 1.0))
+        return sum(
+            self.launcher.run_windows(
+                self._pass(through, found.colours),
+                crop,
+                decided(self.scene.march.steps),
+                through.arguments
+                | frame.arguments("solid", "radiance")
+                | {
+                    "orders": self._struct,
+                    "scattered": numbers,
+                    "colour": (*(share * part for part in found.colour), 0.0),
+                },
+                done,
+            )
+            for through, numbers, share in passes
         )
+
+    def _pass(self, through: Seen, colours: int) -> Kernel:
+        headers, defines = pass_variant(through.media, colours, has_solids=bool(self.scene.solids))
+        return self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
