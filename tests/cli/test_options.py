@@ -21,7 +21,7 @@ PROMISED = {
     *("--basis", "--coeffs", "--density-weighting", "--map-res", "--light-steps", "--storage"),
     *("--cutoff", "--voxels", "--map-bytes", "--max-error", "--target", "--fit", "--range", "--lookup"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--octaves"),
-    "--phase",
+    *("--phase", "--orders"),
     *("--camera-from", "--camera-to", "--up", "--fov"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
     *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
@@ -67,6 +67,7 @@ FLAGS = [
     ("--octaves", "4", "medium.octaves", 4),
     ("--phase", "hg:-0.3", "medium.phase", {"type": "hg", "g": -0.3}),
     ("--phase", "mie", "medium.phase", {"type": "mie", "diameter": 20}),
+    ("--orders", "8", "medium.orders", 8),
     ("--camera-from", "-1,2,3e1", "camera.from", [-1, 2, 30]),
     ("--camera-to", "0,0,-9", "camera.to", [0, 0, -9]),
     ("--up", "0,0,1", "camera.up", [0, 0, 1]),
@@ -136,6 +137,7 @@ KEYS = [
     ("medium.Le_scale", "3", 3),
     ("medium.emission", "[1, 0.5, 0.2]", [1, 0.5, 0.2]),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
+    ("medium.orders", "3", 3),
     ("camera.res", "[5, 6]", [5, 6]),
 ]
 

@@ -22,6 +22,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
+from tfm_cl.render import orders
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.render.scatter import scatter_variant
@@ -100,6 +101,7 @@ BODIES: dict[str, list[Any]] = {
     "ball": [_ball(WARM.replace(octaves=3))],
     "fog": [_fog()],
     "box, ball": [_box(), _ball()],
+    "grid, box, ball": [_grid(), _box(), _ball()],
     "every phase": [_ball(medium) for medium in PHASED],
     "every kind": [
         _coloured(),
@@ -272,6 +274,25 @@ def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
     return max(case["colours"], media.channels(textured=False)["TFM_CHANNELS"])
 
 
+def _of_order_media(case: Case) -> Program:
+    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    return orders.media_variant(media, _lattice_colours(case, media))
+
+
+def _of_order_lights(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return orders.lights_variant(of_lights, media, _lattice_colours(case, media))
+
+
+def _of_order_sweep(case: Case) -> Program:
+    return orders.sweep_variant(case["channels"], max(case["channels"], case["colours"]))
+
+
+def _of_order_pass(case: Case) -> Program:
+    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    return orders.pass_variant(media, _lattice_colours(case, media), has_solids=bool(case["shadow"]))
+
+
 LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
 GRIDS_LIT: Choices = {
     "bodies": [
@@ -296,6 +317,8 @@ LATTICE: Choices = {
     "colours": (1, 3),
 }
 ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
+ORDERS: Choices = {**LATTICE, "bodies": (*LATTICE["bodies"], "box", "box, ball", "grid, box, ball")}
+ORDERS_LIT: Choices = {**ORDERS, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -307,6 +330,10 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "lattice_pass.cl": (_of_lattice_pass, [LATTICE]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
+    "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
+    "order_media.cl": (_of_order_media, [ORDERS]),
+    "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}]),
+    "order_sweep.cl": (_of_order_sweep, [{"channels": (1, 3), "colours": (1, 3)}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),

@@ -35,6 +35,9 @@ __kernel void race(__global float *values)
 """
 
 
+TWICE = tfm.Medium(sigma_s=(0.8, 0.5, 0.2), sigma_a=0.1, orders=2)
+
+
 def _scene(**changes) -> tfm.Scene:
     """A lumpy volume of unequal sides in turned anisotropic voxels, far from the origin; 12×8 pixels."""
     density = np.random.default_rng(5).random((5, 6, 7))
@@ -260,6 +263,10 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
         r.render(_several(_coloured_suns(_map(lookup="lattice")))).image
     ),
     "several volumes": lambda r: r.render(_several(_scene())).image,
+    "later orders": lambda r: r.render(_map().replace(medium=TWICE)).image,
+    "later orders, lobe, solids": lambda r: (
+        r.render(_with_solids(_map()).replace(medium=TWICE.replace(phase="hg:0.4"))).image
+    ),
     "fog in a box, solids": lambda r: r.render(_fog("box")).image,
     "fog in a sphere": lambda r: r.render(_fog("sphere")).image,
     "fog everywhere": lambda r: r.render(_fog("everywhere")).image,

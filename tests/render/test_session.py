@@ -22,6 +22,7 @@ IN_FOG = SCENE.replace(volume=[GRID, FOG])
 BESIDE_BALL = SCENE.replace(solids=[BALL], shadow=tfm.ShadowSettings(res=32))
 ENDLESS = SCENE.replace(volume=tfm.EverywhereVolume(density=0.1))
 SMALL = GRID.with_density_scale(2.0)
+TWICE = SCENE.replace(lights=[SPOT], medium=SCENE.medium.replace(orders=2))
 TWO = SCENE.replace(volume=[GRID, SMALL.transformed(np.diag([0.5, 0.5, 0.5, 1.0]))])
 
 
@@ -77,6 +78,19 @@ CHANGES = {
         BESIDE_BALL.replace(camera=SCENE.camera.replace(fov=30.0)),
         {"G-buffer": 1, "lit pixels": 2},
     ),
+    "camera, later orders": (TWICE, TWICE.replace(camera=SCENE.camera.replace(fov=30.0)), {}),
+    "steps of the camera's rays, later orders": (
+        TWICE,
+        TWICE.replace(march=SCENE.march.replace(steps=20)),
+        {},
+    ),
+    "intensity, later orders": (
+        TWICE,
+        TWICE.replace(lights=[SPOT.replace(intensity=(9, 1, 4))]),
+        {"orders": 1},
+    ),
+    "phase, later orders": (TWICE, TWICE.replace(medium=TWICE.medium.replace(phase="hg:0.2")), {"orders": 1}),
+    "one order more": (TWICE, TWICE.replace(medium=TWICE.medium.replace(orders=3)), {"orders": 1}),
     "place of one of two grids": (
         TWO,
         TWO.replace(volume=[GRID, TWO.bodies[1].transformed(np.diag([1.1, 1, 1, 1.0]))]),
@@ -92,7 +106,7 @@ def session(new_renderer):
         yield renderer
 
 
-@pytest.mark.quick("camera", "albedo", "density")
+@pytest.mark.quick("camera", "albedo", "density", "camera, later orders")
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_frame_makes_what_it_must(session, renderer, change):
     before, after, expected = CHANGES[change]

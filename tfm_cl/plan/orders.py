@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 DIRECTIONS = 32
 """In which light goes through the lattice at each order."""
 VOXELS_APART = 2.0
-"""Distance between points, in voxels, where a voxel is too costly."""
+"""Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
 """The same, in parts of the shortest edge of a body of constant density."""
-FINE_WORK = 1 << 22
-"""Points times orders after the first, up to which they are a voxel apart."""
+WORK = 1 << 22
+"""Points times orders after the first, from which on points are further apart than voxels."""
 MOST_POINTS = 1 << 22
 """Of a lattice: their distance grows with what is larger."""
 FEWEST_SAMPLES = 4
@@ -96,8 +96,11 @@ def lattice_of(scene: Scene) -> Lattice:
     extent = np.maximum(high - low, 0.0)
     finest = min((grid.detail for grid in scene.grids), default=math.inf)
     spacing, why = finest, "as far apart as voxels"
-    if scene.grids and math.prod(_points(extent, finest)) * (orders_of(scene) - 1) > FINE_WORK:
-        spacing, why = VOXELS_APART * finest, f"{VOXELS_APART:g} voxels apart: so many orders take their time"
+    if scene.grids:
+        work = math.prod(_points(extent, finest)) * (orders_of(scene) - 1)
+        apart = min(max((work / WORK) ** (1 / 3), 1.0), VOXELS_APART)
+        if apart > 1:
+            spacing, why = apart * finest, f"{apart:.2g} voxels apart: every order takes its time"
     for body in scene.homogeneous:
         edge = float(np.subtract(*body.bounds[::-1]).min())
         if OF_SMALLEST_BODY * edge < spacing:

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.model import decided
 from tfm_cl.plan import orders
 from tfm_cl.plan.orders import Lattice, lattice_of, medium_of, orders_of
-from tfm_cl.reference.bodies import Matter, body_interval, channel_densities
-from tfm_cl.reference.geometry import Floats, Rays
-from tfm_cl.reference.march import Crossing, march, segments
+from tfm_cl.reference.bodies import body_interval, channel_densities
+from tfm_cl.reference.geometry import Floats
 
 if TYPE_CHECKING:
     from tfm_cl.scene.medium import Medium
@@ -26,7 +24,7 @@ LEAST_WEIGHT = 1e-6
 
 
 class LaterOrders:
-    """What all orders but the first scatter to the camera.
+    """What all orders but the first scatter to the camera, at the points of a lattice.
 
     Parameters
     ----------
@@ -37,41 +35,29 @@ class LaterOrders:
     """
 
     def __init__(self, scene: Scene, lights: Sequence[Arrives]) -> None:
-        self._scene, self._lattice, own = scene, lattice_of(scene), medium_of(scene)
-        self._parts: list[tuple[Scene, Floats]] = []
-        """Scenes of a medium each, and the source of the radiance ``[x, y, z, RGB]`` in it."""
+        self._scene, self.lattice, own = scene, lattice_of(scene), medium_of(scene)
+        self.parts: list[tuple[Scene, Floats]] = []
+        """Scenes of a medium each, and what ``[x, y, z, RGB]`` of the light is scattered there."""
         even = _of_medium(scene, own.reduced)
         light = self._brought(even, lights)
         found = scattered_again(
-            light, self._extinction(even), _albedo(own.reduced), self._lattice, orders_of(scene)
+            light, self._extinction(even), _albedo(own.reduced), self.lattice, orders_of(scene)
         )
         if own.phase.mean_cosine == 0:
-            self._parts = [(even, _albedo(own.reduced) * found)]
+            self.parts = [(even, _albedo(own.reduced) * found)]
             return
         shown = (1 - own.phase.mean_cosine) * self._brought(_of_medium(scene, own), lights)
-        self._parts = [
+        self.parts = [
             (even, _albedo(own.reduced) * (found + light)),
             (_of_medium(scene, own), -_albedo(own) * shown),
         ]
 
-    def radiance(self, rays: Rays, crossing: Crossing) -> Floats:
-        """RGB ``[rays, 3]``."""
-        total = np.zeros((len(rays.origins), 3))
-        steps = decided(self._scene.march.steps)
-        for scene, source in self._parts:
-            through = np.ones_like(total)
-            matter = Matter(scene)
-            for step in march(matter, rays, crossing, segments(crossing, crossing.medium, steps), through):
-                points = rays.part(step.rays).at(step.distance)
-                total[step.rays] += step.opacity * between(source, self._lattice, points)
-        return total
-
     def _samples(self) -> Iterator[Floats]:
         """Yield points ``[x, y, z, 3]`` in the cubes around those of the lattice."""
-        count, spacing = self._lattice.samples, self._lattice.spacing
+        count, spacing = self.lattice.samples, self.lattice.spacing
         places = [
             low + spacing * np.arange(n)
-            for low, n in zip(self._lattice.origin, self._lattice.size, strict=True)
+            for low, n in zip(self.lattice.origin, self.lattice.size, strict=True)
         ]
         centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1)
         offsets = spacing * ((np.arange(count) + 0.5) / count - 0.5)
@@ -79,8 +65,8 @@ class LaterOrders:
             yield centres + offset
 
     def _extinction_at(self, scene: Scene, points: Floats) -> Floats:
-        """RGB at samples ``[..., 3]``; of bodies of constant density the mean along the sample's part of x."""
-        medium, part = medium_of(scene), self._lattice.spacing / self._lattice.samples
+        """RGB at samples ``[..., 3]``; of bodies of constant density the mean along its part of x."""
+        medium, part = medium_of(scene), self.lattice.spacing / self.lattice.samples
         total = np.zeros(points.shape)
         for grid in scene.grids:
             total += medium.sigma_t * channel_densities(grid, points)
@@ -100,9 +86,9 @@ class LaterOrders:
 
     def _brought(self, scene: Scene, lights: Sequence[Arrives]) -> Floats:
         """Mean RGB over all directions of what arrives from the lights, ``[x, y, z, 3]``."""
-        total, weight = np.zeros((2, *self._lattice.size, 3))
+        total, weight = np.zeros((2, *self.lattice.size, 3))
         for points in self._samples():
-            here = self._extinction_at(scene, points) + LEAST_WEIGHT / self._lattice.spacing
+            here = self._extinction_at(scene, points) + LEAST_WEIGHT / self.lattice.spacing
             weight += here
             for arrives in lights:
                 total += here * arrives(scene, points.reshape(-1, 3)).reshape(points.shape)

@@ -32,7 +32,7 @@ from tfm_cl.reference.march import (
     scattered_light,
     segments,
 )
-from tfm_cl.reference.orders import LaterOrders
+from tfm_cl.reference.orders import LaterOrders, between
 from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -227,7 +227,7 @@ def _trace(
         reached += transmitted
         weight += opacity
     if later is not None:
-        radiance += later.radiance(rays, crossing)
+        radiance += _scattered_again(later, rays, crossing, decided(scene.march.steps))
     shows_solid = np.isfinite(surfaces.distance)
     return {
         "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
@@ -330,6 +330,17 @@ def _scattered(
         reached[pixels] += opacity * transmitted * visible
         seen[pixels] += opacity
     return radiance, reached, seen
+
+
+def _scattered_again(later: LaterOrders, rays: Rays, crossing: Crossing, steps: int) -> Floats:
+    """RGB that all orders but the first scatter to the camera, ``[rays, 3]``."""
+    radiance = np.zeros((len(rays.origins), 3))
+    for scene, source in later.parts:
+        through, parts = np.ones_like(radiance), segments(crossing, crossing.medium, steps)
+        for step in march(Matter(scene), rays, crossing, parts, through):
+            points = rays.part(step.rays).at(step.distance)
+            radiance[step.rays] += step.opacity * between(source, later.lattice, points)
+    return radiance
 
 
 def _reflected(

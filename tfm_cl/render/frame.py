@@ -239,9 +239,8 @@ class Frame:
                 for indices in work.batches.cut(members):
                     add(work.batches.at_points(variant, indices, self._maps_again(work, indices)))
 
-        found = self._kept(
-            work, even, lambda: orders.scatter(arrive, _reporter(self.progress, "later orders"))
-        )
+        tell = _reporter(self.progress, "later orders")
+        found = self._kept(work, even, lambda: orders.scatter(arrive, tell))
         self.stats.seconds["orders"] = orders.seconds
         done = _reporter(self.progress, "view pass, later orders")
         work.seconds += orders.see(found, self.crop, work.frame, done)
@@ -254,7 +253,8 @@ class Frame:
             medium_of(work.scene),
             tuple(body.density_key for body in even.grids),
             even.homogeneous,
-            tuple((light, light.map_key(), Same(light.texture_image())) for light in even.lights),
+            light_structs(even, even.lights).tobytes(),
+            tuple((light.map_key(), light.falloff, Same(light.texture_image())) for light in even.lights),
             even.map,
             work.reads_maps,
             even.march.voxels,

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
+from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     import pyopencl as cl
 
@@ -32,10 +33,6 @@ if TYPE_CHECKING:
 
 LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
-SAME_COLOUR = 1e-6
-"""Difference, in parts of the strongest component, of colours that count as one."""
-TINY = 1e-100
-"""Keeps lights without intensity from a division by 0."""
 
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
@@ -52,15 +49,6 @@ def pass_variant(media: MediaOnDevice, colours: int) -> Variant:
     """Return those of the camera's pass through the lattice."""
     defines = media.defines | media.channels(textured=False)
     return media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1, "TFM_LATTICE_COLOURS": colours}
-
-
-def common_colour(intensities: Sequence[Sequence[float]]) -> NDArray[np.float64] | None:
-    """Return the colour, at most 1, that those of some lights are multiples of; None where they differ."""
-    colours = np.array(intensities, np.float64)
-    most = colours.max(axis=1)
-    strongest: NDArray[np.float64] = colours[most.argmax()] / max(float(most.max()), TINY)
-    difference = np.abs(colours - np.outer(most, strongest)).max(axis=1)
-    return strongest if (difference <= SAME_COLOUR * most).all() else None
 
 
 @dataclass

@@ -29,7 +29,7 @@ from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import ORDERS, SWEEP
 from tfm_cl.model import decided
 from tfm_cl.plan.orders import DIRECTIONS, directions, medium_of, orders_of
-from tfm_cl.render.lattice import common_colour
+from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,186 @@
+"""Orders of scattering after the first: as the float64 reference has them, and as the light's energy does."""
+
+import numpy as np
+import pytest
+from scenes import blobs, make_scene
+from tolerances import LIGHTS, PASS
+
+import tfm_cl as tfm
+from tfm_cl import reference
+from tfm_cl.plan import orders
+
+pytestmark = pytest.mark.lanes
+
+RGB = make_scene().medium.replace(phase=tfm.Isotropic(), orders=3)
+GREY = tfm.Medium(sigma_s=0.8, sigma_a=0.2, orders=3)
+SCENE = make_scene(medium=RGB)
+GRID, SPOT = SCENE.volume, SCENE.lights[0]
+SUN = tfm.SunLight(from_=(1, 2, 1), to=(0, 0, 0))
+BOX = tfm.BoxVolume(from_=(-0.9, -0.5, -0.6), to=(0.4, 0.7, 0.3), density=0.7)
+BALL = tfm.SphereVolume(centre=(0.4, 0.3, 0.2), radius=0.6, density=1.3)
+SOLIDS = [tfm.SphereSolid(centre=(0.5, 0.6, 0.3), radius=0.3), tfm.PlaneSolid(point=(0, -0.8, 0))]
+CASES = {
+    "colours": SCENE,
+    "grey": SCENE.replace(medium=GREY),
+    "lobe": make_scene(medium=RGB.replace(phase="hg:0.4")),
+    "grey lobe, a map of depths": make_scene(
+        medium=GREY.replace(phase="hg:-0.3"), map=SCENE.map.replace(basis="fourier", coeffs=7)
+    ),
+    "coloured lights": SCENE.replace(
+        medium=GREY, lights=[SPOT, SPOT.replace(from_=(-2, 1, 2.5), intensity=(0.5, 1, 3)), SUN]
+    ),
+    "solids": SCENE.replace(medium=GREY, solids=SOLIDS, shadow=tfm.ShadowSettings(res=64)),
+    "coloured voxels": SCENE.replace(
+        volume=tfm.Volume(
+            blobs(),
+            world_from_index=GRID.world_from_index,
+            density_scale=4.0,
+            colour=np.linspace(0.2, 1, blobs().size * 3).reshape(*blobs().shape, 3),
+        )
+    ),
+    "grid, box, ball": SCENE.replace(volume=[GRID, BOX, BALL], medium=GREY),
+    "box": SCENE.replace(volume=BOX),
+}
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Lattices of few points, two voxels apart, which a reference fills in seconds."""
+    monkeypatch.setattr(orders, "WORK", 1)
+    monkeypatch.setattr(orders, "OF_SMALLEST_BODY", 1 / 6)
+    monkeypatch.setattr(orders, "FEWEST_SAMPLES", 2)
+
+
+@pytest.mark.usefixtures("coarse")
+@pytest.mark.quick("colours-tfm")
+@pytest.mark.parametrize("method", ["tfm", "dual"])
+@pytest.mark.parametrize("what", CASES)
+def test_picture_equals_the_reference(renderer, save_on_failure, what, method):
+    scene = CASES[what]
+    image = renderer.render(scene, method=method).image
+    expected = reference.render(scene, method, shadows="map")
+    once = reference.render(scene.replace(medium=scene.medium.replace(orders=1)), method, shadows="map")
+    brightest = max(1.0, float(expected[..., :3].max()))
+    # Later orders show, far beyond what may differ.
+    assert (expected - once)[..., :3].max() > 1e-2
+    with save_on_failure(image, expected.astype(np.float32)):
+        assert np.abs(image - expected).max() < 20 * PASS * brightest
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+def test_points_a_voxel_apart(renderer, monkeypatch):
+    monkeypatch.setattr(orders, "WORK", 1 << 30)
+    image = renderer.render(SCENE).image
+    assert np.abs(image - reference.render(SCENE)).max() < 20 * PASS
+
+
+def test_light_is_linear(renderer):
+    """Pictures of two lights of different colours add up: with both, points have three numbers."""
+    lights = [SPOT.replace(intensity=(3, 1, 0.2)), SPOT.replace(from_=(-2, 1, 2.5), intensity=(0.2, 2, 1))]
+    scene = SCENE.replace(medium=GREY)
+    both, *each = (
+        renderer.render(scene.replace(lights=some)).image for some in (lights, lights[:1], lights[1:])
+    )
+    assert np.abs(both - each[0] - each[1])[..., :3].max() < LIGHTS * both.max()
+
+
+def test_a_crop_is_a_part_of_the_picture(renderer):
+    """Light that only the rest of the picture shows is scattered into the part."""
+    whole, part = renderer.render(SCENE).image, renderer.render(SCENE, crop=(3, 4, 9, 8)).image
+    np.testing.assert_allclose(part, whole[4:8, 3:9], atol=PASS)
+
+
+@pytest.mark.slow
+def test_a_light_beside_the_picture_counts(renderer):
+    """The camera looks at a part that no light reaches but by scattering."""
+    narrow = SPOT.replace(from_=(-0.5, 3, 0), to=(-0.5, 0, 0), cone=4)
+    camera = SCENE.camera.replace(from_=(0.6, 0, 5), to=(0.6, 0, 0), fov=6)
+    scene = SCENE.replace(lights=[narrow], camera=camera)
+    once = renderer.render(scene.replace(medium=RGB.replace(orders=1)))
+    assert once.image[..., :3].max() == 0
+    assert renderer.render(scene).image[..., :3].max() > 1e-4
+
+
+SUNS = 48
+
+
+@pytest.mark.slow
+def test_a_white_furnace(renderer):
+    """In light from everywhere, what scatters only is as bright as what is behind it, from below.
+
+    Alpha is what it hides of that; the rest is due to suns instead of a sky, to points, and to directions.
+    """
+    sky = [
+        tfm.SunLight(from_=direction.tolist(), to=(0, 0, 0), intensity=4 * np.pi / SUNS)
+        for direction in orders.directions(SUNS, 0)
+    ]
+    volume = tfm.Volume(blobs((24, 24, 24)), voxel_size=0.1, origin=(-1.15, -1.15, -1.15), density_scale=3.0)
+    scene = tfm.Scene(
+        volume,
+        tfm.Medium(),
+        camera=tfm.Camera(from_=(0.3, 0.4, 6), to=(0, 0, 0), fov=22, res=(16, 16)),
+        lights=sky,
+        map=tfm.MapSettings(coeffs=12, res=64, steps=64),
+        march=tfm.MarchSettings(steps=100),
+    )
+    shares = []
+    for count in (1, 2, 8, 32, 128):
+        image = renderer.render(scene.replace(medium=tfm.Medium(orders=count))).image
+        hides = image[..., 3] > 0.5
+        shares.append(float((image[hides, :3].mean(axis=-1) / image[hides, 3]).mean()))
+    assert (np.diff(shares) > 0).all()
+    assert shares[0] < 0.5
+    assert 0.97 < shares[-1] < 1.01
+
+
+def second_order(scene, rng, samples):
+    """Estimates ``[pixels, samples]`` of what a ball around the origin scatters twice, of a sun."""
+    ball, sun = scene.volume, scene.lights[0]
+    extinction = ball.density * float(scene.medium.sigma_t[0])
+    albedo = float(scene.medium.sigma_s[0]) / float(scene.medium.sigma_t[0])
+    to_sun = np.subtract(sun.from_, sun.to) / np.linalg.norm(np.subtract(sun.from_, sun.to))
+    origins, directions = (np.repeat(rays, samples, axis=0) for rays in scene.camera.rays(None))
+
+    def inside(points, ways):
+        """Distances at which lines enter and leave the ball."""
+        middle = -(points * ways).sum(axis=-1)
+        half = np.sqrt(np.maximum(ball.radius**2 - (points**2).sum(axis=-1) + middle**2, 0))
+        return middle - half, middle + half
+
+    def fly(points, ways, enter, leave):
+        """Where it is scattered next, by free flight within the ball, and how much is."""
+        opacity = -np.expm1(-extinction * (leave - enter))
+        at = enter - np.log1p(-rng.uniform(size=len(points)) * opacity) / extinction
+        return points + at[:, None] * ways, albedo * opacity
+
+    first, weight = fly(origins, directions, *inside(origins, directions))
+    z, angle = rng.uniform(-1, 1, len(first)), rng.uniform(0, 2 * np.pi, len(first))
+    across = np.sqrt(1 - z**2)
+    ways = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=-1)
+    second, share = fly(first, ways, np.zeros(len(first)), inside(first, ways)[1])
+    _, out = inside(second, np.broadcast_to(to_sun, second.shape))
+    arrives = np.exp(-extinction * out) / (4 * np.pi) * sun.intensity[0]
+    return (weight * share * arrives).reshape(-1, samples)
+
+
+@pytest.mark.slow
+def test_second_order_of_a_ball(renderer, rng):
+    """Against an estimate of its own; points are a 24th of the radius apart."""
+    scene = tfm.Scene(
+        tfm.SphereVolume(radius=1.0, density=1.5),
+        tfm.Medium(sigma_s=0.9, sigma_a=0.1),
+        camera=tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), fov=16, res=(8, 8)),
+        lights=[SUN],
+        march=tfm.MarchSettings(steps=200),
+    )
+    once, twice = (
+        renderer.render(scene.replace(medium=scene.medium.replace(orders=count))).image for count in (1, 2)
+    )
+    found = (twice - once)[..., 0].ravel()
+    estimates = second_order(scene, rng, 20_000)
+    expected, error = estimates.mean(axis=1), estimates.std(axis=1) / np.sqrt(estimates.shape[1])
+    total, noise = expected.mean(), np.sqrt((error**2).sum()) / len(error)
+    assert noise < 2e-3 * total
+    assert abs(found.mean() / total - 1) < 1e-2
+    assert np.abs(found - expected).max() < 4 * error.max() + 0.03 * expected.max()
