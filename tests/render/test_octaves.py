@@ -97,3 +97,10 @@ def test_the_error_of_maps_is_that_of_light(renderer):
 def test_what_are_no_octaves(key, value):
     with pytest.raises(SceneError, match=rf"medium\.{key} = .*: should be"):
         tfm.Medium(**{key: value})
+
+
+def test_octaves_and_orders_are_one_or_the_other():
+    with pytest.raises(
+        SceneError, match=r"octaves = 2 and orders = 3: both are multiple scattering; set one"
+    ):
+        tfm.Medium(octaves=2, orders=3)

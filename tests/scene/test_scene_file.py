@@ -42,6 +42,7 @@ medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = 
 [medium]
 sigma_s = [1.0, 0.8, 0.5]
 sigma_a = 0.25
+orders = 1
 octaves = 3
 attenuation = 0.4
 contribution = 0.6

@@ -126,7 +126,7 @@ class Medium(Model):
     def _check_used(self) -> Self:
         if self.octaves > 1 and self.orders > 1:
             raise ValueError(
-                f"octaves = {self.octaves} and orders = {self.orders}: both are multiple scattering; set one of them"
+                f"octaves = {self.octaves} and orders = {self.orders}: both are multiple scattering; set one"
             )
         given = {"temperature_offset": 0, "temperature_scale": 1, "Le_scale": 1}
         unused = [name for name, neutral in given.items() if getattr(self, name) != neutral]

@@ -12,7 +12,6 @@ from pydantic import Field
 from tfm_cl.errors import unknown_key
 from tfm_cl.model import Model
 
-
 ANGLES = 4096
 """At which a phase function is looked at for its mean cosine, which is then right to 1e-5."""
 
