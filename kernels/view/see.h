@@ -122,7 +122,7 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
     return sums;
   }
   /* Of one its mean distance is known. */
-  const int at_once = TFM_BODIES == 1 && !TFM_LATTICE;
+  const int at_once = TFM_BODIES == 1 && TFM_LATTICE == 0;
   if (at_once)
     visible = part;
   see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums LATTICE_ARGUMENTS);

@@ -9,7 +9,6 @@ import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import orders
 from tfm_cl.plan.plan import plan
-from tfm_cl.scene.phases import PHASES
 
 MANY = tfm.Medium(orders=8)
 GRID = make_scene().volume
@@ -104,14 +103,6 @@ def test_directions_are_spread_evenly():
         assert np.abs(found.mean(axis=0)).max() < 0.01
         assert np.abs(found.T @ found / 32 - np.eye(3) / 3).max() < 0.02
     assert np.abs(first - second).max() > 0.1  # turned
-
-
-@pytest.mark.parametrize("name", PHASES)
-def test_mean_cosine(name):
-    """Against the integral over the sphere, by Gauss and Legendre's rule."""
-    phase = tfm.HenyeyGreenstein(-0.4) if name == "hg" else PHASES[name]()
-    mu, weight = np.polynomial.legendre.leggauss(64)
-    assert 2 * np.pi * (weight * mu * phase.evaluate(mu)).sum() == pytest.approx(phase.mean_cosine, abs=1e-9)
 
 
 def test_the_reduced_medium():

@@ -170,7 +170,7 @@ def test_every_key_arrives(folder):
         "Le_scale": 2.5,
     }
     assert scene.bodies[0].medium == scene.medium.replace(  # what it does not name is the scene's
-        sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2)
+        sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2), emission=0
     )
     (flame,) = scene.flames
     np.testing.assert_array_equal(flame.world_from_index, scene.bodies[0].world_from_index)

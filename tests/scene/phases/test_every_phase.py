@@ -81,6 +81,7 @@ def mie_mean(phase):
 )
 def test_mean_cosines(phase, mean):
     assert integral(phase, lambda mu: mu) == pytest.approx(mean, abs=QUADRATURE)
+    assert phase.mean_cosine == pytest.approx(mean, abs=1e-5)  # of ANGLES angles
 
 
 @pytest.mark.parametrize("ior", [1.02, 1.33, 1 + np.sqrt(2 / 3), 2.0])

@@ -15,6 +15,11 @@ class Isotropic(Phase):
 
     type: Literal["isotropic"] = "isotropic"
 
+    @property
+    def mean_cosine(self) -> float:
+        """0."""
+        return 0.0
+
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
         """1/4π for every μ."""
         return np.full(np.shape(mu), 1.0 / (4.0 * np.pi))
