@@ -121,11 +121,14 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
       sums.ray.through[c] *= transmittance_of(extinguished(scene->media, &sums.total, c));
     return sums;
   }
-  /* Of one its mean distance is known. */
-  const int at_once = TFM_BODIES == 1 && TFM_LATTICE == 0;
-  if (at_once)
-    visible = part;
-  see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums LATTICE_ARGUMENTS);
+#if TFM_BODIES == 1 && !TFM_LATTICE
+  /* Its mean distance is known. */
+  visible = part;
+  const Ints wanted = ints(1);
+#else
+  const Ints wanted = ints(steps);
+#endif
+  see_bodies(scene, on_ray, visible, active ? wanted : ints(0), &sums LATTICE_ARGUMENTS);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
