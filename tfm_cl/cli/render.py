@@ -228,7 +228,9 @@ def _write_json(path: Path | None, report: Values) -> None:
 
 def _print_stats(report: Values) -> None:
     print(f"device       {report['device']['name']}", file=sys.stderr)
-    for name in ("load", "compile", "light_pass", "view_pass", "host", "save", "total"):
+    for name in ("load", "compile", "light_pass", "view_pass", "orders", "host", "save", "total"):
+        if name not in report["seconds"]:
+            continue
         samples = report["samples"].get(name)
         seconds = report["seconds"][name]
         rate = (

@@ -240,17 +240,19 @@ class Frame:
                     add(work.batches.at_points(variant, indices, self._maps_again(work, indices)))
 
         tell = _reporter(self.progress, "later orders")
-        found = self._kept(work, even, lambda: orders.scatter(arrive, tell))
+        found = self._kept(work, orders, lambda: orders.scatter(arrive, tell))
         self.stats.seconds["orders"] = orders.seconds
         done = _reporter(self.progress, "view pass, later orders")
         work.seconds += orders.see(found, self.crop, work.frame, done)
 
-    def _kept(self, work: _Work, even: Scene, make: Callable[[], Scattered]) -> Scattered:
+    def _kept(self, work: _Work, orders: Orders, make: Callable[[], Scattered]) -> Scattered:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
+        even = orders.scene
         key = (
             medium_of(work.scene),
+            orders.lattice,
             tuple(body.density_key for body in even.grids),
             even.homogeneous,
             light_structs(even, even.lights).tobytes(),

@@ -55,6 +55,8 @@ WHAT = "the lattice of later orders"
 
 RGB = 3
 
+RGB = 3
+
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
 Both = tuple["cl.Buffer", "cl.Buffer"]
@@ -62,13 +64,11 @@ Both = tuple["cl.Buffer", "cl.Buffer"]
 
 
 def media_variant(media: MediaOnDevice, colours: int) -> Variant:
-    """Return those of the kernel that looks at the density."""
-    return media.headers, media.defines | media.channels(textured=colours == RGB) | {
-        "TFM_ORDER_COLOURS": colours
+    """Return those of the kernel that looks at the density; ``colours``: numbers that hold light."""
+    return media.headers, media.defines | {
+        "TFM_CHANNELS": channels_of(media),
+        "TFM_ORDER_COLOURS": colours,
     }
-
-
-RGB = 3
 
 
 def lights_variant(batch: Batch, media: MediaOnDevice, colours: int) -> Variant:
