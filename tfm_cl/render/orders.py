@@ -55,8 +55,6 @@ WHAT = "the lattice of later orders"
 
 RGB = 3
 
-RGB = 3
-
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
 Both = tuple["cl.Buffer", "cl.Buffer"]
