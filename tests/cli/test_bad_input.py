@@ -114,6 +114,15 @@ def scene(cloud):
         ("--up 0,0,0", "up [0.0, 0.0, 0.0] is zero or along the view direction"),
         ("--fov 0", "camera.fov = 0.0"),
         ("--fov 180", "camera.fov = 180.0: should be less than 180"),
+        (
+            "--fov 30 --focal-length 35",
+            "camera.fov and camera.focal_length both say how wide the view is; keep",
+        ),
+        ("--set camera.sensor_width=36", "camera.sensor_width"),
+        (
+            "--up 0,0,1 --set camera.matrix=[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]",
+            "camera.up and camera.matrix both",
+        ),
         ("--light-type disco", "'disco'"),
         ("--light-from 1,2,3 --light-to 1,2,3", "from and to are the same point"),
         ("--cone 90", "cone = 90.0: should be less than 90"),

@@ -22,7 +22,7 @@ PROMISED = {
     *("--cutoff", "--voxels", "--map-bytes", "--max-error", "--target", "--fit", "--range", "--lookup"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--octaves"),
     *("--phase", "--orders"),
-    *("--camera-from", "--camera-to", "--up", "--fov"),
+    *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
     *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
 }
@@ -72,6 +72,7 @@ FLAGS = [
     ("--camera-to", "0,0,-9", "camera.to", [0, 0, -9]),
     ("--up", "0,0,1", "camera.up", [0, 0, 1]),
     ("--fov", "12.5", "camera.fov", 12.5),
+    ("--focal-length", "35", "camera.focal_length", 35),
     ("--light-type", "spot", "light.type", "spot"),
     ("--light-from", "-1,-2,-3", "light.from", [-1, -2, -3]),
     ("--light-to", "7,8,9", "light.to", [7, 8, 9]),
@@ -108,6 +109,8 @@ KEYS = [
     ("camera.from", "-1, 2, 3", [-1, 2, 3]),
     ("camera.to", "[1, 2, -3.5]", [1, 2, -3.5]),
     ("camera.up", "1,0,0", [1, 0, 0]),
+    ("camera.matrix", str(MOVED), [MOVED[row : row + 4] for row in (0, 4, 8, 12)]),
+    ("camera.sensor_width", "24", 24),
     ("march.max_stretch", "8", 8),
     ("march.skip_empty", "false", False),
     ("march.attenuation", "paper", "paper"),
@@ -239,12 +242,16 @@ def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
         (table[0] if section == "light" else table).pop(name, None)
         if key in {"map.bytes", "map.max_error"}:  # which say what coeffs said
             table.pop("coeffs", None)
+        if key == "camera.focal_length":  # which says what fov said, of a sensor of some width
+            table.pop("fov", None)
+            assert table.pop("sensor_width", 36) == 36
     assert after == before
 
 
 @pytest.mark.parametrize(("key", "text", "expected"), KEYS)
 def test_set_reaches_every_key(resolved, folder, key, text, expected):
-    config = resolved("--set", f"{key}={text}")
+    needed = ["--focal-length", "35"] if key == "camera.sensor_width" else []
+    config = resolved(*needed, "--set", f"{key}={text}")
     if key == "volume.file":
         expected = str(folder / text)
     assert value_of(config, key) == expected
@@ -266,6 +273,26 @@ def test_set_wins_over_flags_and_the_last_over_the_first(resolved):
     assert resolved("--set", "camera.fov=20", "--fov", "30")["camera"]["fov"] == 20
     assert resolved("--set", "camera.fov=20", "--set", "camera.fov=21")["camera"]["fov"] == 21
     assert resolved("--fov", "20", "--fov", "21")["camera"]["fov"] == 21
+
+
+def test_a_camera_of_another_program_wins_over_the_scene_and_is_printed_for_the_next_run(
+    cli, resolved, scene, folder
+):
+    matrix = f"camera.matrix={MOVED}"
+    config = resolved("--set", matrix, "--focal-length", "35")
+    assert set(config["camera"]) == {"matrix", "focal_length", "sensor_width", "res"}
+    done = cli("render", scene, "--print-config", "--set", matrix, "--focal-length", "35")
+    (folder / "again.toml").write_text(done.out)
+    assert cli("render", "again.toml", "--print-config").out == done.out
+    # And the other way round.
+    back = cli("render", "again.toml", "--print-config", "--fov", "30", "--camera-from", "9,9,9", "-v")
+    assert set(tomllib.loads(back.out)["camera"]) == {"from", "to", "up", "fov", "res"}
+
+
+def test_a_placed_camera_may_have_a_lens(cli, scene):
+    done = cli("render", scene.parent / "smoke.npz", "--print-config", "--focal-length", "35")
+    assert "--camera-from" in done.err
+    assert tomllib.loads(done.out)["camera"]["focal_length"] == 35
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,9 @@ def in_image(camera, points):
 
 
 @volumes
-@pytest.mark.parametrize("given", [{}, {"fov": 15.0}, {"res": (400, 900)}, {"up": (1, 0, 0)}], ids=str)
+@pytest.mark.parametrize(
+    "given", [{}, {"fov": 15.0}, {"focal_length": 35.0}, {"res": (400, 900)}, {"up": (1, 0, 0)}], ids=str
+)
 def test_the_volume_fills_the_frame(volume, given):
     camera = camera_for([volume], **given)
     x, y, depth = in_image(camera, corners(volume))

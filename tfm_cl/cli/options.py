@@ -160,6 +160,7 @@ SCENE_OPTIONS = (
     SceneOption("Camera", "--camera-to", "camera.to", "X,Y,Z", numbers, "the volume's centre"),
     SceneOption("Camera", "--up", "camera.up", "X,Y,Z", numbers),
     SceneOption("Camera", "--fov", "camera.fov", "DEG", click.FLOAT),
+    SceneOption("Camera", "--focal-length", "camera.focal_length", "MM", click.FLOAT, "none: fov"),
     SceneOption("Light", "--light-type", "light.type", "", click.Choice(list(LIGHTS))),
     SceneOption("Light", "--light-from", "light.from", "X,Y,Z", numbers, "above and to the left"),
     SceneOption("Light", "--light-to", "light.to", "X,Y,Z", numbers, "the volume's centre"),

@@ -239,7 +239,7 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     yield from _chosen(scene)
     camera = scene.camera.to_dict()
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
-        if key not in file.camera:
+        if key not in file.camera and "matrix" not in file.camera:
             yield f"camera.{key}", Decision(camera[key], why)
     if file.image.exposure == "auto":
         yield "image.exposure", Decision(None, WHY_AUTOMATIC)

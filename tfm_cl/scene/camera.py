@@ -1,18 +1,31 @@
 """The perspective camera."""
 
+from collections.abc import Collection
 from functools import lru_cache
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import Model, Vec3, check_different
 from tfm_cl.scene.frames import look_at
+from tfm_cl.scene.transform import Transform
 
 MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image: 16384 × 16384."""
+AXES_ALIKE = 1e-3
+"""By how much axes of a matrix may differ from unit length and a right angle: printed numbers have few
+digits."""
+SENSOR_WIDTH = 36.0
+"""Millimetres, of a full-frame camera."""
+RIVALS = (
+    (("fov",), ("focal_length", "sensor_width"), "say how wide the view is"),
+    (("from", "to", "up"), ("matrix",), "say where the camera is"),
+)
+"""Keys that say the same in two ways, of which a camera has one, and what they say."""
 
 
 def _resolution(value: object) -> tuple[int, int]:
@@ -28,15 +41,52 @@ def _resolution(value: object) -> tuple[int, int]:
     return width, height
 
 
+def _rigid(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    axes = np.array(matrix)[:3, :3]
+    lengths = np.linalg.norm(axes, axis=0)
+    if np.abs(lengths - 1).max() > AXES_ALIKE:
+        shown = ", ".join(f"{length:.4g}" for length in lengths)
+        raise ValueError(f"a camera has no scale: divide the first three columns by their lengths {shown}")
+    if np.abs(axes.T @ axes - np.eye(3)).max() > 2 * AXES_ALIKE:
+        raise ValueError("its first three columns should be at right angles to each other")
+    if np.linalg.det(axes) < 0:
+        raise ValueError("it mirrors the picture: x to the right, y up and z to the back are right-handed")
+    return matrix
+
+
 _world_from_camera = lru_cache(maxsize=16)(look_at)
 """Every frame asks for it several times."""
+
+
+def _placed_by(matrix: tuple[tuple[float, ...], ...]) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the position, the view's direction and up that a matrix says."""
+    _, up, backwards, position = ((x, y, z) for x, y, z in zip(*matrix[:3], strict=True))
+    return position, (-backwards[0], -backwards[1], -backwards[2]), up
+
+
+def _fault(line: str) -> PydanticCustomError:
+    return PydanticCustomError("faults", "{lines}", {"lines": [line]})
+
+
+def outdone(keys: Collection[str]) -> set[str]:
+    """Return the keys that say in another way what these keys, which were given later, say.
+
+    ``up`` and ``sensor_width`` alone do not say enough to stand in for others.
+    """
+    enough = set(keys) - {"up", "sensor_width"}
+    sides = [(one, other) for *rivals, _ in RIVALS for one, other in (rivals, rivals[::-1])]
+    return {key for one, other in sides if enough & set(one) for key in other}
 
 
 class Camera(Model):
     """A pinhole camera anywhere: outside or inside the medium or a light's cone.
 
-    Camera space: x to the right, y up, z into the scene. Pixel (0, 0) is at the top left; one ray passes
-    through the centre of each pixel.
+    Camera space: x to the right, y up, z into the scene; only the key ``matrix`` has z to the back, as other
+    programs do. Pixel (0, 0) is at the top left; one ray passes through the centre of each pixel.
+
+    It stands where ``from`` and ``to`` or a ``matrix`` say, and its view is as wide as ``fov`` or
+    ``focal_length`` says. All but ``matrix`` and ``focal_length`` can be read of every camera: with a matrix
+    ``to`` is 1 in front of it.
     """
 
     SECTION: ClassVar[str] = "camera"
@@ -48,13 +98,69 @@ class Camera(Model):
         description="direction that is up in the image and for a camera and light that are placed "
         "automatically",
     )
+    matrix: Annotated[Transform, AfterValidator(_rigid)] | None = Field(
+        None,
+        description="instead of from, to and up: world from camera, 4x4, 16 numbers row by row, the position "
+        "in the last column; x is to the right, y up, and the camera looks along -z, as in Blender, Maya, "
+        "Houdini, USD and glTF; without scale",
+    )
     fov: float = Field(40.0, gt=0, lt=180, description="vertical field of view, the full angle, degrees")
+    focal_length: float | None = Field(
+        None, gt=0, description="instead of fov: focal length of the lens, millimetres"
+    )
+    sensor_width: float = Field(
+        SENSOR_WIDTH,
+        gt=0,
+        description="with focal_length: width of what the picture's width shows of the sensor, millimetres",
+    )
     res: Annotated[tuple[int, int], BeforeValidator(_resolution)] = Field(
         (1280, 720), description="width and height in pixels"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _says_nothing_twice(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        attributes = cls.keys()
+        given = [key for key, name in attributes.items() if values.get(key, values.get(name)) is not None]
+        for *rivals, what in RIVALS:
+            one, other = ([key for key in keys if key in given] for keys in rivals)
+            if one and other:
+                both = " and ".join(f"camera.{keys[0]}" for keys in (one, other))
+                raise _fault(f"{both} both {what}; keep one")
+        if "sensor_width" in given and "focal_length" not in given:
+            raise _fault("camera.sensor_width needs camera.focal_length: give both, or fov")
+        # `to_dict` writes None for keys that have no say.
+        silent = {name for key in outdone(given) for name in (key, attributes[key])}
+        values = {key: value for key, value in values.items() if key not in silent}
+        # What follows from a matrix is filled in when that has been checked.
+        return {"from": (0, 0, 0), "to": (0, 0, -1)} | values if "matrix" in given else values
+
+    @model_validator(mode="after")
+    def _follows_lens_and_matrix(self) -> Self:
+        found: dict[str, Any] = {}
+        if self.focal_length is not None:
+            width, height = self.res
+            half_height = self.sensor_width / 2 * height / width
+            found["fov"] = float(np.degrees(2 * np.arctan2(half_height, self.focal_length)))
+            if not 0 < found["fov"] < 180:  # noqa: PLR2004 - degrees
+                raise _fault(
+                    f"camera.focal_length = {self.focal_length:g}: with a sensor {self.sensor_width:g} wide "
+                    f"the field of view is {found['fov']:g} degrees; it should be between 0 and 180"
+                )
+        if self.matrix is not None:
+            position, forward, up = _placed_by(self.matrix)
+            x, y, z = np.add(position, forward).tolist()
+            found |= {"from_": position, "to": (x, y, z), "up": up}
+        self.__dict__.update(found)
+        self.model_fields_set.difference_update(found)  # they are not said, but follow
+        return self
+
     @model_validator(mode="after")
     def _has_a_frame(self) -> Self:
+        if self.matrix is not None:
+            return self
         check_different(self.from_, self.to, "from and to")
         forward = np.subtract(self.to, self.from_)
         sine = np.linalg.norm(np.cross(forward, self.up)) / (
@@ -64,10 +170,32 @@ class Camera(Model):
             raise ValueError(f"up {list(self.up)} is zero or along the view direction; choose another")
         return self
 
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with other values; what says the same in another way is given up for them."""
+        attributes = self.keys()
+        kept = {name: getattr(self, name) for name in self.model_fields_set}
+        said = {key for key, value in changes.items() if value is not None}
+        for key in outdone({key for key, name in attributes.items() if key in said or name in said}):
+            kept.pop(attributes[key], None)
+        return type(self)(**kept | {attributes.get(key, key): value for key, value in changes.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the section as a scene file writes it; None for what follows from other keys."""
+        unsaid = {"fov"} if self.focal_length is not None else {"focal_length", "sensor_width"}
+        unsaid |= {"from", "to", "up"} if self.matrix is not None else {"matrix"}
+        return super().to_dict() | dict.fromkeys(unsaid)
+
     @property
     def world_from_camera(self) -> NDArray[np.float64]:
         """4×4; the columns are right, up, forward and the position."""
-        return _world_from_camera(self.from_, self.to, self.up).copy()
+        if self.matrix is None:
+            return _world_from_camera(self.from_, self.to, self.up).copy()
+        position, forward, up = _placed_by(self.matrix)
+        matrix = _world_from_camera(
+            (0.0, 0.0, 0.0), forward, up
+        ).copy()  # far away 1 in front would be rounded
+        matrix[:3, 3] = position
+        return matrix
 
     @property
     def pixel_width(self) -> float:

@@ -35,7 +35,7 @@ def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
 
     It stands in the frame of ``up``: where z is up, x is still to the right, and it looks along +y.
     """
-    if "from" in given and "to" in given:
+    if "matrix" in given or ("from" in given and "to" in given):
         return Camera(**given)
     centre, radius = _sphere(bodies)
     given.setdefault("to", _point(centre, radius))

@@ -26,7 +26,7 @@ from tfm_cl.scene import optical_depth, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.camera import Camera, outdone
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
@@ -322,7 +322,10 @@ NUMBERS = ("coeffs", "bytes", "max_error")
 
 
 def _make_way(values: Values, overridden: set[str]) -> None:
-    """Drop what a file says of the map's numbers where an override says it in another way."""
+    """Drop what a file says of the camera and of the map's numbers where an override says it another way."""
+    if isinstance(values.get("camera"), dict):
+        dropped = outdone({key.removeprefix("camera.") for key in overridden if key.startswith("camera.")})
+        values["camera"] = {key: value for key, value in values["camera"].items() if key not in dropped}
     if isinstance(values.get("map"), dict) and overridden & {f"map.{key}" for key in NUMBERS}:
         values["map"] = {key: value for key, value in values["map"].items() if key not in NUMBERS}
 
@@ -524,7 +527,8 @@ PLACED: Values = {"from": (1.0, 2.0, 3.0), "to": (0.0, 0.0, 0.0)}
 
 def _camera(table: Values) -> Values:
     """Return the keys that are given, each checked."""
-    _without_place("camera", table, lambda: Camera.from_table(PLACED | table))
+    placed = {} if "matrix" in table else PLACED
+    _without_place("camera", table, lambda: Camera.from_table(placed | table))
     return table
 
 

@@ -32,11 +32,12 @@ def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
         raise ValueError(f"should be finite numbers, at most {LARGEST_COORDINATE:g}")
     matrix = np.array(numbers, dtype=np.float64).reshape(4, 4)
     if not np.array_equal(matrix[3], (0, 0, 0, 1)):
-        raise ValueError(f"should be affine: its last row is 0 0 0 1, not {matrix[3].tolist()}")
+        hint = "; transpose it" if np.array_equal(matrix[:, 3], (0, 0, 0, 1)) else ""
+        raise ValueError(f"should be affine: its last row is 0 0 0 1, not {matrix[3].tolist()}{hint}")
     axes = matrix[:3, :3]
     lengths = np.linalg.norm(axes, axis=0)
     if lengths.min() < 1 / LARGEST_COORDINATE or abs(np.linalg.det(axes / lengths)) < FLATTEST:
-        raise ValueError("cannot be inverted: it makes the solid flat")
+        raise ValueError("cannot be inverted: it makes all flat")
     return tuple(map(tuple, matrix.tolist()))
 
 

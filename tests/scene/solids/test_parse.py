@@ -69,9 +69,9 @@ def test_a_transform_is_row_major():
         ({"shape": "box", "transform": [1] * 16}, "its last row is 0 0 0 1"),
         (
             {"shape": "box", "transform": [1, 0, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1]},
-            "makes the solid flat",
+            "makes all flat",
         ),
-        ({"shape": "box", "transform": [0] * 15 + [1]}, "makes the solid flat"),
+        ({"shape": "box", "transform": [0] * 15 + [1]}, "makes all flat"),
         ({"mesh": ""}, "should be the name of a file"),
         ({"mesh": 5}, "solid.mesh = 5"),
         ({"mesh": "a\n.ply"}, "without control characters"),
