@@ -123,6 +123,7 @@ def scene(cloud):
             "--up 0,0,1 --set camera.matrix=[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]",
             "camera.up and camera.matrix both",
         ),
+        ("--background=-1", "image.background = -1.0: should be ≥ 0"),
         ("--light-type disco", "'disco'"),
         ("--light-from 1,2,3 --light-to 1,2,3", "from and to are the same point"),
         ("--cone 90", "cone = 90.0: should be less than 90"),

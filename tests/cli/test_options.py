@@ -22,7 +22,7 @@ PROMISED = {
     *("--cutoff", "--voxels", "--map-bytes", "--max-error", "--target", "--fit", "--range", "--lookup"),
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--octaves"),
     *("--phase", "--orders"),
-    *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length"),
+    *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length", "--background"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
     *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
 }
@@ -34,6 +34,7 @@ FLAGS = [
     ("--exposure", "-1.5", "image.exposure", -1.5),
     ("--exposure", "auto", "image.exposure", "auto"),
     ("--view", "agx", "image.view", "agx"),
+    ("--background", "0.5,1,2", "image.background", [0.5, 1, 2]),
     ("--transparent", "", "image.transparent", True),
     ("--png-bits", "16", "image.png_bits", 16),
     ("--dither", "", "image.dither", True),

@@ -240,6 +240,36 @@ def test_exposure_is_stops_and_png_only(render, cloud):
         assert np.abs(np.asarray(bright, int) - np.asarray(same, int)).max() <= 1
 
 
+def test_a_background_is_behind_the_picture(render, cloud):
+    render(cloud, "-o", "a.npy", "-o", "a.exr", "--aov", "transmittance")
+    behind = ("--background", "0.5,1,20", "--aov", "transmittance")
+    told = render(cloud, "-o", "b.npy", "-o", "b.exr", "-o", "b.png", *behind, "-q").err
+    assert told == ""
+    layers = [OpenEXR.File(name, separate_channels=True).channels() for name in ("a.exr", "b.exr")]
+    through = np.stack([layers[0][f"transmittance.{c}"].pixels for c in "RGB"], axis=-1)
+    expected = pixels("a.npy")
+    expected[..., :3] += (0.5, 1, 20) * through
+    np.testing.assert_allclose(pixels("b.npy"), expected, rtol=1e-6)
+    np.testing.assert_array_equal(load_image("b.exr"), pixels("b.npy"))
+    np.testing.assert_array_equal(layers[1]["transmittance.R"].pixels, through[..., 0])
+    assert load_image("b.png")[0, 0, 1] == 1
+    # With alpha it is left out, also of what the exposure goes by.
+    look = ("--transparent", "--exposure", "auto")
+    render(cloud, "-o", "a.png", *look)
+    told = render(cloud, "-o", "b.png", *look, *behind).err
+    assert "note: b.png: has alpha in place of the background (--no-transparent shows it)" in told
+    np.testing.assert_array_equal(load_image("b.png"), load_image("a.png"))
+
+
+def test_a_dark_picture_before_a_background_is_no_warning(render, cloud):
+    dark = ("--density-scale", "1", "--intensity", "0")
+    assert "the picture is black" in render(cloud, "-o", "a.png", *dark).err
+    assert "warning" not in render(cloud, "-o", "a.png", *dark, "--background", "1").err
+    # Where its own light is shown, that is what counts.
+    faint = ("--density-scale", "1", "--intensity", "1e-6", "--background", "1")
+    assert "the picture is black" in render(cloud, "-o", "a.png", *faint, "--transparent").err
+
+
 def test_an_automatic_exposure_is_told_and_repeated(render, cloud, folder):
     look = ("--view", "agx", "--transparent", "--png-bits", "16")
     done = render(cloud, "-o", "a.png", "-o", "a.exr", "--exposure", "auto", *look, "--json", "-", "-v")

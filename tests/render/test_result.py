@@ -1,14 +1,19 @@
 """What a render returns, without rendering."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import PIL.Image
 import pytest
 
 import tfm_cl as tfm
+from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io import load_image
 from tfm_cl.render.result import RenderResult, RenderStats
+
+ROUNDED = 3e-7
+"""Of float32: a product and a sum."""
 
 
 @pytest.fixture
@@ -32,3 +37,38 @@ def test_options_of_a_png_mean_nothing_to_other_files(result, tmp_path):
     for name in ("a.exr", "a.npy"):
         result.save(tmp_path / name, exposure="auto", view="aces", transparent=True, dither=False)
         np.testing.assert_array_equal(load_image(tmp_path / name), result.image)
+
+
+@pytest.fixture
+def through(result):
+    """The result with its layers: what its camera's rays let through, and a solid in the first row."""
+    layers = {
+        "transmittance": np.random.default_rng(1).random((8, 9, 3), np.float32),
+        "solid_distance": np.zeros((8, 9), np.float32),
+    }
+    layers["solid_distance"][0] = 3
+    return replace(result, aovs=layers)
+
+
+def test_a_background_is_seen_through_the_medium_but_not_through_solids(through):
+    over = through.over((0.5, 1, 2))
+    expected = through.image.copy()
+    expected[1:, :, :3] += (0.5, 1, 2) * through.aovs["transmittance"][1:]
+    np.testing.assert_allclose(over.image, expected, rtol=ROUNDED)
+    # Another one takes its place.
+    np.testing.assert_array_equal(over.over(1).over((0.5, 1, 2)).image, over.image)
+    assert over.over(0).image is through.image
+    assert through.over(0.25).background == (0.25, 0.25, 0.25)
+    with pytest.raises(SceneError, match=r"^image\.background = -1: should be ≥ 0"):
+        through.over(-1)
+
+
+def test_a_transparent_picture_has_no_background(through, tmp_path):
+    over = through.over((0.5, 1, 2))
+    for name, options in (("a.png", {}), ("b.png", {"transparent": True, "exposure": "auto"})):
+        over.save(tmp_path / name, **options)
+        assert over._repr_png_(**options) == (tmp_path / name).read_bytes()
+    assert over._repr_png_() != through._repr_png_()
+    assert over._repr_png_(**options) == through._repr_png_(**options)
+    over.save(tmp_path / "a.exr", transparent=True)
+    np.testing.assert_array_equal(load_image(tmp_path / "a.exr"), over.image)

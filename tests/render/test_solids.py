@@ -124,6 +124,18 @@ def test_settings_equal_the_reference(renderer, save_on_failure, changes, method
     check_equal(renderer, save_on_failure, solid_scene("several", "spot", **changes), method)
 
 
+def test_a_background_is_seen_as_far_as_the_reference_lets_it_through(renderer):
+    scene, background = solid_scene("mesh inside", "spot"), (1, 2, 4)  # a picture of the tests above
+    result = renderer.render(scene, background=background)
+    _, layers = reference.render_with_aovs(scene.replace(lights=()), "dual")
+    hidden = result.image[..., 3] == 1  # on solids
+    expected = np.where(hidden[..., None], 0, background * layers["transmittance"])
+    behind = result.image - renderer.render(scene).image
+    assert 0 < hidden.mean() < 1
+    assert np.abs(behind[..., :3] - expected).max() < 4 * PASS * max(background)
+    assert not behind[..., 3].any()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("solids", ["sphere inside", "plane behind", "several"])
 def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_on_failure, solids):

@@ -123,6 +123,7 @@ voxels = "u8"
 [image]
 crop = [1, 2, 30, 40]
 exposure = -1.5
+background = [0.1, 0.2, 0.3]
 view = "aces"
 transparent = true
 png_bits = 16
@@ -234,6 +235,7 @@ def test_every_key_arrives(folder):
     assert file.image == ImageSettings(
         crop=(1, 2, 30, 40),
         exposure=-1.5,
+        background=(0.1, 0.2, 0.3),
         view="aces",
         transparent=True,
         png_bits=16,

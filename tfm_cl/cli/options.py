@@ -128,6 +128,7 @@ SCENE_OPTIONS = (
     SceneOption("Image", "--crop", "image.crop", "X0,Y0,X1,Y1", pixels, "the whole frame"),
     SceneOption("Image", "--exposure", "image.exposure", "STOPS|auto", number_or_auto),
     SceneOption("Image", "--view", "image.view", "", click.Choice(list(VIEWS))),
+    SceneOption("Image", "--background", "image.background", COLOUR, numbers),
     SceneOption("Image", "--transparent", "image.transparent", "", click.BOOL),
     SceneOption("Image", "--png-bits", "image.png_bits", "8|16", click.INT),
     SceneOption("Image", "--dither", "image.dither", "", click.BOOL),

@@ -100,11 +100,11 @@ def command(
     from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
+        image = scene_file.image
         result = renderer.render(
-            scene, crop=scene_file.image.crop, aovs=scene_file.image.aov, progress=progress
+            scene, crop=image.crop, aovs=image.aov, background=image.background, progress=progress
         )
     _warn(result.warnings, quiet=quiet)
-    image = scene_file.image
     stops = _exposure(result, outputs, image)
     if stops is not None:
         dark = too_dark(result, stops, image.view, transparent=image.transparent)
@@ -192,13 +192,19 @@ def _exposure(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSet
         return None
     if image.exposure != "auto":
         return image.exposure
-    return automatic_exposure(result.image, image.view, transparent=image.transparent)
+    picture = result.picture(transparent=image.transparent)
+    return automatic_exposure(picture, image.view, transparent=image.transparent)
 
 
 def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
-    """Say which outputs are without the layers asked for."""
-    for path in outputs if image.aov else ():
-        if not image_io.holds_layers(path):
+    """Say which outputs are without the layers or the background asked for."""
+    for path in outputs:
+        if image.transparent and any(image.background) and path.suffix.lower() == ".png":
+            print(
+                f"tfm: note: {path}: has alpha in place of the background (--no-transparent shows it)",
+                file=sys.stderr,
+            )
+        if image.aov and not image_io.holds_layers(path):
             layers = ", ".join(image.aov)
             print(
                 f"tfm: note: {path}: has no room for layers, {layers} are left out (.exr has)",

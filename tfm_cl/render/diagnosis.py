@@ -106,7 +106,7 @@ def too_dark(
         Of the PNG; the exposure in stops.
     """
     brightest = 0.0
-    for row in rows_from_the_middle(result.image):
+    for row in rows_from_the_middle(result.picture(transparent=transparent)):
         colours = straight(row) if transparent else row[:, :3]
         if (shown(colours, exposure, view) >= EIGHT_BIT_STEP).any():
             return ""

@@ -31,6 +31,7 @@ from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.layers import LAYERS, Layers
+from tfm_cl.scene.settings import ImageSettings
 
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid, VoxelType
@@ -203,6 +204,7 @@ class Renderer:
         method: str | None = None,
         crop: Crop | None = None,
         aovs: Collection[str] = (),
+        background: Any = 0.0,
         progress: Progress | None = None,
     ) -> RenderResult:
         """Render a scene.
@@ -220,19 +222,22 @@ class Renderer:
             Pixels x0, y0, x1, y1 (end excluded) to render; the whole frame when left out.
         aovs
             Layers that cost extra and are made only when named: ``map_error``, ``lattice_error``.
+        background
+            RGB radiance behind media and solids, see `RenderResult.over`; one number means grey.
         progress
             Called as ``progress(stage, fraction)``.
 
         Raises
         ------
         SceneError
-            Unknown method, a crop outside the frame, or maps of another scene.
+            Unknown method, a crop outside the frame, maps of another scene, or no colour as the background.
         DeviceError
             Memory or compilation.
         CancelledError
             `cancel` was called meanwhile.
         """
         self._launcher.begin()
+        background = ImageSettings(background=background).background  # before anything is rendered
         scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         asks_for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
@@ -241,6 +246,8 @@ class Renderer:
             limited = ()
         result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
         result.stats.error_estimate = estimate
+        if any(background):
+            result = result.over(background)
         left_out = filter(None, [lattice.left_out(scene)] if asks_for_lattice else [])
         result = replace(result, warnings=(*limited, *result.warnings, *left_out))
         if diagnosis.is_black(result.image):

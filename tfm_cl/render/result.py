@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
+from tfm_cl.scene.settings import ImageSettings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,7 +72,8 @@ class RenderResult:
     """A picture, its extra layers and what they cost."""
 
     image: NDArray[np.float32]
-    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids."""
+    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids. The
+    ``background``, if any, is added to the colours."""
     aovs: Mapping[str, NDArray[np.float32]]
     """Each made when it is first asked for: ``depth`` and ``samples`` [H, W], ``transmittance`` and
     ``light_transmittance`` [H, W, 3]; with solids, or asked for, ``solid_distance`` [H, W], ``normal`` and
@@ -84,6 +86,41 @@ class RenderResult:
     """Things a user should know: one line each."""
     lit: bool = True
     """Whether the camera sees any of the medium where lights reach, were nothing in their way."""
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """RGB radiance behind all that ``image`` shows."""
+    foreground: NDArray[np.float32] | None = None
+    """``image`` without the background; None without one."""
+
+    def over(self, background: Any) -> Self:
+        """Return the picture over another background.
+
+        Each channel is that without a background plus the background's times the ``transmittance``; no
+        background is seen through solids.
+
+        Parameters
+        ----------
+        background
+            RGB radiance, scene-linear; one number means grey, 0 none.
+
+        Raises
+        ------
+        SceneError
+            Not such a colour.
+        """
+        rgb = ImageSettings(background=background).background
+        bare = self.picture(transparent=True)
+        if not any(rgb):
+            return replace(self, image=bare, background=rgb, foreground=None)
+        behind = self.aovs["transmittance"] * np.array(rgb, np.float32)
+        if "solid_distance" in self.aovs:
+            behind[self.aovs["solid_distance"] > 0] = 0
+        image = bare.copy()
+        image[..., :3] += behind
+        return replace(self, image=image, background=rgb, foreground=bare)
+
+    def picture(self, *, transparent: bool = False) -> NDArray[np.float32]:
+        """Return what a PNG shows, [H, W, 4]: with alpha, the picture without its background."""
+        return self.image if self.foreground is None or not transparent else self.foreground
 
     def save(
         self,
@@ -119,6 +156,7 @@ class RenderResult:
         camera_from_world = np.linalg.inv(camera.world_from_camera).astype(np.float64)
         picture = Image(
             rgba=self.image,
+            foreground=self.foreground,
             aovs={name: self.aovs[name] for name in aovs},
             display_window=camera.res,
             crop=self.crop,
@@ -135,4 +173,5 @@ class RenderResult:
         """Show the picture in a notebook, which gives no options; those of `save` may be given by hand."""
         from tfm_cl.files.image_io.png import png_bytes  # noqa: PLC0415 - only notebooks need it
 
-        return png_bytes(self.image, exposure, corner=self.crop[:2], **png)
+        picture = self.picture(transparent=png.get("transparent", False))
+        return png_bytes(picture, exposure, corner=self.crop[:2], **png)

@@ -9,7 +9,7 @@ from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
-from tfm_cl.model import Model, count_or_auto, in_words, number_or_auto, number_or_none
+from tfm_cl.model import RGB, Model, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6
@@ -248,7 +248,14 @@ class ImageSettings(Model):
         description="how light is shown, PNG only. "
         + "; ".join(f"{view.NAME}: {view.SUMMARY}" for view in VIEWS.values()),
     )
-    transparent: bool = Field(default=False, description="write alpha, PNG only; otherwise over black")
+    background: RGB = Field(
+        (0.0, 0.0, 0.0),
+        description="RGB radiance behind media and solids, scene-linear, which lights nothing: added as far "
+        "as the media let it through; alpha and layers are without it",
+    )
+    transparent: bool = Field(
+        default=False, description="write alpha, PNG only, and no background; otherwise over the background"
+    )
     png_bits: Literal[8, 16] = Field(8, description="bits a channel, PNG only: 8 or 16")
     dither: bool = Field(
         default=True,

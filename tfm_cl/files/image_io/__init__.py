@@ -51,7 +51,7 @@ class PngOptions(TypedDict, total=False):
     view: str
     """From exposed light to a display's: ``standard`` (only a clip), ``filmic``, ``agx`` or ``aces``."""
     transparent: bool
-    """Whether to write alpha; otherwise the picture lies over black."""
+    """Whether to write alpha, without the background; otherwise the picture lies over that, or black."""
     png_bits: int
     """8 or 16 a channel."""
     dither: bool

@@ -35,11 +35,19 @@ class Image:
     metadata: dict[str, Metadata] = field(default_factory=dict)
     """Header attributes. A 4×4 matrix acts on column vectors; its name says what it does, like
     ``worldToCamera``."""
+    foreground: NDArray[np.float32] | None = None
+    """``rgba`` without a background, which a PNG with alpha shows; None: there is none."""
 
     def __post_init__(self) -> None:
         if self.rgba.ndim != _VECTOR or self.rgba.shape[2] != _RGBA or self.rgba.size == 0:
             raise ImageError(f"an image is [height, width, 4] and not empty; got the shape {self.rgba.shape}")
         check_finite(self.rgba, "the image")
+        if self.foreground is not None:
+            if self.foreground.shape != self.rgba.shape:
+                raise ImageError(
+                    f"the foreground is as large as the image, {self.rgba.shape}; got {self.foreground.shape}"
+                )
+            check_finite(self.foreground, "the foreground")
         height, width = self.rgba.shape[:2]
         for name, aov in self.aovs.items():
             if aov.shape not in {(height, width), (height, width, _VECTOR)}:

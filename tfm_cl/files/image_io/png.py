@@ -45,8 +45,12 @@ _DAMAGE = (  # errors of Pillow's chunk parsers and zlib
 
 
 def write(path: Path, image: Image, options: WriteOptions) -> None:
-    """Write the colours; as they are premultiplied, no change is needed to put them over black."""
-    path.write_bytes(_encoded(image.rgba, options, image.data_window[:2]))
+    """Write the colours; as they are premultiplied, no change is needed to put them over black.
+
+    With alpha they are those without a background.
+    """
+    rgba = image.foreground if options.transparent and image.foreground is not None else image.rgba
+    path.write_bytes(_encoded(rgba, options, image.data_window[:2]))
 
 
 def png_bytes(
