@@ -122,13 +122,12 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
     return sums;
   }
 #if TFM_BODIES == 1 && !TFM_LATTICE
-  /* Its mean distance is known. */
+  const int at_once = 1; /* its mean distance is known */
   visible = part;
-  const Ints wanted = ints(1);
 #else
-  const Ints wanted = ints(steps);
+  const int at_once = 0;
 #endif
-  see_bodies(scene, on_ray, visible, active ? wanted : ints(0), &sums LATTICE_ARGUMENTS);
+  see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums LATTICE_ARGUMENTS);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
