@@ -1,8 +1,9 @@
 """The session's cache: what is kept, and for how long."""
 
+import numpy as np
 import pytest
 
-from tfm_cl.device.cache import Cache
+from tfm_cl.device.cache import Cache, Same
 
 
 def made(cache, key, size=1, kind="map"):
@@ -107,3 +108,12 @@ def test_many_values_may_push_each_other_out():
     assert values[1] is first
     assert values[3] is second
     assert cache.nbytes == 2
+
+
+def test_same_is_known_by_being_itself():
+    first, second = np.zeros(2), np.zeros(2)
+    cache = Cache()
+    found = [cache.get("image", Same(image), object, lambda _: 1) for image in (first, second, first)]
+    assert found[0] is found[2] is not found[1]
+    assert Same(None) == Same(None)
+    assert Same(first) != first
