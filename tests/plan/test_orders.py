@@ -92,6 +92,7 @@ def test_points_are_never_too_many():
     far = one.transformed(np.array([[1, 0, 0, 9], [0, 1, 0, 9], [0, 0, 1, 9], [0, 0, 0, 1.0]]))
     lattice = orders.lattice_of(make_scene(volume=[one, far], medium=MANY))
     assert orders.MOST_POINTS / 2 < lattice.points <= orders.MOST_POINTS
+    assert lattice.samples == orders.MOST_SAMPLES
     assert lattice.why == f"as near as {orders.MOST_POINTS:,} points allow"
 
 

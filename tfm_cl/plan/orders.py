@@ -28,6 +28,8 @@ MOST_POINTS = 1 << 22
 """Of a lattice: their distance grows with what is larger."""
 FEWEST_SAMPLES = 4
 """Of the density along an edge of a point's cube, where it is no grid's."""
+MOST_SAMPLES = 4
+"""Of the density along an edge of a point's cube: where points are far apart, the rest is left to chance."""
 FARTHER = 1.05
 """Factor of the distance between points as long as they are too many."""
 SAME = 1e-6
@@ -113,6 +115,7 @@ def lattice_of(scene: Scene) -> Lattice:
     size = _points(extent, spacing)
     first = (low + high) / 2 - spacing * (np.array(size) - 1) / 2
     samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if scene.homogeneous else 1)
+    samples = min(samples, MOST_SAMPLES)
     x, y, z = first.tolist()
     return Lattice((x, y, z), spacing, size, samples, why)
 

@@ -52,7 +52,7 @@ POINTS_AT_ONCE = 1 << 24
 SAMPLES_AT_ONCE = 1 << 21
 """Of the density, or of light, in a launch."""
 WHAT = "the lattice of later orders"
-
+"""What messages call it."""
 RGB = 3
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
