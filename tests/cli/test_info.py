@@ -223,7 +223,7 @@ VOLUMES = {
 }
 
 
-@pytest.mark.quick(*(name for name in VOLUMES if name != "coloured"))
+@pytest.mark.quick(*(name for name in VOLUMES if name not in ("coloured", "colour of 0")))
 @pytest.mark.parametrize("arrays", VOLUMES.values(), ids=VOLUMES)
 def test_info_says_what_render_says(cli, tiny, arrays):
     np.savez("v.npz", **arrays)

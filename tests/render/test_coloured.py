@@ -133,7 +133,7 @@ def test_the_paper_s_weighting_belongs_to_the_coloured_density(renderer):
     assert np.abs(ours - truth).max() <= TWICE * truth.max()
 
 
-@pytest.mark.quick("dual")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_colour_of_1_is_none(renderer, method):
     scene = precise(coloured_scene(constant(1, 1, 1)))
@@ -171,6 +171,7 @@ def test_a_grey_colour_of_a_grey_medium_under_grey_light_is_its_product(renderer
     assert ours.stats.map_bytes == 3 * truth.stats.map_bytes
 
 
+@pytest.mark.slow
 def test_a_channel_without_extinction_is_black_and_clear(renderer):
     scene = coloured_scene(constant(1, 0, 1))
 

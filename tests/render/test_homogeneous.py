@@ -315,7 +315,7 @@ def test_lights_with_solids_against_the_reference(renderer, rng):
     assert np.allclose(result.aovs["solid_distance"][shown], surface[shown], rtol=1e-5)
 
 
-@pytest.mark.quick("box-nearest")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "filter_"), [("box", "nearest"), ("sphere", "pcf"), ("everywhere", "pcf")])
 def test_a_shaft_of_shadow(renderer, name, filter_):
     # The camera looks across the shadow of a ball: part of each ray is dark.

@@ -61,6 +61,7 @@ def test_a_lattice_holds_them(renderer):
     assert np.abs(images[1] - images[0]).mean() < 0.1 * np.abs(images[0] - plain).mean()
 
 
+@pytest.mark.slow
 def test_without_extinction_on_the_way_they_add_up(renderer):
     """Of what light meets at once, each octave is a part of single scattering in closed form."""
     thin = tfm.BoxVolume(from_=(-1, -1, -1), to=(1, 1, 1), density=1e-4)

@@ -75,6 +75,7 @@ def test_points_a_voxel_apart(renderer, monkeypatch):
     assert np.abs(image - reference.render(SCENE)).max() < 20 * PASS
 
 
+@pytest.mark.slow
 def test_light_is_linear(renderer):
     """Pictures of two lights of different colours add up: with both, points have three numbers."""
     lights = [SPOT.replace(intensity=(3, 1, 0.2)), SPOT.replace(from_=(-2, 1, 2.5), intensity=(0.2, 2, 1))]

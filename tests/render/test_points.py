@@ -450,6 +450,7 @@ def test_extreme_points_make_numbers(renderer, extreme, method):
     assert (result.image[..., 3].max() > 0) == (extreme != "of no density")
 
 
+@pytest.mark.slow
 def test_thousands_of_points_in_one_place(renderer):
     """As one that holds as much."""
     alike = tfm.Points(np.tile([0.1, 0.2, 0.1], (5000, 1)), 0.5, 4e-4)

@@ -150,7 +150,7 @@ def test_the_papers_attenuation_forgets_what_is_before_the_cone(renderer, save_o
     assert difference[..., :3].max() > 0.02
 
 
-@pytest.mark.quick("sphere inside-pcf")
+@pytest.mark.slow
 @pytest.mark.parametrize("filtering", ["pcf", "nearest"])
 @pytest.mark.parametrize("solids", ["sphere inside", "box inside", "several"])
 def test_shadow_maps_tend_to_exact_visibility(renderer, solids, filtering):
