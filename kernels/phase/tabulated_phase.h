@@ -1,5 +1,6 @@
 /* A phase function that is known by its values, linear in r = sqrt(1 - |mu|): PHASE_CELLS / 2 cells from mu = 1, and as many
-   from mu = -1. They lie behind the media. At the poles r grows as the angle does, and float32 tells cosines there apart no better than cells. */
+   from mu = -1. They lie behind the media. At the poles r grows as the angle does, and float32 tells cosines there apart no
+   better than cells. */
 #ifndef TFM_PHASE_TABULATED_PHASE_H
 #define TFM_PHASE_TABULATED_PHASE_H
 

@@ -1,4 +1,4 @@
-/* What a primitive is, in bits of one number: many are kept. Includes expected before: none. */
+/* What a primitive is, in bits of one number: many are kept. */
 #ifndef TFM_PRIMITIVE_TRAITS_H
 #define TFM_PRIMITIVE_TRAITS_H
 

@@ -158,8 +158,11 @@ class PrimitivesOnDevice:
         )
         self.count = len(sources)
         self._sources = launcher.upload("the primitives", sources)
-        self._colours = launcher.upload("the colours of primitives", _colours(self._bodies))
-        self._is_coloured = any(body.colour is not None for body in self._bodies)
+        colours = _colours(self._bodies)
+        self._colours = launcher.upload("the colours of primitives", colours)
+        self._colour_stride = 3 if len(colours) > 1 else 0
+        self.nbytes = sources.nbytes + colours.nbytes
+        """Size on the device."""
 
     @property
     def headers(self) -> tuple[str, ...]:
@@ -176,11 +179,6 @@ class PrimitivesOnDevice:
             )
             for function, (by, arguments) in FUNCTIONS.items()
         }
-
-    @property
-    def nbytes(self) -> int:
-        """Size on the device."""
-        return self.count * (SOURCE.dtype.itemsize + (12 if self._is_coloured else 0))
 
     def sets(
         self, media: Sequence[int], weights: NDArray[np.float64], extinctions: Sequence[float]
@@ -223,7 +221,7 @@ class PrimitivesOnDevice:
                 "sources": self._sources,
                 "sets": sets,
                 "colours": self._colours,
-                "colour_stride": 3 if self._is_coloured else 0,
+                "colour_stride": self._colour_stride,
                 "origin": (*eye.origin.tolist(), 0.0),
                 "footprint": eye.footprint,
                 "seen": seen,

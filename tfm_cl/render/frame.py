@@ -249,9 +249,10 @@ class Frame:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
-        even = orders.scene
+        even, medium = orders.scene, medium_of(work.scene)
         key = (
-            medium_of(work.scene),
+            # Of the phase function no more than its mean cosine, and nothing of what is emitted.
+            (medium.sigma_s, medium.sigma_a, medium.orders, orders.mean_cosine),
             orders.lattice,
             tuple(body.density_key for body in even.grids),
             even.homogeneous,
