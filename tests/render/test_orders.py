@@ -185,3 +185,18 @@ def test_second_order_of_a_ball(renderer, rng):
     assert noise < 2e-3 * total
     assert abs(found.mean() / total - 1) < 1e-2
     assert np.abs(found - expected).max() < 4 * error.max() + 0.03 * expected.max()
+
+
+@pytest.mark.slow
+def test_they_are_found_again_for_what_they_depend_on_alone(new_renderer):
+    scene = make_scene(medium=GREY)
+    changes = {"emission": (1, 1, 1), "phase": "hg:0.3", "sigma_a": 0.4}
+    with new_renderer() as renderer:
+        renderer.render(scene)
+        made = {
+            key: renderer.render(scene.replace(medium=GREY.replace(**{key: value}))).stats.made.get(
+                "orders", 0
+            )
+            for key, value in changes.items()
+        }
+    assert made == {"emission": 0, "phase": 1, "sigma_a": 1}
