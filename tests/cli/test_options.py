@@ -13,6 +13,7 @@ import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, as_flags, toml_value
 from tfm_cl.scene.lights import SpotLight
+from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
 
 PROMISED = {
@@ -65,6 +66,7 @@ FLAGS = [
     ("--density-scale", "2.5", "volume.density_scale", 2.5),
     ("--sigma-s", "1,0.5,0", "medium.sigma_s", [1, 0.5, 0]),
     ("--sigma-a", "0.5", "medium.sigma_a", [0.5, 0.5, 0.5]),
+    ("--preset", "dust", "medium.preset", "dust"),
     ("--octaves", "4", "medium.octaves", 4),
     ("--phase", "hg:-0.3", "medium.phase", {"type": "hg", "g": -0.3}),
     ("--phase", "mie", "medium.phase", {"type": "mie", "diameter": 20}),
@@ -99,8 +101,8 @@ KEYS = [
     ("volume.colour", "false", False),
     (
         "volume.medium",
-        "{sigma_s = 2, phase = 'hg:0.5'}",
-        tfm_cl.Medium(sigma_s=2, phase="hg:0.5", temperature="smoke").to_dict(),
+        "{preset = 'dust', sigma_a = 0, sigma_s = 2, phase = 'hg:0.5'}",
+        tfm_cl.Medium(sigma_s=2, phase="hg:0.5", temperature="smoke").to_dict() | {"preset": "dust"},
     ),
     ("medium.sigma_s", "[1, 2, 3]", [1, 2, 3]),
     ("medium.attenuation", "0.25", 0.25),
@@ -243,6 +245,8 @@ def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
         (table[0] if section == "light" else table).pop(name, None)
         if key in {"map.bytes", "map.max_error"}:  # which say what coeffs said
             table.pop("coeffs", None)
+        for said in PRESETS["dust"].medium if key == "medium.preset" else ():
+            table.pop(said)
         if key == "camera.focal_length":  # which says what fov said, of a sensor of some width
             table.pop("fov", None)
             assert table.pop("sensor_width", 36) == 36

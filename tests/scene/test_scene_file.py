@@ -40,6 +40,7 @@ colour = false
 medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = -0.2 }, emission = 0 }
 
 [medium]
+preset = "dust"
 sigma_s = [1.0, 0.8, 0.5]
 sigma_a = 0.25
 orders = 1
@@ -182,6 +183,7 @@ def test_every_key_arrives(folder):
     mesh = tfm.MeshSolid(mesh=str(folder / "knot.ply"))
     assert scene.solids == (sphere, mesh)
     assert scene.medium == tfm.Medium(
+        preset="dust",
         sigma_s=(1, 0.8, 0.5),
         sigma_a=(0.25,) * 3,
         octaves=3,

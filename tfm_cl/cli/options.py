@@ -14,6 +14,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
 from tfm_cl.scene.lights import LIGHTS, SpotLight
+from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
 
 
@@ -152,6 +153,7 @@ SCENE_OPTIONS = (
     SceneOption("March", "--voxels", "march.voxels", "", click.Choice(["f32", "f16", "u8"])),
     SceneOption("Medium", "--grid", "volume.grid", "NAME", click.STRING, "density, else the only one"),
     SceneOption("Medium", "--density-scale", "volume.density_scale", "X|auto", number_or_auto, "bare: auto"),
+    SceneOption("Medium", "--preset", "medium.preset", "", click.Choice(list(PRESETS)), "none"),
     SceneOption("Medium", "--sigma-s", "medium.sigma_s", COLOUR, numbers),
     SceneOption("Medium", "--sigma-a", "medium.sigma_a", COLOUR, numbers),
     SceneOption("Medium", "--octaves", "medium.octaves", "N", click.INT),

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ def warnings(file: SceneFile, scene: Scene) -> tuple[str, ...]:
         for number, settings, volume in grids(file, scene)
         if "density_scale" not in settings.model_fields_set
         and _is_far_from_one(
-            sensible := optical_depth.density_scale_for(volume), float(scene.medium_of(volume).sigma_t.max())
+            sensible := density_scale_for(volume, scene.medium_of(volume).optical_depth),
+            float(scene.medium_of(volume).sigma_t.max()),
         )
     )
 

@@ -18,9 +18,9 @@ from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, orders, resolution
 from tfm_cl.plan.options import grids
-from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
+from tfm_cl.scene.optical_depth import why_density
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -235,7 +235,10 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     """Yield what the file leaves to `tfm_cl.scene.placement`, and to the picture."""
     for number, settings, volume in grids(file, scene):
         if settings.density_scale == "auto":
-            yield f"volume.{number}density_scale", Decision(volume.density_scale, optical_depth.WHY_DENSITY)
+            yield (
+                f"volume.{number}density_scale",
+                Decision(volume.density_scale, why_density(scene.medium_of(volume).optical_depth)),
+            )
     yield from _chosen(scene)
     camera = scene.camera.to_dict()
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):

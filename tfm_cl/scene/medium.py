@@ -10,15 +10,23 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.constants import MOST_OCTAVES
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import RGB, Model, section_within
+from tfm_cl.scene.optical_depth import OPTICAL_DEPTH
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
+from tfm_cl.scene.presets import PRESETS, expanded
 
 
 def _grid_name(value: Any) -> str | None:
     return None if value is None else name_of(value, "a grid of temperatures")
+
+
+def _preset(value: Any) -> str | None:
+    if value is not None and (not isinstance(value, str) or value not in PRESETS):
+        raise ValueError(unknown_key(str(value), list(PRESETS)).replace("key", "preset"))
+    return value
 
 
 MOST_ORDERS = 1000
@@ -30,6 +38,11 @@ class Medium(Model):
 
     SECTION: ClassVar[str] = "medium"
 
+    preset: Annotated[str | None, BeforeValidator(_preset)] = Field(
+        None,
+        description="a medium by name, whose numbers those given here change. "
+        + "; ".join(f"{name}: {preset.summary}" for name, preset in PRESETS.items()),
+    )
     sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
     sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
     phase: Annotated[Phase, section_within(parse_phase)] = Field(
@@ -112,6 +125,15 @@ class Medium(Model):
         """Extinction coefficient σ_s + σ_a at density 1, RGB, per world unit."""
         return np.add(self.sigma_s, self.sigma_a)
 
+    @property
+    def optical_depth(self) -> float:
+        """Along typical lines of sight, where the density may be scaled to it."""
+        return OPTICAL_DEPTH if self.preset is None else PRESETS[self.preset].optical_depth
+
+    def replace(self, **changes: Any) -> Self:
+        """As `Model.replace`; a preset replaces all that it has a number for."""
+        return super().replace(**expanded(changes))
+
     def beside(self, folder: Path) -> Self:
         """Return the same with names of files that are relative to ``folder`` made absolute."""
         phase = self.phase.beside(folder)
@@ -121,6 +143,11 @@ class Medium(Model):
     def emits(self) -> bool:
         """Whether its density emits any light."""
         return any(self.emission)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_fills(cls, values: Any) -> Any:
+        return expanded(values) if isinstance(values, dict) else values
 
     @model_validator(mode="after")
     def _check_used(self) -> Self:

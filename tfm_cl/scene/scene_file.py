@@ -22,13 +22,15 @@ from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
-from tfm_cl.scene import optical_depth, placement
+from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera, outdone
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.optical_depth import density_scale_for
+from tfm_cl.scene.presets import PRESETS, expanded
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
 from tfm_cl.scene.transform import Transform
@@ -125,8 +127,8 @@ class VolumeSettings(Model):
         default=False, description="set NaN, infinite and negative densities and colours to 0"
     )
 
-    def load(self, folder: Path) -> Volume:
-        """Read the volume."""
+    def load(self, folder: Path, optical_depth: float) -> Volume:
+        """As `BodySettings.load`."""
         volume = Volume.load(
             source_of(self.file, folder),
             self.grid,
@@ -140,7 +142,7 @@ class VolumeSettings(Model):
         if self.transform is not None:
             volume = volume.transformed(self.transform)
         if self.density_scale == "auto":
-            return volume.with_density_scale(optical_depth.density_scale_for(volume))
+            return volume.with_density_scale(density_scale_for(volume, optical_depth))
         return volume.with_density_scale(self.density_scale)
 
     def _colour_in(self, folder: Path) -> colour_io.ColourSource:
@@ -225,7 +227,8 @@ class SceneFile:
             Neither a scene nor a volume.
         """
         values, placed_light = _values_of(path), Values()
-        overrides, faults = list(overrides), Faults()
+        # A medium by name comes first, so that what is said of it besides changes its numbers.
+        overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
         _make_way(values, {key for key, _ in overrides})
         for key, value in overrides:
             with faults.collect():
@@ -297,7 +300,9 @@ class SceneFile:
 
     def _bodies(self) -> tuple[Body, ...]:
         folder = self.path.parent
-        return tuple(settings.load(folder) for settings in self.volumes)
+        return tuple(
+            settings.load(folder, (settings.medium or self.medium).optical_depth) for settings in self.volumes
+        )
 
     def files(self) -> list[Path]:
         """Return all files that the scene reads, but its own."""
@@ -459,10 +464,16 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
             raise SceneError(f"{key}: '{name}' is not a table")
-    for spellings in SPELLINGS.items():
-        if last in spellings:
-            table.pop(spellings[last == spellings[0]], None)  # the other one
+    for name in _said_by(last, value):
+        table.pop(name, None)
     table[last] = value
+
+
+def _said_by(key: str, value: Any) -> list[str]:
+    """Return other keys that say what this one says."""
+    preset = PRESETS.get(value) if key == "preset" and isinstance(value, str) else None
+    other = [pair[key == pair[0]] for pair in SPELLINGS.items() if key in pair]
+    return other + list(preset.medium if preset else ())
 
 
 def _check_used(values: Values, key: str) -> None:
@@ -503,7 +514,7 @@ def _volume(table: Values, medium: Values | None, folder: Path) -> BodySettings:
     if isinstance(own, dict) and medium:
         with contextlib.suppress(SceneError):  # what is wrong with [medium] is told there
             Medium.from_table(medium)
-            table = table | {"medium": medium | own}
+            table = table | {"medium": expanded(medium) | expanded(own)}
     told = [key for key in BODIES if key in table]
     if len(told) > 1:
         raise SceneError(f"volume: {told[0]} and {told[1]} are two kinds of bodies; keep one")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
@@ -26,8 +27,16 @@ class BodySettings(Protocol):
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other values."""
 
-    def load(self, folder: Path) -> Body:
-        """Make the body, reading its files, whose names are relative to ``folder``."""
+    def load(self, folder: Path, optical_depth: float) -> Body:
+        """Make the body, reading its files.
+
+        Parameters
+        ----------
+        folder
+            That the files' names are relative to.
+        optical_depth
+            Along typical lines of sight, where the density is left open.
+        """
 
     def written(self, folder: Path, body: Any) -> dict[str, Any]:
         """Return the section of a scene file anywhere that makes ``body``, which it made, again."""
@@ -67,6 +76,11 @@ class Body:
     @abstractmethod
     def occupied_bounds(self) -> NDArray[np.float64]:
         """World box around what has density, [2, 3]."""
+
+    def outline(self) -> NDArray[np.float64]:
+        """World points [n, 3] around what is seen of it; none of what is everywhere."""
+        box = self.occupied_bounds
+        return np.array([*itertools.product(*box.T)] if np.isfinite(box).all() else np.empty((0, 3)))
 
     @property
     @abstractmethod

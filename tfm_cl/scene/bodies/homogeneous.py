@@ -70,9 +70,9 @@ class Homogeneous(Model, Body):
         """Tell whether the density is the same everywhere."""
         return isinstance(other, Homogeneous) and self.with_medium(None) == other.with_medium(None)
 
-    def load(self, folder: Path) -> Self:
+    def load(self, folder: Path, optical_depth: float) -> Self:
         """As `BodySettings.load`: it is the body itself."""
-        del folder
+        del folder, optical_depth
         return self
 
     def written(self, folder: Path, body: Any) -> dict[str, Any]:

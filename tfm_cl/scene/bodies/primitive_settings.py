@@ -14,12 +14,12 @@ from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import Model, Vec3, number_or_auto, section_within
-from tfm_cl.scene import optical_depth
 from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
 from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Transform
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class PrimitiveSettings(Model):
     )
 
     @abstractmethod
-    def load(self, folder: Path) -> Primitives:
+    def load(self, folder: Path, optical_depth: float) -> Primitives:
         """As `BodySettings.load`."""
 
     def source(self, folder: Path) -> Path:
@@ -138,7 +138,7 @@ class PointsSettings(PrimitiveSettings):
         "standard deviation of a third of it; as (1 - r^2)^3",
     )
 
-    def load(self, folder: Path) -> Points:
+    def load(self, folder: Path, optical_depth: float) -> Points:
         """As `PrimitiveSettings.load`."""
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
@@ -163,9 +163,9 @@ class PointsSettings(PrimitiveSettings):
             source=source,
         )
         if opacity is None and factor is None:
-            scale = optical_depth.density_scale_for(points)
+            scale = density_scale_for(points, optical_depth)
             points = points.with_density(scale)
-            chosen["density"] = scale, optical_depth.WHY_DENSITY
+            chosen["density"] = scale, why_density(optical_depth)
         points.chosen = chosen
         return points
 
@@ -194,8 +194,9 @@ class CurvesSettings(PrimitiveSettings):
         "thousandth of the diagonal of their bounds, which is also taken where the file says none",
     )
 
-    def load(self, folder: Path) -> Curves:
-        """As `PrimitiveSettings.load`."""
+    def load(self, folder: Path, optical_depth: float) -> Curves:
+        """As `PrimitiveSettings.load`; what is thin says its opacity."""
+        del optical_depth
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = curves_io.read_curves(source)
@@ -231,8 +232,9 @@ class PolygonsSettings(PrimitiveSettings):
         description="file of triangles, relative to the scene file, as of a [[solid]]; colours are not read"
     )
 
-    def load(self, folder: Path) -> Polygons:
-        """As `PrimitiveSettings.load`."""
+    def load(self, folder: Path, optical_depth: float) -> Polygons:
+        """As `PrimitiveSettings.load`; what is thin says its opacity."""
+        del optical_depth
         from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
 
         source = self.source(folder)

@@ -142,6 +142,10 @@ class Primitives(MarchedBody):
         positions, reach = self.positions[held], self.radii[held][:, None]
         return np.stack([(positions - reach).min(axis=0), (positions + reach).max(axis=0)])
 
+    def outline(self) -> NDArray[np.float64]:
+        """As `Body.outline`: their middles."""
+        return self.positions
+
     @property
     def largest_density(self) -> NDArray[np.float64]:
         """What no density is greater than, [3]: as if all were at one place."""

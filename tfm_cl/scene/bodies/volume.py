@@ -16,12 +16,15 @@ from tfm_cl.files import volume_io
 from tfm_cl.files.paths import source_of
 from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, read_colour
 from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
-from tfm_cl.files.volume_io.leaves import Index, Leaves, NotDensities
+from tfm_cl.files.volume_io.leaves import LEAF, Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.medium import Medium, parse_medium
+
+WISP = 0.02
+"""Of the typical density: what has less is not looked at."""
 
 
 class Volume(MarchedBody):
@@ -418,6 +421,15 @@ class Volume(MarchedBody):
     def detail(self) -> float:
         """The shortest edge of a voxel, world units."""
         return float(self.voxel_size.min())
+
+    def outline(self) -> NDArray[np.float64]:
+        """As `Body.outline`: the middles of blocks of 4³ voxels, without wisps and what is fainter."""
+        leaves = self.leaves
+        halves = leaves.values.reshape(-1, 2, 4, 2, 4, 2, 4).mean(axis=(2, 4, 6))
+        leaf, *block = np.nonzero(halves > WISP * self._voxels.typical)
+        z, y, x = (LEAF * leaves.coordinates[leaf] - leaves.first + 4 * np.stack(block, axis=-1) + 1.5).T
+        matrix = self.world_from_index
+        return np.stack([x, y, z], axis=-1) @ matrix[:3, :3].T + matrix[:3, 3]
 
     @property
     def longest_ray(self) -> float:
