@@ -27,7 +27,8 @@ def test_the_wheel_renders_from_an_empty_directory(tmp_path):
         if path.is_file()
     }
     assert {f"tfm_cl/{name}" for name in sources} <= set(names)
-    assert "tfm_cl/py.typed" in names
+    assert {"tfm_cl/py.typed", "tfm_cl/files/hosek_wilkie.npz"} <= set(names)
+    assert [name for name in names if name.endswith("licenses/tfm_cl/files/hosek_wilkie.LICENSE")]
     assert not [name for name in names if name.startswith(("tests", "volumes", "scripts"))]
 
     # -P and PYTHONPATH: the installed package, not the checkout's.

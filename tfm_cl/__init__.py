@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         Volume,
     )
     from tfm_cl.scene.camera import Camera
-    from tfm_cl.scene.lights import EnvironmentLight, PointLight, SpotLight, SunLight
+    from tfm_cl.scene.lights import EnvironmentLight, PointLight, SkyLight, SpotLight, SunLight
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.phases import (
         DoubleHenyeyGreenstein,
@@ -77,6 +77,7 @@ _HOME = {
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
     "ShadowSettings": "scene.settings",
+    "SkyLight": "scene.lights",
     "SphereSolid": "scene.solids",
     "SphereVolume": "scene.bodies",
     "SpotLight": "scene.lights",
@@ -122,6 +123,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "ShadowSettings",
+    "SkyLight",
     "SphereSolid",
     "SphereVolume",
     "SpotLight",

@@ -198,6 +198,21 @@ def test_a_light_within_the_volume_is_not_too_faint():
     assert light.intensity[0] == pytest.approx(INTENSITY * radius**2, rel=0.006)
 
 
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1)], ids=str)
+def test_a_sky_has_its_sun_over_where_the_spot_is(up):
+    camera = camera_for([VOLUMES["bare"]], up=up)
+    spot, sky = (light_for([VOLUMES["bare"]], camera, type=kind) for kind in ("spot", "sky"))
+    parts = sky.parts()
+    sun = np.array(parts[-1].from_)  # the last one is the sun itself
+    across = [np.cross(way, up) for way in (np.subtract(spot.from_, spot.to), sun)]
+    cosine = across[0] @ across[1] / np.linalg.norm(across[0]) / np.linalg.norm(across[1])
+    assert cosine == pytest.approx(1, abs=1e-4)
+    assert sun @ up == pytest.approx(np.sin(np.radians(sky.elevation)))
+    luminance = np.sum([part.intensity for part in parts], axis=0) @ (0.2126, 0.7152, 0.0722)
+    assert luminance == pytest.approx(INTENSITY, rel=0.05)
+    assert light_for([VOLUMES["bare"]], camera, type="sky", azimuth=7, up=(1, 0, 0)).azimuth == 7
+
+
 @TYPES
 def test_keys_that_a_type_does_not_have_are_refused(kind):
     known = {"spot": {"to", "cone"}, "sun": {"to"}, "point": set(), "environment": set()}[kind]
@@ -213,7 +228,7 @@ def test_keys_that_a_type_does_not_have_are_refused(kind):
 @pytest.mark.parametrize("kind", ["disco", 3, ["spot"], None])
 def test_an_unknown_type_is_refused(kind):
     with pytest.raises(
-        SceneError, match=r"light\.type: unknown light .*known: spot, sun, point, environment"
+        SceneError, match=r"light\.type: unknown light .*known: spot, sun, point, environment, sky"
     ):
         light_for([VOLUMES["bare"]], camera_for([VOLUMES["bare"]]), type=kind)
 

@@ -17,6 +17,8 @@ from tfm_cl.limits import LARGEST_COLOUR
 
 TEXTURE_RES = 2048
 """Largest number of texels along each side; larger images are downsampled to it."""
+PANORAMA_RES = 8192
+"""The same of an image of surroundings that the camera sees."""
 KEPT = 4
 """Images kept for the next render (50 MiB each at most), besides those that a scene holds."""
 
@@ -48,6 +50,17 @@ def texture_for(path: str, intensity: tuple[float, float, float]) -> NDArray[np.
     image = _image(path, stamp(path))
     check_brightness(path, float(image.max()), intensity)
     return image
+
+
+def panorama_for(path: str) -> NDArray[np.float32]:
+    """Return an image [height, width, RGB] of surroundings, read-only, at most `PANORAMA_RES` per side.
+
+    Raises
+    ------
+    SceneError
+        As `read`.
+    """
+    return _panorama(path, stamp(path))
 
 
 def read(path: str) -> NDArray[np.float32]:
@@ -130,6 +143,15 @@ def _image(path: str, stamp: tuple[int, int]) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=KEPT)
 def _kept(path: str, _stamp: tuple[int, int]) -> NDArray[np.float32]:
-    image = np.array(reduced(read(path)), dtype=np.float32, order="C")
+    return _read_only(reduced(read(path)))
+
+
+@lru_cache(maxsize=1)
+def _panorama(path: str, _stamp: tuple[int, int]) -> NDArray[np.float32]:
+    return _read_only(reduced(read(path), PANORAMA_RES))
+
+
+def _read_only(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    image = np.array(image, dtype=np.float32, order="C")
     image.flags.writeable = False
     return image

@@ -32,3 +32,17 @@ def _facing(origin: Point, target: Point) -> NDArray[np.float64]:
     # Any up will do that is not along the axis.
     up = (0.0, 1.0, 0.0) if abs(axis[1]) < 0.99 * np.linalg.norm(axis) else (0.0, 0.0, 1.0)
     return look_at(origin, target, up)
+
+
+def from_y_up(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the smallest rotation, 3×3, that takes +y to a vector of any length; none for length 0."""
+    length = float(np.linalg.norm(up))
+    if length == 0:
+        return np.eye(3)
+    x, y, z = up / length
+    one_plus_y = 1 + y if y > 0 else (x * x + z * z) / (1 - y)  # which keeps its digits near -1
+    if one_plus_y == 0:
+        return np.diag([-1.0, -1.0, 1.0])  # of all half turns across y the one that stays in front
+    cross = np.array([[0, x, 0], [-x, 0, -z], [0, z, 0]])  # v ↦ (y × up) × v
+    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / one_plus_y
+    return rotation

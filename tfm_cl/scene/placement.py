@@ -11,7 +11,9 @@ from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import Vec3
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.frames import from_y_up
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
+from tfm_cl.scene.lights.surroundings import Surroundings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,13 +64,15 @@ def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Ligh
     whatever the type, falloff and distance.
     """
     kind = given.get("type", "spot")
-    keys = LIGHTS[kind].keys() if isinstance(kind, str) and kind in LIGHTS else {}
-    if "from" not in keys:
-        given.setdefault("intensity", round(INTENSITY / (4 * math.pi), 2))
-        return parse_light(given)
-    centre, radius = _sphere(bodies)
+    known = LIGHTS.get(kind) if isinstance(kind, str) else None
+    if known is None:
+        return parse_light(given)  # which refuses it
     right, up, forward = camera.world_from_camera[:3, :3].T
     left_up_front = TOWARDS_LIGHT[0] * right + TOWARDS_LIGHT[1] * up - TOWARDS_LIGHT[2] * forward
+    if issubclass(known, Surroundings):
+        return parse_light(known.placed(INTENSITY, left_up_front, camera.up) | given)
+    keys = known.keys()
+    centre, radius = _sphere(bodies)
     given.setdefault("from", _along(centre, left_up_front, LIGHT_DISTANCE * radius, radius))
     if "to" in keys:
         given.setdefault("to", _point(centre, radius))
@@ -113,17 +117,7 @@ def _vector(value: Any) -> np.ndarray:
 
 def _from_y_up(up: Any) -> np.ndarray:
     """Return the smallest rotation, 3×3, that takes +y to ``up``; none for what the camera will refuse."""
-    vector = _vector(up)
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        return np.eye(3)
-    x, y, z = vector / length
-    one_plus_y = 1 + y if y > 0 else (x * x + z * z) / (1 - y)  # which keeps its digits near -1
-    if one_plus_y == 0:
-        return np.diag([-1.0, -1.0, 1.0])  # of all half turns across y the one that stays in front
-    cross = np.array([[0, x, 0], [-x, 0, -z], [0, z, 0]])  # v ↦ (y × up) × v
-    rotation: np.ndarray = np.eye(3) + cross + cross @ cross / one_plus_y
-    return rotation
+    return from_y_up(_vector(up))
 
 
 def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Vec3:

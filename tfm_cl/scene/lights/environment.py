@@ -2,25 +2,26 @@
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import ClassVar, Literal, NoReturn, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.errors import SceneError
-from tfm_cl.files.texture import ImagePath, check_brightness, read, stamp
+from tfm_cl.files.texture import ImagePath, check_brightness, panorama_for, read, stamp
 from tfm_cl.model import RGB
 from tfm_cl.scene.lights.area import MOST_SAMPLES, sphere_directions
-from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+from tfm_cl.scene.lights.base import Floats, Light
+from tfm_cl.scene.lights.panorama import means
 from tfm_cl.scene.lights.sun import SunLight
+from tfm_cl.scene.lights.surroundings import Surroundings
 
 BLOCKS = (512, 1024)
 """Largest size of an environment image, rows and columns, after downsampling; then each pixel is assigned to
 the nearest direction."""
 
 
-class EnvironmentLight(Light):
+class EnvironmentLight(Surroundings):
     """Radiance from all directions, as the sum of suns in fixed directions, each with a map of its own.
 
     ``texture`` is a latitude-longitude image with +y up, as OpenEXR defines it: the top row is +y, the
@@ -29,10 +30,10 @@ class EnvironmentLight(Light):
     """
 
     HEADER: ClassVar[str] = SunLight.HEADER
+    WHOLE: ClassVar[float] = 4 * np.pi
 
     type: Literal["environment"] = "environment"
     intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB radiance, or factor of the image")
-    falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
     texture: ImagePath = Field(
         "",
         description="latitude-longitude image of the radiance, +y up, +z in the centre: .png .exr .npy; "
@@ -71,46 +72,11 @@ class EnvironmentLight(Light):
         """Sum the texture up for its parts, which is kept."""
         self.parts()
 
-    @property
-    def needs_fitting(self) -> bool:
-        """Whether its parts must be fitted."""
-        return True
-
-    def frame(self) -> LightFrame:
-        """Raise an error: only its parts have maps."""
-        self._refuse()
-
-    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
-        """Return itself: only its parts have maps."""
-        del bounds, everything
-        return self
-
-    def footprint(self, distance: float) -> float:
-        """Raise an error: only its parts have maps."""
-        del distance
-        self._refuse()
-
-    def rays(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Raise an error: only its parts have rays."""
-        del positions
-        self._refuse()
-
-    def begins(self, points: Floats) -> Floats:
-        """Raise an error: only its parts have rays."""
-        del points
-        self._refuse()
-
-    def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
-        """Raise an error: only its parts arrive from a single direction."""
-        del points, nearest
-        self._refuse()
-
-    def source_distance(self, points: Floats) -> Floats:
-        """Infinite."""
-        return np.full(len(points), np.inf)
-
-    def _refuse(self) -> NoReturn:
-        raise SceneError("light: an environment has no map of its own; use the maps of its parts()")
+    def radiance(self, directions: Floats, width: Floats) -> Floats:
+        """As `Surroundings.radiance`: the image between its pixels, or the mean of those in the width."""
+        if not self.texture:
+            return np.broadcast_to(np.asarray(self.intensity), directions.shape)
+        return np.multiply(self.intensity, means(panorama_for(self.texture), directions, width))
 
 
 def directions_of(rows: Floats, columns: Floats) -> Floats:

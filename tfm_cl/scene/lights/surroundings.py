@@ -1,0 +1,81 @@
+"""Light from infinitely far away all around, which the camera can see as well."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal, NoReturn, Self
+
+import numpy as np
+from pydantic import Field
+
+from tfm_cl.errors import SceneError
+from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+
+
+class Surroundings(Light):
+    """Radiance from all directions, as the sum of suns in fixed directions, each with a map of its own."""
+
+    WHOLE: ClassVar[float]
+    """What arrives from all directions together where ``intensity`` is 1; roughly, where that varies."""
+
+    falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
+
+    @abstractmethod
+    def radiance(self, directions: Floats, width: Floats) -> Floats:
+        """Radiance [n, RGB] that is seen in unit directions [n, 3], world, where nothing is in the way.
+
+        Parameters
+        ----------
+        width
+            [n], > 0: angle in radians across what is seen, of which this is the mean.
+
+        Raises
+        ------
+        SceneError
+            A file that cannot be used.
+        """
+
+    @classmethod
+    def placed(cls, irradiance: float, direction: Floats, up: tuple[float, float, float]) -> dict[str, Any]:
+        """Return keys of a scene file for about as much light, from a direction [3] if it has one."""
+        del direction, up
+        return {"intensity": round(irradiance / cls.WHOLE, 2)}
+
+    @property
+    def needs_fitting(self) -> bool:
+        """Whether its parts must be fitted."""
+        return True
+
+    def frame(self) -> LightFrame:
+        """Raise an error: only its parts have maps."""
+        self._refuse()
+
+    def fitted(self, bounds: Floats, everything: Floats | None = None) -> Self:
+        """Return itself: only its parts have maps."""
+        del bounds, everything
+        return self
+
+    def footprint(self, distance: float) -> float:
+        """Raise an error: only its parts have maps."""
+        del distance
+        self._refuse()
+
+    def rays(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Raise an error: only its parts have rays."""
+        del positions
+        self._refuse()
+
+    def begins(self, points: Floats) -> Floats:
+        """Raise an error: only its parts have rays."""
+        del points
+        self._refuse()
+
+    def arrival(self, points: Floats, nearest: float = 0.0) -> Arrival:
+        """Raise an error: only its parts arrive from a single direction."""
+        del points, nearest
+        self._refuse()
+
+    def source_distance(self, points: Floats) -> Floats:
+        """Infinite."""
+        return np.full(len(points), np.inf)
+
+    def _refuse(self) -> NoReturn:
+        raise SceneError(f"light: type '{self.type}' has no map of its own; use the maps of its parts()")
