@@ -150,7 +150,8 @@ def _three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[flo
     return x, y, z
 
 
-def _colour(value: Any) -> tuple[float, float, float]:
+def as_colour(value: Any) -> tuple[float, float, float]:
+    """Return three channels ≥ 0; raises `ValueError` for what is neither a number nor three of them."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         value = (value, value, value)
     try:
@@ -233,7 +234,7 @@ def count_or_auto(largest: int) -> PlainValidator:
 Vec3 = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
 """A point or vector in world units; lists, tuples and arrays are accepted."""
 
-RGB = Annotated[tuple[float, float, float], BeforeValidator(_colour)]
+RGB = Annotated[tuple[float, float, float], BeforeValidator(as_colour)]
 """Three channels ≥ 0, scene-linear Rec. 709; one number means grey."""
 
 

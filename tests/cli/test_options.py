@@ -268,6 +268,16 @@ def test_what_is_on_or_off_has_a_flag_for_each(resolved):
     assert as_flags({"image.dither": False, "image.transparent": True}) == "--no-dither --transparent"
 
 
+def test_a_sky_behind_the_picture_is_printed_for_the_next_run(cli, scene, folder):
+    sky = ("--light-type", "sky", "--set", "light.elevation=5", "--background", "environment")
+    done = cli("render", scene.parent / "smoke.npz", "--print-config", *sky)
+    config = tomllib.loads(done.out)
+    assert config["image"]["background"] == "environment"
+    assert (config["light"][0]["type"], config["light"][0]["elevation"]) == ("sky", 5)
+    (folder / "again.toml").write_text(done.out)
+    assert cli("render", "again.toml", "--print-config").out == done.out
+
+
 def test_set_reaches_every_light(resolved):
     config = resolved("--set", "light.0.cone=30", "--set", "light.1.cone=31", "--set", "light.1.blend=1")
     assert [light["cone"] for light in config["light"]] == [30, 31]

@@ -261,6 +261,22 @@ def test_a_background_is_behind_the_picture(render, cloud):
     np.testing.assert_array_equal(load_image("b.png"), load_image("a.png"))
 
 
+@pytest.mark.slow
+def test_a_sky_is_behind_the_picture_it_lights(render, cloud):
+    sky = ("--light-type", "sky", "--set", "light.samples=3")
+    render(cloud, "-o", "a.npy", *sky)
+    render(cloud, "-o", "b.npy", "-o", "b.png", *sky, "--background", "environment", "--exposure", "auto")
+    a, b = pixels("a.npy"), pixels("b.npy")
+    np.testing.assert_array_equal(a[..., 3], b[..., 3])
+    empty = a[..., 3] == 0
+    assert empty.any()
+    assert not a[empty].any()
+    assert (b[empty][:, :3] > 0.05).all()
+    assert "note: c.png: has alpha in place of the background" in (
+        render(cloud, "-o", "c.png", *sky, "--background", "environment", "--transparent").err
+    )
+
+
 def test_a_dark_picture_before_a_background_is_no_warning(render, cloud):
     dark = ("--density-scale", "1", "--intensity", "0")
     assert "the picture is black" in render(cloud, "-o", "a.png", *dark).err

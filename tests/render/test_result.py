@@ -11,6 +11,7 @@ import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io import load_image
 from tfm_cl.render.result import RenderResult, RenderStats
+from tfm_cl.scene.background import radiance_behind
 
 ROUNDED = 3e-7
 """Of float32: a product and a sum."""
@@ -61,6 +62,21 @@ def test_a_background_is_seen_through_the_medium_but_not_through_solids(through)
     assert through.over(0.25).background == (0.25, 0.25, 0.25)
     with pytest.raises(SceneError, match=r"^image\.background = -1: should be ≥ 0"):
         through.over(-1)
+
+
+def test_surroundings_are_seen_through_each_channel_where_the_crop_is(through):
+    light = tfm.SkyLight(elevation=20)
+    result = replace(through, scene=through.scene.replace(lights=[light]))
+    over = result.over("environment")
+    behind = radiance_behind([light], result.scene.camera)[5:13, 3:12]
+    behind[0] = 0  # a solid
+    expected = result.image[..., :3] + behind * result.aovs["transmittance"]
+    np.testing.assert_allclose(over.image[..., :3], expected, rtol=ROUNDED)
+    np.testing.assert_array_equal(over.image[..., 3], result.image[..., 3])
+    assert over.background == "environment"
+    assert over.picture(transparent=True) is result.image
+    with pytest.raises(SceneError, match=r"^image\.background = 'environment': no light of the scene"):
+        through.over("environment")
 
 
 def test_a_transparent_picture_has_no_background(through, tmp_path):

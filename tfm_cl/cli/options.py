@@ -16,6 +16,7 @@ from tfm_cl.model import Model
 from tfm_cl.scene.lights import LIGHTS, SpotLight
 from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
+from tfm_cl.scene.settings import ENVIRONMENT
 
 
 def numbers(text: str) -> Any:
@@ -30,6 +31,11 @@ def numbers(text: str) -> Any:
 def number_or_auto(text: str) -> Any:
     """``1.5`` or ``auto``."""
     return text if text == "auto" else numbers(text)
+
+
+def colour_or_environment(text: str) -> Any:
+    """``1,2,3``, ``1`` or ``environment``."""
+    return text if text == ENVIRONMENT else numbers(text)
 
 
 def count_or_auto(text: str) -> Any:
@@ -114,7 +120,7 @@ class SceneOption:
 
     def shown(self, value: Any) -> str:
         """Write a value as the flag takes it, to the last digit."""
-        grey = self.metavar == COLOUR and len(set(value)) == 1
+        grey = self.metavar.startswith(COLOUR) and len(set(value)) == 1
         return _shown(value[0] if grey else value)
 
     def given(self, value: Any) -> str:
@@ -129,7 +135,7 @@ SCENE_OPTIONS = (
     SceneOption("Image", "--crop", "image.crop", "X0,Y0,X1,Y1", pixels, "the whole frame"),
     SceneOption("Image", "--exposure", "image.exposure", "STOPS|auto", number_or_auto),
     SceneOption("Image", "--view", "image.view", "", click.Choice(list(VIEWS))),
-    SceneOption("Image", "--background", "image.background", COLOUR, numbers),
+    SceneOption("Image", "--background", "image.background", f"{COLOUR}|environment", colour_or_environment),
     SceneOption("Image", "--transparent", "image.transparent", "", click.BOOL),
     SceneOption("Image", "--png-bits", "image.png_bits", "8|16", click.INT),
     SceneOption("Image", "--dither", "image.dither", "", click.BOOL),

@@ -199,7 +199,7 @@ def _exposure(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSet
 def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
     """Say which outputs are without the layers or the background asked for."""
     for path in outputs:
-        if image.transparent and any(image.background) and path.suffix.lower() == ".png":
+        if image.transparent and image.has_background and path.suffix.lower() == ".png":
             print(
                 f"tfm: note: {path}: has alpha in place of the background (--no-transparent shows it)",
                 file=sys.stderr,

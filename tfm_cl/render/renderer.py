@@ -29,6 +29,7 @@ from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.render.visibility import Visibility
+from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.layers import LAYERS, Layers
 from tfm_cl.scene.settings import ImageSettings
@@ -223,21 +224,25 @@ class Renderer:
         aovs
             Layers that cost extra and are made only when named: ``map_error``, ``lattice_error``.
         background
-            RGB radiance behind media and solids, see `RenderResult.over`; one number means grey.
+            RGB radiance behind media and solids, one number for grey, or ``"environment"``: see
+            `RenderResult.over`.
         progress
             Called as ``progress(stage, fraction)``.
 
         Raises
         ------
         SceneError
-            Unknown method, a crop outside the frame, maps of another scene, or no colour as the background.
+            Unknown method, a crop outside the frame, maps of another scene, or no colour as the background;
+            ``"environment"`` where no light is one.
         DeviceError
             Memory or compilation.
         CancelledError
             `cancel` was called meanwhile.
         """
         self._launcher.begin()
-        background = ImageSettings(background=background).background  # before anything is rendered
+        image = ImageSettings(background=background)  # before anything is rendered
+        if image.shows_environment:
+            check_surrounded(scene.lights)
         scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         asks_for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
@@ -246,8 +251,8 @@ class Renderer:
             limited = ()
         result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
         result.stats.error_estimate = estimate
-        if any(background):
-            result = result.over(background)
+        if image.has_background:
+            result = result.over(image.background)
         left_out = filter(None, [lattice.left_out(scene)] if asks_for_lattice else [])
         result = replace(result, warnings=(*limited, *result.warnings, *left_out))
         if diagnosis.is_black(result.image):

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
-from tfm_cl.scene.settings import ImageSettings
+from tfm_cl.scene.background import check_surrounded, radiance_behind
+from tfm_cl.scene.settings import Background, ImageSettings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,8 +87,8 @@ class RenderResult:
     """Things a user should know: one line each."""
     lit: bool = True
     """Whether the camera sees any of the medium where lights reach, were nothing in their way."""
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """RGB radiance behind all that ``image`` shows."""
+    background: Background = (0.0, 0.0, 0.0)
+    """RGB radiance behind all that ``image`` shows, or ``"environment"``."""
     foreground: NDArray[np.float32] | None = None
     """``image`` without the background; None without one."""
 
@@ -100,23 +101,31 @@ class RenderResult:
         Parameters
         ----------
         background
-            RGB radiance, scene-linear; one number means grey, 0 none.
+            RGB radiance, scene-linear; one number means grey, 0 none. Or ``"environment"``: what the camera
+            sees of the scene's environment and sky lights, which add up; each pixel shows the mean over
+            about its solid angle.
 
         Raises
         ------
         SceneError
-            Not such a colour.
+            Neither; no such light, or an image that cannot be used.
         """
-        rgb = ImageSettings(background=background).background
+        settings = ImageSettings(background=background)
         bare = self.picture(transparent=True)
-        if not any(rgb):
-            return replace(self, image=bare, background=rgb, foreground=None)
-        behind = self.aovs["transmittance"] * np.array(rgb, np.float32)
+        if not settings.has_background:
+            return replace(self, image=bare, background=settings.background, foreground=None)
+        scene = self.scene
+        if settings.shows_environment:
+            check_surrounded(scene.lights)
+            behind = radiance_behind(scene.lights, scene.camera, self.crop)
+        else:
+            behind = np.array(settings.background, np.float32)
+        behind = self.aovs["transmittance"] * behind
         if "solid_distance" in self.aovs:
             behind[self.aovs["solid_distance"] > 0] = 0
         image = bare.copy()
         image[..., :3] += behind
-        return replace(self, image=image, background=rgb, foreground=bare)
+        return replace(self, image=image, background=settings.background, foreground=bare)
 
     def picture(self, *, transparent: bool = False) -> NDArray[np.float32]:
         """Return what a PNG shows, [H, W, 4]: with alpha, the picture without its background."""

@@ -24,6 +24,7 @@ from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
+from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera, outdone
@@ -284,6 +285,8 @@ class SceneFile:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
                 lights = (placement.light_for(bodies, camera, **placed),)
             self._check_crop(camera)
+            if self.image.shows_environment:
+                check_surrounded(lights)
             return scene_class(
                 bodies,
                 self.medium,

@@ -2,14 +2,14 @@
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from tfm_cl.errors import unknown_key
 from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
-from tfm_cl.model import RGB, Model, count_or_auto, in_words, number_or_auto, number_or_none
+from tfm_cl.model import Model, as_colour, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import LAYERS
 
 MAX_WEIGHTING = 1e6
@@ -24,6 +24,9 @@ SHADOW_FILTERS = {"nearest": 1, "pcf": 2}
 """Values of the kernels' ``TFM_SHADOW`` by the filter's name in scene files; 0 is for scenes without
 solids."""
 MAX_STEPS = 100_000
+ENVIRONMENT: Literal["environment"] = "environment"
+Background = tuple[float, float, float] | Literal["environment"]
+"""RGB radiance, or ``"environment"``: what the camera sees of the scene's environment and sky lights."""
 
 
 def _basis(value: Any) -> Any:
@@ -226,6 +229,16 @@ def _aovs(value: Any) -> Any:
     return tuple(dict.fromkeys(value))
 
 
+def _background(value: Any) -> Any:
+    if isinstance(value, str) and value == ENVIRONMENT:
+        return value
+    try:
+        return as_colour(value)
+    except ValueError as error:
+        hint = f", or '{ENVIRONMENT}'" if isinstance(value, str) else ""
+        raise ValueError(f"{error}{hint}") from None
+
+
 def _view(value: Any) -> Any:
     if not isinstance(value, str) or value not in VIEWS:
         raise ValueError(unknown_key(str(value), list(VIEWS)).replace("key", "view"))
@@ -248,10 +261,11 @@ class ImageSettings(Model):
         description="how light is shown, PNG only. "
         + "; ".join(f"{view.NAME}: {view.SUMMARY}" for view in VIEWS.values()),
     )
-    background: RGB = Field(
+    background: Annotated[Background, PlainValidator(_background)] = Field(
         (0.0, 0.0, 0.0),
-        description="RGB radiance behind media and solids, scene-linear, which lights nothing: added as far "
-        "as the media let it through; alpha and layers are without it",
+        description="behind media and solids: RGB radiance, scene-linear, which lights nothing; or "
+        "environment: what the camera sees of environment and sky lights; added as far as the media let it "
+        "through; alpha and layers are without it",
     )
     transparent: bool = Field(
         default=False, description="write alpha, PNG only, and no background; otherwise over the background"
@@ -267,6 +281,16 @@ class ImageSettings(Model):
     pixel_type: Literal["float", "half"] = Field(
         "float", description="type of the colour channels in EXR files"
     )
+
+    @property
+    def shows_environment(self) -> bool:
+        """Whether the lights that surround the scene are behind it."""
+        return self.background == ENVIRONMENT
+
+    @property
+    def has_background(self) -> bool:
+        """Whether there is anything behind media and solids."""
+        return self.shows_environment or any(self.background)
 
     @property
     def png(self) -> PngOptions:
