@@ -3,7 +3,7 @@
 Hosek and Wilkie, "An Analytic Model for Full Spectral Sky-Dome Radiance", ACM Transactions on Graphics 31(4),
 2012, and "Adding a Solar-Radiance Function to the Hošek–Wilkie Skylight Model", IEEE CG&A 33(3), 2013. Their
 numbers for linear Rec. 709 are in `tfm_cl.files.hosek_wilkie`. The Prague models that followed (2021, 2022)
-need hundreds of megabytes of numbers, and no small library computes them.
+need a hundred megabytes of numbers and more; the one library of them on PyPI, skylight, is under the GPL.
 
 The models end at the horizon. The ground is ours: even and diffuse, it fades into the haze.
 
