@@ -22,6 +22,7 @@ typedef struct {
   Floats phase;
 #else
   Floats mu; /* cosine between its travel and the direction to the camera */
+  MEDIUM media; /* with the phase functions for this light */
 #if TFM_TANGENTS
   FibreAngles fibres;
 #endif
@@ -60,12 +61,13 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   (void)tangents;
 #endif
 #if TFM_MEDIA == 1
-  arrival.phase = PHASE_OF(scene->media, mu, &fibres);
+  arrival.phase = PHASE_OF(scene->media + light->first_phase, mu, &fibres);
 #else
 #if TFM_TANGENTS
   arrival.fibres = fibres;
 #endif
   arrival.mu = mu;
+  arrival.media = scene->media + light->first_phase;
 #endif
   arrival.strength = sample.strength;
   arrival.visible = is_lit ? floats(1.0f) : light_visibility(light, buffers->shadow, sample);
@@ -108,7 +110,7 @@ TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArriva
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
     scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] *
-                 PHASE_AND_WAY(&media[m], PHASE_OF(&media[m], arrival->mu, &arrival->fibres), way);
+                 PHASE_AND_WAY(&media[m], PHASE_OF(&arrival->media[m], arrival->mu, &arrival->fibres), way);
   const Floats extinct = extinguished(media, step, colour);
   Floats source = extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
 #endif

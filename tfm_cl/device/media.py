@@ -19,6 +19,7 @@ from tfm_cl.scene.bodies.homogeneous import SHAPES
 from tfm_cl.scene.bodies.thin import ThinPrimitives
 from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.phases.base import PHASES
+from tfm_cl.scene.phases.widened import widened
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -83,7 +84,7 @@ def media_on_device(
     Parameters
     ----------
     scene
-        What to render; only its bodies, their media, and ``march.skip_empty`` matter.
+        What to render; only its bodies, their media, ``march.skip_empty`` and `Scene.spreads` matter.
     bricks
         The voxels of its grids, then of its flames; None where it has none.
     primitives
@@ -93,7 +94,11 @@ def media_on_device(
     """
     flames, bodies = scene.flames, scene.homogeneous
     fields = fields_of(scene)
-    media = list(dict.fromkeys(scene.medium_of(body) for body in (*scene.bodies, *flames)))
+    media = list(scene.media)
+    # All media once more for lights from a part of the sky, with the phase functions that these see.
+    for_lights = [
+        medium.replace(phase=widened(medium.phase, spread)) for spread in scene.spreads for medium in media
+    ]
     is_coloured = any(body.colour is not None for body in scene.marched)
     channels = 3 if flames or is_coloured else 1
     of_grids = {} if bricks is None else bricks.arguments
@@ -102,7 +107,7 @@ def media_on_device(
     met_by_camera = _of_boxes(bricks, primitives, len(scene.grids) + len(flames), channels)
     numbers_of_media = [media.index(scene.medium_of(body)) for body in scene.primitives]
     of_amounts = np.eye(3) if channels == 3 else np.outer([1, 0, 0], [1, 0, 0])  # noqa: PLR2004 - RGB
-    phases = list(dict.fromkeys(type(medium.phase) for medium in media))
+    phases = list(dict.fromkeys(type(medium.phase) for medium in for_lights))
     kinds = [kind for kind in SHAPES.values() if any(isinstance(body, kind) for body in bodies)]
     numbers = list(PHASES.values())
     of_grid_fields = [
@@ -173,7 +178,7 @@ def media_on_device(
             },
         },
         arguments={
-            "media": launcher.upload("the media", medium_structs(media)),
+            "media": launcher.upload("the media", medium_structs(for_lights)),
             "bodies": launcher.upload("the bodies", body_structs(scene)),
             "grids": launcher.upload("the grids", grid_structs(scene, bricks, margin=margin, flames=True)),
             **of_grids,

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds
+from tfm_cl.scene.phases.widened import widened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -142,7 +143,7 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
         return []
     grids = marched(scene)
     bounds, edge = occupied_bounds(grids), _longest_edge(scene)
-    phase = scene.medium_of(scene.grids[0]).phase
+    medium = scene.medium_of(scene.grids[0])
     to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
     found = []
     for number, light in enumerate(scene.lights):
@@ -152,6 +153,7 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)
             # Of d⁻², whose logarithm is interpolated.
             falloff = of_light**2 / 4 if light.falloff == "inverse-square" else 0.0
+            phase = widened(medium.phase, light.spread)
             found.append((number, turned_error(phase, rounded) + falloff))
     return found
 

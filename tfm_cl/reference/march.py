@@ -20,6 +20,7 @@ from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.phases.base import Phase
 from tfm_cl.scene.phases.kajiya_kay import KajiyaKay
+from tfm_cl.scene.phases.widened import widened
 
 LEAST_CUTOFF = 1e-7
 """Transmittance at which a camera ray ends that nothing else ends."""
@@ -194,15 +195,17 @@ def scattered(matter: Matter, step: Step) -> Floats:
     return _over_depth(step, _summed(matter.sigma_s, step.amounts))
 
 
-def scattered_light(matter: Matter, step: Step, ways: tuple[Floats, Floats], transmittance: Floats) -> Floats:
+def scattered_light(
+    matter: Matter, step: Step, ways: tuple[Floats, Floats], transmittance: Floats, spread: float = 0.0
+) -> Floats:
     """Part of a step's opacity that scatters a light to the camera, per steradian, ``[n, RGB]``.
 
-    ``ways``: directions ``[n, 3]`` of the light's travel, and to the camera; ``transmittance`` ``[n, RGB]``:
-    of the bodies between the light and the step.
+    ``spread``: of the light; ``ways``: directions ``[n, 3]`` of its travel, and to the camera;
+    ``transmittance`` ``[n, RGB]``: of the bodies between the light and the step.
     """
     amounts = []
     for amount, medium in zip(step.amounts, matter.media, strict=True):
-        phase = _phase(medium.phase, step, *ways)[:, None]
+        phase = _phase(widened(medium.phase, spread), step, *ways)[:, None]
         octaves = [
             (lobe * phase + even) * transmittance**depth for depth, lobe, even in medium.octave_terms.T
         ]

@@ -324,7 +324,7 @@ def _scattered(
         )  # what is thin does not shade itself
         transmitted = light.transmittance(scene, points=points - before[:, None] * arrival.direction)
         visible = obstacles.visibility(light.light, points)[:, None]
-        source = scattered_light(matter, step, ways, transmitted) * light.arrives(points)
+        source = scattered_light(matter, step, ways, transmitted, light.light.spread) * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
         radiance[pixels] += step.opacity * source * visible
         reached[pixels] += opacity * transmitted * visible

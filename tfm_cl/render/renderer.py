@@ -168,6 +168,7 @@ class Renderer:
             scene.bodies,
             tuple(body.density_key for body in (*scene.marched, *scene.flames)),
             scene.medium,
+            scene.spreads,
             tuple(scene.medium_of(body).phase.content for body in scene.bodies),
             scene.march.skip_empty,
             world_from_device(scene).tobytes(),

@@ -171,6 +171,16 @@ class Scene:
         return body.own_medium or self.medium
 
     @property
+    def media(self) -> tuple[Medium, ...]:
+        """What its bodies and flames are made of, each once, in order."""
+        return tuple(dict.fromkeys(self.medium_of(body) for body in (*self.bodies, *self.flames)))
+
+    @property
+    def spreads(self) -> tuple[float, ...]:
+        """The `Light.spread` of its lights, each once, ascending; one that has none is among them."""
+        return tuple(sorted({0.0, *(light.spread for light in self.lights)}))
+
+    @property
     def emits(self) -> bool:
         """Whether any body's medium emits light."""
         return bool(self.flames) or any(self.medium_of(body).emits for body in self.bodies)

@@ -87,6 +87,9 @@ LIGHT = Struct(
         Field("float", "shape", 4, "parameters of the light's kind"),
         Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
         Field("float", "intensity", 3, "RGB"),
+        Field(
+            "int", "first_phase", 1, "number of the first of the media that have the phase functions for it"
+        ),
         Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
         Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
         Field("int", "first_map", 1, "number of its first field's map"),

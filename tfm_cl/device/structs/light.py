@@ -31,6 +31,8 @@ def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
     structs["chart"] = [frame.chart for frame in frames]
     structs["cone_from_light"] = [_rotation(frame.cone_from_light) for frame in frames]
     structs["intensity"] = [light.intensity for light in lights]
+    which = np.searchsorted(scene.spreads, [light.spread for light in lights])
+    structs["first_phase"] = len(scene.media) * which
     structs["texture_size"] = 1
     # A sun is in no medium, wherever its map begins.
     placed = np.array([light.lit_cone() is not None for light in lights])

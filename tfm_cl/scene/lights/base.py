@@ -179,6 +179,11 @@ class Light(Model):
         return False
 
     @property
+    def spread(self) -> float:
+        """Radius, in radians, of the part of the sky that it stands for; 0: it comes from one direction."""
+        return 0.0
+
+    @property
     def has_even_depth(self) -> bool:
         """Whether even steps of its projective space are even in the world: constant `projective_depth`."""
         return True

@@ -63,8 +63,9 @@ class EnvironmentLight(Surroundings):
             check_brightness(self.texture, float(flux.max()), self.intensity)
         else:
             flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
+        spread = self.spread_of(self.samples)
         return tuple(
-            SunLight(from_=tuple(direction), to=(0, 0, 0), intensity=np.multiply(self.intensity, part))
+            SunLight.of_part(direction, np.multiply(self.intensity, part), spread)
             for direction, part in zip(directions, flux, strict=True)
         )
 

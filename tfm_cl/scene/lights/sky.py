@@ -88,12 +88,15 @@ class SkyLight(Surroundings):
         Each has all the light from around its direction.
         """
         directions, light = _shares(self._sky, self.samples)
+        spreads = [self.spread_of(self.samples)] * len(directions)
         if self.sun and self._sky.sun_irradiance.any():
             directions = np.concatenate([directions, [self._sky.sun]])
             light = np.concatenate([light, [self._sky.sun_irradiance]])
+            spreads.append(0.0)
+        directions = turned(directions, self._world_from_sky.T)
         return tuple(
-            SunLight(from_=tuple(direction), to=(0, 0, 0), intensity=np.multiply(self.intensity, part))
-            for direction, part in zip(turned(directions, self._world_from_sky.T), light, strict=True)
+            SunLight.of_part(direction, np.multiply(self.intensity, part), spread)
+            for direction, part, spread in zip(directions, light, spreads, strict=True)
         )
 
     def radiance(self, directions: Floats, width: Floats) -> Floats:

@@ -36,6 +36,7 @@ class SunLight(Light):
     falloff: Literal["none"] = Field("none", description="none: a sun is equally bright everywhere")
     _corners: Floats | None = PrivateAttr(default=None)
     _all_corners: Floats | None = PrivateAttr(default=None)
+    _spread: float = PrivateAttr(default=0.0)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -53,6 +54,29 @@ class SunLight(Light):
         sun._all_corners = None if everything is None else corners_of(everything)  # noqa: SLF001
         return sun
 
+    @classmethod
+    def of_part(cls, direction: Floats, irradiance: Floats, spread: float) -> Self:
+        """Return the light from a part of the sky.
+
+        Parameters
+        ----------
+        direction
+            [3], to the part.
+        irradiance
+            [RGB], on a plane facing it.
+        spread
+            As of `Light.spread`.
+        """
+        x, y, z = direction.tolist()
+        sun = cls(from_=(x, y, z), to=(0, 0, 0), intensity=tuple(irradiance.tolist()))
+        sun._spread = spread
+        return sun
+
+    @property
+    def spread(self) -> float:
+        """As `Light.spread`."""
+        return self._spread
+
     @property
     def needs_fitting(self) -> bool:
         """Whether the light has not been `fitted` yet."""
@@ -62,6 +86,7 @@ class SunLight(Light):
         """As `Model.replace`; the map stays fitted to the same bounds."""
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
+        sun._spread = self._spread  # noqa: SLF001
         return sun
 
     def frame(self) -> LightFrame:

@@ -18,6 +18,11 @@ class Surroundings(Light):
 
     falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
 
+    @staticmethod
+    def spread_of(count: int) -> float:
+        """Return the `Light.spread` of each of ``count`` equal parts of the sphere: disks of that area."""
+        return float(np.arccos(1 - 2 / max(count, 2)))
+
     @abstractmethod
     def radiance(self, directions: Floats, width: Floats) -> Floats:
         """Radiance [n, RGB] that is seen in unit directions [n, 3], world, where nothing is in the way.
