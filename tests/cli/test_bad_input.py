@@ -238,6 +238,16 @@ def test_the_volume_of_a_scene_is_not_overwritten(bad, scene):
         ),
         ('"cloud.npy"', '"cloud.npy"\n"a\\nb" = 1', r"unknown key 'a\nb' in [volume]"),
         ("", "cone = 90", "light 0: light.cone = 90"),
+        (
+            "",
+            'name = "a.b"',
+            "light 0: light.name = 'a.b': should be text of 1 to 23 letters",
+        ),
+        (
+            "",
+            'name = "2"\n[[light]]\nfrom = [9, 9, 9]\nto = [0, 0, 0]',
+            'light 1: light.name = "2": light 0 is',
+        ),
         ("", "[map]\nself = 1", "unknown key 'self' in [map]"),
         ("", "[map]\ncoeffs = 1" + "0" * 400, "should be a whole number from 1 to 512"),
         ("", "[march]\nmax_stretch = 1" + "0" * 400, "march.max_stretch"),

@@ -137,6 +137,7 @@ KEYS = [
     ("light.samples", "9", 9),
     ("light.reach", "7", 7),
     ("light.texture", "/nowhere/slide.png", "/nowhere/slide.png"),
+    ("light.name", "key", "key"),
     ("medium.temperature", "density", "density"),
     ("medium.temperature_offset", "0.5", 0.5),
     ("medium.temperature_scale", "0.25", 0.25),

@@ -74,6 +74,7 @@ intensity = [1, 2, 3]
 falloff = "inverse-square"
 reach = 7.5
 texture = "slide.png"
+name = "key"
 
 [[solid]]
 shape = "sphere"
@@ -206,6 +207,7 @@ def test_every_key_arrives(folder):
         falloff="inverse-square",
         reach=7.5,
         texture=str(folder / "slide.png"),
+        name="key",
     )
     assert scene.lights == (spot, tfm.SpotLight(from_=(-3, 4, 2), to=(0, 0, 0)))
     assert scene.map == tfm.MapSettings(

@@ -28,7 +28,7 @@ from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera, outdone
-from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
+from tfm_cl.scene.lights.base import LIGHTS, Light, names_of, parse_light
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.presets import PRESETS, expanded
@@ -252,7 +252,7 @@ class SceneFile:
             "volume": lambda bodies: _volumes(bodies, tables.get("medium"), folder),
             "medium": lambda medium: Medium.from_table(medium).beside(folder),
             "camera": _camera,
-            "light": lambda lights: _each("light", lights, lambda table: _light(table, folder)),
+            "light": lambda lights: _lights(lights, folder),
             "solid": lambda solids: _each("solid", solids, lambda table: _solid(table, folder)),
         }
         attributes = {"volume": "volumes", "solid": "solids"}
@@ -523,6 +523,12 @@ def _volume(table: Values, medium: Values | None, folder: Path) -> BodySettings:
         raise SceneError(f"volume: {told[0]} and {told[1]} are two kinds of bodies; keep one")
     body = BODIES[told[0] if told else "file"](table)
     return body if body.medium is None else body.replace(medium=body.medium.beside(folder))
+
+
+def _lights(tables: Any, folder: Path) -> tuple[Light, ...]:
+    lights = _each("light", tables, lambda table: _light(table, folder))
+    names_of(lights)
+    return lights
 
 
 def _light(table: Values, folder: Path) -> Light:

@@ -103,6 +103,7 @@ def test_a_copy_stays_fitted():
         "to": [0.2, 0, 0],
         "intensity": [1, 1, 1],
         "falloff": "none",
+        "name": None,
     }
     assert parse_light(sun.to_dict()).fitted(BOUNDS).map_key() == sun.map_key()
 

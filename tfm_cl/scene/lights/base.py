@@ -1,12 +1,14 @@
 """The interface of a light."""
 
+import re
 from abc import abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.limits import LARGEST_COORDINATE
@@ -19,6 +21,9 @@ Floats = NDArray[np.float64]
 SHORTEST_REACH = 1e-9
 """Smallest reach of a light, world units: the square of its inverse is still far below the largest
 float32."""
+
+MOST_LETTERS = 23
+"""Of a light's name: a channel ``light.NAME.R`` then has the 31 that any reader of EXR knows."""
 
 TINY = 1e-100
 """Lower bound of distances to a light, which avoids a division by 0 at the light itself."""
@@ -64,6 +69,14 @@ class LitCone(NamedTuple):
     """Distance beyond which there is no light, world units; may be infinite."""
 
 
+def _name(value: Any) -> Any:
+    if value is None:
+        return value
+    if not isinstance(value, str) or not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{MOST_LETTERS}}}", value):
+        raise ValueError(f"should be text of 1 to {MOST_LETTERS} letters, digits, _ and -")
+    return value
+
+
 class Light(Model):
     """A light with a projective space: every point it reaches lies on one ray of its map.
 
@@ -87,6 +100,9 @@ class Light(Model):
         "none",
         description="none, as in the papers: intensity is the irradiance everywhere; "
         "inverse-square: intensity is per steradian, distance in world units",
+    )
+    name: Annotated[str | None, BeforeValidator(_name)] = Field(
+        None, description="what its layer is called, light.NAME; default: its number, from 1"
     )
 
     @abstractmethod
@@ -275,6 +291,26 @@ def parse_light(values: dict[str, Any]) -> Light:
     if not isinstance(name, str) or name not in LIGHTS:
         raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
     return LIGHTS[name].from_table(values)
+
+
+def names_of(lights: Iterable[Light]) -> list[str]:
+    """Return the names of a scene's lights: without one, their number from 1.
+
+    Raises
+    ------
+    SceneError
+        Two have the same.
+    """
+    found: dict[str, int] = {}
+    for number, light in enumerate(lights):
+        name = str(number + 1) if light.name is None else light.name
+        first = found.setdefault(name, number)
+        if first != number:
+            raise SceneError(
+                f'light {number}: light.name = "{name}": light {first} is called so, too (without a name a '
+                "light is called by its number, from 1); give it another"
+            )
+    return list(found)
 
 
 Reach = Annotated[float | None, number_or_none(SHORTEST_REACH, LARGEST_COORDINATE)]
