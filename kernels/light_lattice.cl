@@ -65,10 +65,11 @@ TFM_INLINE float intensity_of(LIGHT light, int c)
    lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms
    number   of the light among those given: one after the other, as their maps would push each other out of the cache
    count    of all lights
+   part     of the light that it belongs to, of those that are known apart
    begins   1: the first light; ends: the last
    records  first of this launch and end */
 __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                            __global const int *blocks, __global float *lattice, int number, int count,
+                            __global const int *blocks, __global float *lattice, int number, int count, int part,
                             int begins, int ends, int2 records)
 {
   const int record = records.x + (int)get_global_id(0) / CHUNKS;
@@ -105,9 +106,13 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
   const Floats phase = PHASE_OF(media + light->first_phase, -dot3(sample.direction, in_light.direction), &fibres);
   LatticeValue sum;
   for (int c = 0; c < TFM_CHANNELS; ++c)
-    sum.of[TFM_LATTICE_COLOURS + c] = transmittance_of(depth[c]);
-  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
-    sum.of[c] = intensity_of(light, c) * sample.strength * octaves_of(media, phase, depth[TFM_CHANNELS == 3 ? c : 0]);
+    sum.of[LATTICE_RADIANCES + c] = transmittance_of(depth[c]);
+  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c) {
+    const Floats radiance =
+        intensity_of(light, c) * sample.strength * octaves_of(media, phase, depth[TFM_CHANNELS == 3 ? c : 0]);
+    for (int i = 0; i < TFM_LATTICE_APART; ++i)
+      sum.of[i * TFM_LATTICE_COLOURS + c] = TFM_LATTICE_APART == 1 || i == part ? radiance : floats(0.0f);
+  }
 
   const Ints at = voxels.at * LATTICE_NUMBERS;
   for (int n = 0; n < LATTICE_NUMBERS; ++n) {
@@ -115,7 +120,7 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
     if (!begins)
       value += gather_floats(lattice + n, wanted ? at : ints(0));
     if (ends)
-      value = n < TFM_LATTICE_COLOURS ? TFM_LOG2_E * log_of(greatest(value, floats(FLT_MIN))) : value / (float)count;
+      value = n < LATTICE_RADIANCES ? TFM_LOG2_E * log_of(greatest(value, floats(FLT_MIN))) : value / (float)count;
     store_floats(lattice + n, at, wanted, value);
   }
 }

@@ -5,11 +5,11 @@
 /* scattered  sum over the orders of the light that arrives, TFM_ORDER_COLOURS of each point
    colour     of the light, where that is one number for three
    solid      as of camera_pass
-   radiance   adds to
+   later      adds to
    window     x0, y0, x1, y1 of the pixels of this launch */
 __kernel void order_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, ORDERS orders,
                          __global const float *scattered, float4 colour, __global const float4 *solid,
-                         __global float4 *radiance, int4 window)
+                         __global float4 *later, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   if (!any_lane(pixels.wanted))
@@ -26,6 +26,6 @@ __kernel void order_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, O
   const OrdersOnRay lattice = orders_on_ray(orders, scattered, ray);
   LightSums sums = light_sums_begin();
   see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets, &lattice, &sums);
-  add_float4(radiance, pixel_index(view, pixels), pixels.wanted, media->albedo[0] * colour.x * sums.colour[0],
+  add_float4(later, pixel_index(view, pixels), pixels.wanted, media->albedo[0] * colour.x * sums.colour[0],
              media->albedo[1] * colour.y * sums.colour[1], media->albedo[2] * colour.z * sums.colour[2], floats(0.0f));
 }

@@ -37,6 +37,9 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene, pixels.x, pixels.y);
   LightSums sums = light_sums_begin();
+#if TFM_LIGHT_LAYERS
+  sums.layers = light_layers_of(view, added, pixels);
+#endif
 #if TFM_SHARED
   (void)serves_camera;
   const CameraSums none = camera_sums_begin(media, on_ray.meets);

@@ -25,12 +25,13 @@ TFM_INLINE Ints lit_pixels(LIGHT light, __global const uchar *lit, Pixels pixels
    transmittance  of the camera rays
    radiance       adds what solids reflect, RGB
    samples        adds the densities read
+   added          adds what they reflect of each light (with TFM_LIGHT_LAYERS only)
    window         x0, y0, x1, y1 of the pixels of this launch */
 __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, __global const uchar *lit,
-                           __global const float4 *transmittance, __global float4 *radiance, __global uint *samples,
-                           int4 blocks, int4 window)
+                           __global const float4 *transmittance, __global float4 *radiance,
+                           __global uint *samples AND_ADDED_ARGUMENT, int4 blocks, int4 window)
 {
   const Pixels pixels = tile_pixels(view, window);
   LIGHT_BUFFERS(buffers);
@@ -47,6 +48,9 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   load_float4(transmittance, index, wanted, 0.0f, dimmed);
   for (int c = 0; c < 3; ++c)
     colour[c] = floats(0.0f);
+#if TFM_LIGHT_LAYERS
+  const LightLayers layers = light_layers_of(view, added, pixels);
+#endif
   Ints read = ints(0);
   for (int k = 0; k < here.count; ++k) {
     LIGHT light = lights + here.numbers[k];
@@ -72,10 +76,15 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
         through[c] = transmittance_of(extinguished(media, &sums.total, c));
       read += sums.samples;
     }
+    Floats adds[3];
     for (int c = 0; c < 3; ++c) {
       const Floats arrives = transmittance_of(depth[TFM_CHANNELS == 3 ? c : 0]) * tint[c] * reflects;
-      colour[c] += shaded ? light->intensity[c] * surface.albedo[c] * arrives * through[c] : floats(0.0f);
+      adds[c] = shaded ? light->intensity[c] * surface.albedo[c] * arrives * through[c] : floats(0.0f);
+      colour[c] += adds[c];
     }
+#if TFM_LIGHT_LAYERS
+    add_to_layer(&layers, light->layer, adds);
+#endif
   }
   add_float4(radiance, index, pixels.wanted, colour[0], colour[1], colour[2], floats(0.0f));
   add_counts(samples, index, pixels.wanted, read);

@@ -32,6 +32,7 @@ SLOW_LANES = {
     "test_maps": DEVICE,
     "test_homogeneous": DEVICE,
     "test_lattice": DEVICE,
+    "test_light_layers": DEVICE,
     "test_lit_stretches": DEVICE,
     "test_maps_of_bases": DEVICE,
     "test_points": DEVICE,

@@ -174,6 +174,9 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
     seen.colour[c] += seen.through[c] * reflects[c];
 #endif
     seen.colour[c] *= view->ambient[c];
+#if TFM_LIGHT_LAYERS
+    seen.ambient[c] = seen.colour[c];
+#endif
 #if TFM_EMISSION
     seen.colour[c] += seen.emission[c];
 #endif

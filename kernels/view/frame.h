@@ -1,9 +1,39 @@
 /* The pixels' sums in memory: what the camera sees of the media whatever the lights, and what lights add.
-   Requires: TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light. */
+   Requires: TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light; TFM_LIGHT_LAYERS, 1 where what each light adds is
+   kept by itself too. */
 #ifndef TFM_FRAME_H
 #define TFM_FRAME_H
 
 #include "view/camera.h"
+
+#ifndef TFM_LIGHT_LAYERS
+#define TFM_LIGHT_LAYERS 0
+#endif
+
+#if TFM_LIGHT_LAYERS
+/* Where what each light adds to some pixels is kept: layers of the crop, one after the other. */
+typedef struct {
+  __global float4 *added;
+  int size; /* pixels of a layer */
+  Ints index, wanted;
+} LightLayers;
+
+TFM_INLINE LightLayers light_layers_of(VIEW view, __global float4 *added, Pixels pixels)
+{
+  LightLayers layers;
+  layers.added = added;
+  layers.size = (view->crop[2] - view->crop[0]) * (view->crop[3] - view->crop[1]);
+  layers.index = pixel_index(view, pixels);
+  layers.wanted = pixels.wanted;
+  return layers;
+}
+
+TFM_INLINE void add_to_layer(const LightLayers *layers, int layer, const Floats *colour)
+{
+  add_float4(layers->added + (size_t)layer * (size_t)layers->size, layers->index, layers->wanted, colour[0], colour[1],
+             colour[2], floats(0.0f));
+}
+#endif
 
 /* What the camera sees whatever the lights. */
 typedef struct {
@@ -14,6 +44,9 @@ typedef struct {
 #if TFM_EMISSION
   Floats emission[3]; /* the latter alone */
 #endif
+#if TFM_LIGHT_LAYERS
+  Floats ambient[3]; /* the former alone */
+#endif
 } Seen;
 
 /* What is summed over lights. */
@@ -22,6 +55,12 @@ typedef struct {
   Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
   Floats seen_opacity;
   Ints samples;              /* densities read, and samples taken in closed form */
+#if TFM_LIGHT_LAYERS
+  LightLayers layers; /* where that goes light by light */
+#ifdef TFM_LATTICE_APART
+  Floats apart[TFM_LATTICE_APART][3]; /* of each part of what a lattice holds, in the place of the colour */
+#endif
+#endif
 } LightSums;
 
 TFM_INLINE LightSums light_sums_begin(void)
@@ -33,18 +72,27 @@ TFM_INLINE LightSums light_sums_begin(void)
     sums.seen[c] = floats(0.0f);
   sums.seen_opacity = floats(0.0f);
   sums.samples = ints(0);
+#if TFM_LIGHT_LAYERS && defined(TFM_LATTICE_APART)
+  for (int i = 0; i < TFM_LATTICE_APART; ++i)
+    for (int c = 0; c < 3; ++c)
+      sums.apart[i][c] = floats(0.0f);
+#endif
   return sums;
 }
 
 /* transmittance  RGB, and the distance
    radiance       RGB, and the alpha
    light_seen     RGB, and the opacity
-   emission       RGB, and 0 (with TFM_EMISSION only) */
+   emission       RGB, and 0 (with TFM_EMISSION only)
+   added          RGB of ambient light, then of each light, and 0 (with TFM_LIGHT_LAYERS only) */
 typedef struct {
   __global float4 *transmittance, *radiance, *light_seen;
   __global uint *samples;
 #if TFM_EMISSION
   __global float4 *emission;
+#endif
+#if TFM_LIGHT_LAYERS
+  __global float4 *added;
 #endif
 } Frame;
 
@@ -56,10 +104,17 @@ typedef struct {
 #define AND_EMISSION_ARGUMENT
 #define AND_EMISSION
 #endif
+#if TFM_LIGHT_LAYERS
+#define AND_ADDED_ARGUMENT , __global float4 *added
+#define AND_ADDED , added
+#else
+#define AND_ADDED_ARGUMENT
+#define AND_ADDED
+#endif
 #define FRAME_ARGUMENTS                                                                  \
   __global float4 *transmittance, __global float4 *radiance, __global float4 *light_seen, \
-      __global uint *samples AND_EMISSION_ARGUMENT
-#define FRAME(name) const Frame name = {transmittance, radiance, light_seen, samples AND_EMISSION}
+      __global uint *samples AND_EMISSION_ARGUMENT AND_ADDED_ARGUMENT
+#define FRAME(name) const Frame name = {transmittance, radiance, light_seen, samples AND_EMISSION AND_ADDED}
 
 /* What is stored first. */
 TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const Seen *seen, const LightSums *sums)
@@ -73,6 +128,9 @@ TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const 
   store_counts(frame->samples, index, wanted, sums->samples);
 #if TFM_EMISSION
   store_float4(frame->emission, index, wanted, seen->emission[0], seen->emission[1], seen->emission[2], floats(0.0f));
+#endif
+#if TFM_LIGHT_LAYERS
+  store_float4(frame->added, index, wanted, seen->ambient[0], seen->ambient[1], seen->ambient[2], floats(0.0f));
 #endif
 }
 

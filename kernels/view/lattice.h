@@ -2,19 +2,27 @@
    block with density. In between both are linear, the former as a logarithm: as optical depth grows evenly where density
    is even, light falls off in equal factors. A camera ray then reads the same window for density and for any number of
    lights.
-   Requires: what walk.h does; TFM_LATTICE_COLOURS, 1 where all lights have the colour that the kernel is told, else 3. */
+   Requires: what walk.h does; TFM_LATTICE_COLOURS, 1 where all lights have the colour that the kernel is told, else 3;
+   TFM_LATTICE_APART, parts of the light that are known apart: 1 without TFM_LIGHT_LAYERS. */
 #ifndef TFM_LATTICE_H
 #define TFM_LATTICE_H
 
 #include "body/walk.h"
 #include "view/frame.h"
 
-/* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity; the mean over the lights of
-   what arrives. */
-#define LATTICE_NUMBERS (TFM_LATTICE_COLOURS + TFM_CHANNELS)
+/* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity, of each part of the light; the
+   mean over the lights of what arrives. */
+#define LATTICE_RADIANCES (TFM_LATTICE_APART * TFM_LATTICE_COLOURS)
+#define LATTICE_NUMBERS (LATTICE_RADIANCES + TFM_CHANNELS)
 
 #define LATTICE __global const float *
 #define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, walk, steps, k, t)
+
+#if TFM_LIGHT_LAYERS
+#define PART_OF_LIGHT(sums, i) (sums)->apart[i]
+#else
+#define PART_OF_LIGHT(sums, i) (sums)->colour
+#endif
 
 typedef struct {
   Floats of[LATTICE_NUMBERS];
@@ -101,13 +109,15 @@ TFM_INLINE LatticeValue lattice_at(__global const float *lattice, const Walk *wa
 /* A step took its opacity, of mean `weight`, from the ray; colours are then over albedo. */
 TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
 {
-  Floats radiance[TFM_LATTICE_COLOURS];
-  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
-    radiance[c] = exp2_of(value->of[c]);
-  for (int c = 0; c < 3; ++c)
-    sums->colour[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * radiance[TFM_LATTICE_COLOURS == 3 ? c : 0];
+  for (int i = 0; i < TFM_LATTICE_APART; ++i) {
+    Floats radiance[TFM_LATTICE_COLOURS];
+    for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
+      radiance[c] = exp2_of(value->of[i * TFM_LATTICE_COLOURS + c]);
+    for (int c = 0; c < 3; ++c)
+      PART_OF_LIGHT(sums, i)[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * radiance[TFM_LATTICE_COLOURS == 3 ? c : 0];
+  }
   for (int c = 0; c < TFM_CHANNELS; ++c)
-    sums->seen[c] += weight * value->of[TFM_LATTICE_COLOURS + c];
+    sums->seen[c] += weight * value->of[LATTICE_RADIANCES + c];
   sums->seen_opacity += weight;
 }
 

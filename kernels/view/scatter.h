@@ -123,11 +123,22 @@ TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArriva
 /* Adds a light's sums, which lack its colour. */
 TFM_INLINE void add_light(MEDIUM media, LIGHT light, const Floats *sum, LightSums *sums)
 {
-  for (int c = 0; c < 3; ++c)
+#if TFM_LIGHT_LAYERS
+  Floats adds[3];
+#endif
+  for (int c = 0; c < 3; ++c) {
 #if TFM_MEDIA == 1
-    sums->colour[c] += media->albedo[c] * light->intensity[c] * sum[TFM_CHANNELS == 3 ? c : 0];
+    const float colour = media->albedo[c] * light->intensity[c];
 #else
-    sums->colour[c] += light->intensity[c] * sum[c];
+    const float colour = light->intensity[c];
+#endif
+    sums->colour[c] += colour * sum[TFM_CHANNELS == 3 ? c : 0];
+#if TFM_LIGHT_LAYERS
+    adds[c] = colour * sum[TFM_CHANNELS == 3 ? c : 0];
+#endif
+  }
+#if TFM_LIGHT_LAYERS
+  add_to_layer(&sums->layers, light->layer, adds);
 #endif
 }
 

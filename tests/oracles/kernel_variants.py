@@ -223,16 +223,19 @@ def _of_primitives(case: Case) -> Program:
 
 def _of_camera(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
-    return media.headers, media.defines | media.channels(textured=False) | {"TFM_SHADOW": case["shadow"]}
+    macros = {"TFM_SHADOW": case["shadow"], "TFM_LIGHT_LAYERS": case["layers"]}
+    return media.headers, media.defines | media.channels(textured=False) | macros
 
 
 def _of_scatter(case: Case) -> Program:
-    return scatter_variant(*_batch(case))
+    headers, defines = scatter_variant(*_batch(case))
+    return headers, defines | {"TFM_LIGHT_LAYERS": case["layers"]}
 
 
 def _of_surface(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return of_lights.variant(media)
+    headers, defines = of_lights.variant(media)
+    return headers, defines | {"TFM_LIGHT_LAYERS": case["layers"]}
 
 
 def _batch(case: Case) -> tuple[Batch, MediaOnDevice]:
@@ -262,12 +265,13 @@ def _batch(case: Case) -> tuple[Batch, MediaOnDevice]:
 
 def _of_lattice_voxels(case: Case) -> Program:
     of_lights, media = _batch({**case, "shadow": 0, "texture": 0})
-    return voxels_variant(of_lights, media, _lattice_colours(case, media))
+    return voxels_variant(of_lights, media, _lattice_colours(case, media), case["apart"])
 
 
 def _of_lattice_pass(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
-    return pass_variant(media, _lattice_colours(case, media))
+    headers, defines = pass_variant(media, _lattice_colours(case, media), case["apart"])
+    return headers, defines | {"TFM_LIGHT_LAYERS": int(case["apart"] > 1)}
 
 
 def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
@@ -316,9 +320,11 @@ LATTICE: Choices = {
     **GRIDS,
     "colours": (1, 3),
 }
-ON_LATTICE: Choices = {**LATTICE, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
+APART: Choices = {"apart": (1, 3)}
+ON_LATTICE: Choices = {**LATTICE, **APART, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
 ORDERS: Choices = {**LATTICE, "bodies": (*LATTICE["bodies"], "box", "box, ball", "grid, box, ball")}
 ORDERS_LIT: Choices = {**ORDERS, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
+LAYERS: Choices = {"layers": (0, 1)}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -326,8 +332,8 @@ PRIMITIVES: Choices = {"bodies": ("points", "every primitive"), "from_light": (0
 
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
-    "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
-    "lattice_pass.cl": (_of_lattice_pass, [LATTICE]),
+    "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS}]),
+    "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART}]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
@@ -337,8 +343,8 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
-    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT, OTHERS_LIT]),
-    "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS, OTHERS_LIT | ON_SOLIDS]),
+    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS, OTHERS_LIT | LAYERS]),
+    "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS | LAYERS, OTHERS_LIT | ON_SOLIDS | LAYERS]),
 }
 """Entry -> how it is compiled, and with what."""
 

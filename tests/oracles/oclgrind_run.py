@@ -129,6 +129,11 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
     return scene.replace(volume=[volume, volume.transformed(moved), volume.with_density_scale(0.2)])
 
 
+def _layers(renderer: tfm.Renderer, scene: tfm.Scene) -> Array:
+    layers = renderer.render(scene, aovs=("lights", "ambient")).aovs
+    return np.stack([layer for name, layer in layers.items() if name.startswith(("light.", "ambient"))])
+
+
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5), phase=tfm.HenyeyGreenstein(0.4))
 COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), sigma_a=(0.3, 0.1, 0.0), octaves=3)
 FLAME = tfm.Medium(sigma_s=0, sigma_a=0, emission=(2, 1, 0.5))
@@ -301,6 +306,8 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "emission, light on a lattice": lambda r: (
         r.render(_coloured_suns(_map(lookup="lattice")).replace(medium=WARM.replace(emission=1))).image
     ),
+    "layers of lights, solids": lambda r: _layers(r, _with_solids(_other_lights(_scene()))),
+    "layers of lights on a lattice": lambda r: _layers(r, _coloured_suns(_map(lookup="lattice"))),
     "no light": lambda r: r.render(_mixture("grid in fog", lights=())).image,
     "no light, solids": lambda r: r.render(_with_solids(_mixture("two tints", lights=()))).image,
     "evaluate": _evaluate,

@@ -700,7 +700,8 @@ def test_crop_and_chunks_do_not_change_pixels(monkeypatch, chunk):
     part, cropped = reference.render_with_aovs(scene, "tfm", crop=(1, 0, 4, 2))
     assert part.shape == (2, 3, 4)
     np.testing.assert_allclose(part, whole[0:2, 1:4], rtol=1e-12, atol=1e-15)
-    assert cropped.keys() == {"depth", "transmittance", "light_transmittance"}
+    of_all = {"depth", "transmittance", "light_transmittance"}
+    assert cropped.keys() == of_all | {"ambient", "light.1", "light.2"}
     for name, layer in cropped.items():
         np.testing.assert_allclose(layer, layers[name][0:2, 1:4], rtol=1e-12, atol=1e-15)
 

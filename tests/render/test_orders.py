@@ -57,14 +57,16 @@ def coarse(monkeypatch):
 @pytest.mark.parametrize("what", CASES)
 def test_picture_equals_the_reference(renderer, save_on_failure, what, method):
     scene = CASES[what]
-    image = renderer.render(scene, method=method).image
-    expected = reference.render(scene, method, shadows="map")
+    result = renderer.render(scene, method=method)
+    image = result.image
+    expected, layers = reference.render_with_aovs(scene, method, shadows="map")
     once = reference.render(scene.replace(medium=scene.medium.replace(orders=1)), method, shadows="map")
     brightest = max(1.0, float(expected[..., :3].max()))
     # Later orders show, far beyond what may differ.
     assert (expected - once)[..., :3].max() > 1e-2
     with save_on_failure(image, expected.astype(np.float32)):
         assert np.abs(image - expected).max() < 20 * PASS * brightest
+    assert np.abs(result.aovs["orders"] - layers["orders"]).max() < 20 * PASS * brightest
 
 
 @pytest.mark.slow

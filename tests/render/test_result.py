@@ -4,12 +4,13 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import OpenEXR
 import PIL.Image
 import pytest
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
-from tfm_cl.files.image_io import load_image
+from tfm_cl.files.image_io import exr, load_image
 from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.scene.background import radiance_behind
 
@@ -38,6 +39,21 @@ def test_options_of_a_png_mean_nothing_to_other_files(result, tmp_path):
     for name in ("a.exr", "a.npy"):
         result.save(tmp_path / name, exposure="auto", view="aces", transparent=True, dither=False)
         np.testing.assert_array_equal(load_image(tmp_path / name), result.image)
+
+
+def test_layers_of_lights_are_saved_by_their_names(result, tmp_path):
+    scene = result.scene.replace(
+        lights=[tfm.PointLight(from_=(0, 2, 0), name="key"), tfm.PointLight(from_=(0, 3, 0))]
+    )
+    layers = {f"light.{name}": result.image[..., :3] * share for name, share in (("key", 0.25), ("2", 0.75))}
+    result = replace(result, scene=scene, aovs=layers)
+    result.save(tmp_path / "a.exr", aovs=("lights",))
+    for name, layer in layers.items():
+        np.testing.assert_array_equal(exr.read_aov(tmp_path / "a.exr", name), layer)
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        names = set(file.channels())
+    assert names == {*"RGBA", *(f"light.{name}.{c}" for name in ("key", "2") for c in "RGB")}
+    np.testing.assert_array_equal(load_image(tmp_path / "a.exr"), result.image)
 
 
 @pytest.fixture

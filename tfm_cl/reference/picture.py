@@ -37,6 +37,7 @@ from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
 from tfm_cl.scene.fields import fields_of
+from tfm_cl.scene.lights.base import names_of
 
 if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -73,7 +74,8 @@ def render_with_aovs(
 ) -> tuple[Floats, dict[str, Floats]]:
     """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
 
-    Where media emit light there is ``emission`` too.
+    Parts of the picture are ``ambient``, ``light.NAME`` of each light and, where media emit light or scatter
+    it again and again, ``emission`` and ``orders``.
 
     Parameters
     ----------
@@ -99,6 +101,8 @@ def render_with_aovs(
     check(scene)
     scene = with_numbers(scene)
     lights = lights_of(scene)
+    names = zip(names_of(scene.lights), scene.lights, strict=True)
+    layers_of_lights = [f"light.{name}" for name, light in names for _ in light.parts()]
     depths: Sequence[Callable[[Floats], Floats]]
     if (method or scene.march.method) == "dual":
         weights = fields_of(scene).weights
@@ -114,8 +118,9 @@ def render_with_aovs(
             partial(arriving, light, nearest=nearest_distance(scene, light)),
             partial(light_transmittance, light=light, field_depths=field_depths),
             bias,
+            layer,
         )
-        for light, field_depths, bias in zip(lights, depths, biases, strict=True)
+        for light, field_depths, bias, layer in zip(lights, depths, biases, layers_of_lights, strict=True)
     ]
     later = None
     if orders_of(scene) > 1 and lit:
@@ -142,6 +147,8 @@ class _Light(NamedTuple):
     """What the bodies of a scene leave of it; the scene comes first."""
     bias: float
     """World units, by which thin primitives are looked up nearer to it."""
+    layer: str
+    """What holds what it adds to the picture."""
 
 
 def _biases(scene: Scene, lights: list[Light], maps: Sequence[TransmittanceMap] | None) -> list[float]:
@@ -218,23 +225,28 @@ def _trace(
     crossing = crossing_of(matter, rays, surfaces.distance, scene.march.cutoff)
     seen = _seen(scene, matter, rays, crossing, lights)
     everywhere = np.asarray(scene.ambient.radiance)
-    radiance = everywhere * (seen.scattered + surfaces.albedo * seen.transmittance) + seen.emitted
-    reached, weight = np.zeros_like(radiance), np.zeros((len(radiance), 1))
+    parts = {"ambient": everywhere * (seen.scattered + surfaces.albedo * seen.transmittance)}
+    if scene.emits:
+        parts["emission"] = seen.emitted
+    parts |= {light.layer: np.zeros_like(seen.emitted) for light in lights}
+    reached, weight = np.zeros_like(seen.emitted), np.zeros((len(seen.emitted), 1))
     for light in lights:
-        radiance += _reflected(scene, matter, light, obstacles, rays, crossing, surfaces, seen)
+        parts[light.layer] += _reflected(scene, matter, light, obstacles, rays, crossing, surfaces, seen)
         from_bodies, transmitted, opacity = _scattered(scene, matter, light, obstacles, rays, crossing)
-        radiance += from_bodies
+        parts[light.layer] += from_bodies
         reached += transmitted
         weight += opacity
     if later is not None:
-        radiance += _scattered_again(later, rays, crossing, decided(scene.march.steps))
+        parts["orders"] = _scattered_again(later, rays, crossing, decided(scene.march.steps))
+    radiance: Floats = np.sum([*parts.values()], axis=0)
     shows_solid = np.isfinite(surfaces.distance)
     return {
         "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
         "depth": seen.depth,
         "transmittance": seen.transmittance,
         "light_transmittance": np.divide(reached, weight, out=np.zeros_like(reached), where=weight > 0),
-    } | ({"emission": seen.emitted} if scene.emits else {})
+        **parts,
+    }
 
 
 class _Seen(NamedTuple):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tfm_cl.errors import SceneError
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -23,6 +26,8 @@ SUMS: dict[str, tuple[type[np.generic], int]] = {
 """Name, as kernels take it -> type and numbers per pixel."""
 EMISSION: dict[str, tuple[type[np.generic], int]] = {"emission": (np.float32, 4)}
 """Likewise, where media emit light."""
+MOST_LAYER_BYTES = 4 << 30
+"""Of the layers of lights together."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +39,30 @@ class FrameBuffers:
     """float4: normal and distance of the solid that a pixel shows; of no meaning without solids."""
     albedo: cl.Buffer
     """float4: its RGB albedo."""
+    later: Output | None = None
+    """float4: RGB of the later orders of scattering, where there are any."""
 
     def arguments(self, *names: str) -> dict[str, cl.Buffer]:
         """Return kernel arguments, by name."""
         known = {name: output.buffer for name, output in self.sums.items()}
         known |= {"solid": self.solid, "albedo": self.albedo}
+        if self.later is not None:
+            known["later"] = self.later.buffer
         return {name: known[name] for name in names}
 
     def stored(self) -> dict[str, cl.Buffer]:
         """Return those of kernels that store a frame."""
         return self.arguments(*self.sums)
+
+    @property
+    def layers(self) -> dict[str, cl.Buffer]:
+        """Where kernels put what each light adds; none where that is not asked for."""
+        return self.arguments("added") if "added" in self.sums else {}
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """What kernels must know of it when they are compiled."""
+        return {"TFM_LIGHT_LAYERS": 1} if self.layers else {}
 
 
 @dataclass(frozen=True)
@@ -58,6 +77,8 @@ class Sums:
     gbuffer: GBuffer | None
     of_errors: NDArray[np.float32] | None
     of_lattice: NDArray[np.float32] | None
+    added: NDArray[np.float32] | None
+    of_orders: NDArray[np.float32] | None
 
     @property
     def solid(self) -> NDArray[np.float32]:
@@ -79,6 +100,21 @@ class Sums:
         return np.zeros_like(self.radiance) if self.emitted is None else self.emitted
 
     @property
+    def ambient(self) -> NDArray[np.float32]:
+        """RGB, and 0."""
+        return np.zeros_like(self.radiance) if self.added is None else self.added[0]
+
+    @property
+    def later(self) -> NDArray[np.float32]:
+        """RGB, and 0."""
+        return np.zeros_like(self.radiance) if self.of_orders is None else self.of_orders
+
+    @property
+    def lights(self) -> NDArray[np.float32]:
+        """Of each light RGB, and 0."""
+        return np.zeros((0, *self.radiance.shape), np.float32) if self.added is None else self.added[1:]
+
+    @property
     def errors(self) -> NDArray[np.float32]:
         """As ``light_seen``."""
         return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
@@ -96,6 +132,8 @@ def allocate(
     *,
     emits: bool,
     clear: bool = False,
+    layers: int = 0,
+    later: bool = False,
 ) -> FrameBuffers:
     """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show.
 
@@ -105,6 +143,15 @@ def allocate(
         Whether media emit light.
     clear
         Fill them with zeros; else the first pass over them stores what others add to.
+    layers
+        That hold what ambient light and each light add; 0 where that is not asked for.
+    later
+        Whether later orders of scattering are added.
+
+    Raises
+    ------
+    SceneError
+        More layers than there is room for.
     """
     x0, y0, x1, y1 = crop
     shape, none = (y1 - y0, x1 - x0), np.zeros(4, np.float32)
@@ -112,14 +159,32 @@ def allocate(
         name: launcher.output("the image", (*shape, count) if count > 1 else shape, kind)
         for name, (kind, count) in (SUMS | EMISSION if emits else SUMS).items()
     }
-    if clear:
-        for output in sums.values():
-            launcher.clear(output.buffer, output.nbytes)
+    zero = [*sums.values()] if clear else []
+    if layers:
+        sums["added"] = _layers(launcher, (layers, *shape, 4))
+        zero.append(sums["added"])
+    of_orders = launcher.output("the image", (*shape, 4), np.float32) if later else None
+    if of_orders is not None:
+        zero.append(of_orders)
+    for output in zero:
+        launcher.clear(output.buffer, output.nbytes)
     return FrameBuffers(
         sums,
+        later=of_orders,
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
         albedo=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.albedo),
     )
+
+
+def _layers(launcher: Launcher, shape: tuple[int, int, int, int]) -> Output:
+    count, height, width, _ = shape
+    nbytes = 4 * math.prod(shape)
+    if nbytes > MOST_LAYER_BYTES:
+        raise SceneError(
+            f"image.aov: {count} layers of lights need {nbytes / 2**30:.1f} GiB at {width}×{height} pixels, "
+            f"more than {MOST_LAYER_BYTES / 2**30:g}; render parts of it (image.crop), or fewer lights"
+        )
+    return launcher.output("the layers of lights", shape, np.float32)
 
 
 def rgb_so_far(launcher: Launcher, frame: FrameBuffers) -> NDArray[np.float32]:
@@ -137,10 +202,15 @@ def read(
 ) -> Sums:
     """Return the sums on the host; the frame's buffers are then of no more use."""
     sums = {name: launcher.read(output) for name, output in frame.sums.items()}
+    of_orders = None if frame.later is None else launcher.read(frame.later)
+    if of_orders is not None:
+        sums["radiance"] += of_orders
     return Sums(
         **{name: sums[name] for name in SUMS},
         emitted=sums.get("emission"),
         gbuffer=gbuffer,
         of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
         of_lattice=of_lattice,
+        added=sums.get("added"),
+        of_orders=of_orders,
     )

@@ -35,6 +35,7 @@ def see(
         Samples along a camera ray.
     """
     defines = media.defines | media.channels(textured=False) | {"TFM_SHADOW": int(has_solids)}
+    defines |= frame.defines
     kernel = launcher.kernels.kernel("camera_pass", "camera_pass.cl", media.headers, defines)
     return launcher.run_windows(
         kernel,

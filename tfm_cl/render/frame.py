@@ -23,7 +23,7 @@ from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
-from tfm_cl.render.lattice import Lattice
+from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.orders import Orders, Seen
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
@@ -68,6 +68,8 @@ class _Work:
     without_lattice: buffers.FrameBuffers | None
     """For its lights, looked up at every sample."""
     sources: Sources | None
+    layers: list[int] | None
+    """Number, from 1, of the layer that each light belongs to; None where none are asked for."""
     builds: bool
     """Whether maps are built where they are not known."""
     batches: Batches
@@ -110,7 +112,11 @@ class Frame:
     cache: Cache
 
     def render(
-        self, method: str, maps: Sequence[TransmittanceMap] | None, asked: Collection[str]
+        self,
+        method: str,
+        maps: Sequence[TransmittanceMap] | None,
+        asked: Collection[str],
+        layers: list[int] | None = None,
     ) -> tuple[Sums, tuple[str, ...]]:
         """Sum all that the scene sends to the camera.
 
@@ -122,6 +128,9 @@ class Frame:
             From an earlier light pass; None where they are built.
         asked
             Names of layers: those of errors are made only then.
+        layers
+            Number, from 1, of the layer that each light belongs to: what ambient light and each of these add
+            is then kept by itself.
 
         Returns
         -------
@@ -133,16 +142,22 @@ class Frame:
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
         view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
+        has_orders = orders_of(scene) > 1 and len(scene.lights) > 0
+        structs = light_structs(scene, scene.lights)
+        if layers:
+            structs["layer"] = layers
+        count = 0 if layers is None else 1 + max(layers, default=0)
         allocate = partial(buffers.allocate, launcher, crop, gbuffer, emits=scene.emits)
         work = _Work(
             scene=scene,
             media=self.media,
             view=view,
             gbuffer=gbuffer,
-            frame=allocate(),
+            frame=allocate(layers=count, later=has_orders),
             errors=allocate(clear=True) if "map_error" in asked else None,
             without_lattice=allocate() if "lattice_error" in asked else None,
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
+            layers=layers,
             builds=maps is None,
             batches=Batches(
                 launcher,
@@ -150,7 +165,7 @@ class Frame:
                 self.media,
                 self.visibility,
                 gbuffer,
-                light_structs(scene, scene.lights),
+                structs,
                 self._touched(gbuffer),
                 crop,
                 resolve(scene.map) if reads_maps else None,
@@ -167,7 +182,7 @@ class Frame:
         self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
         if not work.camera_is_seen:
             work.seconds += self._see(work, work.frame, has_solids=gbuffer is not None)
-        if orders_of(scene) > 1 and scene.lights:
+        if has_orders:
             self._scatter_again(work)
         self.stats.seconds["view_pass"] += work.seconds
         sums = buffers.read(launcher, work.frame, gbuffer, work.errors, work.lattice_change)
@@ -301,11 +316,15 @@ class Frame:
         lights = [light for light in smooth_lights(self.scene) if work.batches.is_seen(light)]
         if not lights:
             return None
-        lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights)
-        if lattice.fits:
+        lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights, work.layers)
+        if len(lattice.apart) > MOST_APART:
+            why = f"a lattice holds layers of {MOST_APART} lights, and {len(lattice.apart)} are asked for"
+        elif lattice.fits:
             return lattice
-        needs = f"{lattice.nbytes / 2**20:,.0f} MiB in one buffer"
-        message = f"light is looked up at every sample: a lattice needs {needs}, more than the device allows"
+        else:
+            needs = f"{lattice.nbytes / 2**20:,.0f} MiB in one buffer"
+            why = f"a lattice needs {needs}, more than the device allows"
+        message = f"light is looked up at every sample: {why}"
         work.warnings[message] = None
         return None
 

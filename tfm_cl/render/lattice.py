@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.scene.scene import Scene
 
+MOST_APART = 8
+"""Layers of lights that a lattice holds: each takes a look-up a sample."""
 LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
 
@@ -39,16 +41,29 @@ Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
 
 
-def voxels_variant(batch: Batch, media: MediaOnDevice, colours: int) -> Variant:
-    """Return those of the kernels that look lights up; ``colours``: numbers that hold the radiance."""
+def voxels_variant(batch: Batch, media: MediaOnDevice, colours: int, apart: int) -> Variant:
+    """Return those of the kernels that look lights up.
+
+    Parameters
+    ----------
+    colours
+        Numbers that hold the radiance,
+    apart
+        of so many parts of the light.
+    """
     headers, defines = batch.variant(media)
-    return headers, defines | {"TFM_LATTICE_COLOURS": colours}
+    return headers, defines | {"TFM_LATTICE_COLOURS": colours, "TFM_LATTICE_APART": apart}
 
 
-def pass_variant(media: MediaOnDevice, colours: int) -> Variant:
+def pass_variant(media: MediaOnDevice, colours: int, apart: int) -> Variant:
     """Return those of the camera's pass through the lattice."""
     defines = media.defines | media.channels(textured=False)
-    return media.headers, defines | {"TFM_SHADOW": 0, "TFM_LATTICE": 1, "TFM_LATTICE_COLOURS": colours}
+    return media.headers, defines | {
+        "TFM_SHADOW": 0,
+        "TFM_LATTICE": 1,
+        "TFM_LATTICE_COLOURS": colours,
+        "TFM_LATTICE_APART": apart,
+    }
 
 
 @dataclass
@@ -65,6 +80,8 @@ class Lattice:
         The struct, on the device.
     lights
         Numbers of those that are on the lattice; all are added before the camera sees them.
+    layers
+        Numbers of the layers that all lights of the scene belong to; None where none are asked for.
     """
 
     launcher: Launcher
@@ -72,7 +89,20 @@ class Lattice:
     media: MediaOnDevice
     view: object
     lights: list[int]
+    layers: list[int] | None = None
     _added: int = 0
+
+    @cached_property
+    def apart(self) -> list[int]:
+        """Layers whose light is known apart."""
+        return [] if self.layers is None else list(dict.fromkeys(self.layers[i] for i in self.lights))
+
+    @property
+    def _parts(self) -> int:
+        return max(1, len(self.apart))
+
+    def _part(self, light: int) -> int:
+        return 0 if self.layers is None else self.apart.index(self.layers[light])
 
     @cached_property
     def _numbers(self) -> cl.Buffer:
@@ -83,7 +113,7 @@ class Lattice:
         """Size on the device."""
         assert self.media.bricks is not None  # noqa: S101 - there are grids
         voxels = self.media.bricks.records * record_voxels(self.launcher.lanes)
-        return 4 * voxels * (self._colours + self._channels)
+        return 4 * voxels * (self._parts * self._colours + self._channels)
 
     @property
     def fits(self) -> bool:
@@ -107,7 +137,7 @@ class Lattice:
     def add(self, batch: Batch) -> float:
         """Look some of the lights up; returns device seconds."""
         launcher, media = self.launcher, self.media
-        headers, defines = voxels_variant(batch, media, self._colours)
+        headers, defines = voxels_variant(batch, media, self._colours, self._parts)
 
         def run(name: str, arguments: dict[str, Any]) -> float:
             kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
@@ -115,9 +145,10 @@ class Lattice:
 
         of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
         seconds = 0.0
-        for number in range(len(batch.indices)):
+        for number, light in enumerate(batch.indices):
             begins, ends = self._added == 0, self._added + 1 == len(self.lights)
             of_light = {"number": number, "begins": int(begins), "ends": int(ends)}
+            of_light["part"] = self._part(light)
             seconds += run("light_lattice", of_all | of_light)
             self._added += 1
         if self._added == len(self.lights):
@@ -147,13 +178,17 @@ class Lattice:
             Samples along a camera ray.
         """
         launcher, media = self.launcher, self.media
-        headers, defines = pass_variant(media, self._colours)
+        headers, defines = pass_variant(media, self._colours, self._parts)
+        defines |= frame.defines
         kernel = launcher.kernels.kernel("lattice_pass", "lattice_pass.cl", headers, defines)
         lights = np.array([self.scene.lights[i].intensity for i in self.lights])
         # Of a colour that no light has, logarithms hold a little.
         colour = np.where(lights.any(axis=0), 1.0, 0.0)
         if self._colour is not None and self._colours == 1:
             colour = self._colour
+        layers = {}
+        if self.apart:
+            layers["layers"] = launcher.upload("the layers' numbers", np.array(self.apart, np.int32))
         return launcher.run_windows(
             kernel,
             crop,
@@ -166,6 +201,7 @@ class Lattice:
                 "lattice": self._numbers,
                 "colour": (*colour.tolist(), 0.0),
                 "lights": len(self.lights),
-            },
+            }
+            | layers,
             done,
         )

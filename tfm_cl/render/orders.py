@@ -381,7 +381,7 @@ class Orders:
                 crop,
                 decided(self.scene.march.steps),
                 through.arguments
-                | frame.arguments("solid", "radiance")
+                | frame.arguments("solid", "later")
                 | {
                     "orders": self._struct,
                     "scattered": numbers,

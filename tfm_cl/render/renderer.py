@@ -23,6 +23,7 @@ from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
+from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
 from tfm_cl.render.frame import Frame
@@ -31,7 +32,8 @@ from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import around
-from tfm_cl.scene.layers import LAYERS, Layers
+from tfm_cl.scene.layers import GROUPS, LAYERS, Layers
+from tfm_cl.scene.lights.base import names_of
 from tfm_cl.scene.settings import ImageSettings
 
 if TYPE_CHECKING:
@@ -223,7 +225,8 @@ class Renderer:
         crop
             Pixels x0, y0, x1, y1 (end excluded) to render; the whole frame when left out.
         aovs
-            Layers that cost extra and are made only when named: ``map_error``, ``lattice_error``.
+            Layers that cost extra and are made only when named: ``lights`` (of each ``light.NAME``) and
+            ``ambient``, which take memory, and ``map_error`` and ``lattice_error``, which take time.
         background
             RGB radiance behind media and solids, one number for grey, or ``"environment"``: see
             `RenderResult.over`.
@@ -233,8 +236,9 @@ class Renderer:
         Raises
         ------
         SceneError
-            Unknown method, a crop outside the frame, maps of another scene, or no colour as the background;
-            ``"environment"`` where no light is one.
+            Unknown method, a crop outside the frame, maps of another scene, no colour as the background,
+            ``"environment"`` where no light is one, or layers of lights of one name, or of more lights than
+            there is room for.
         DeviceError
             Memory or compilation.
         CancelledError
@@ -327,9 +331,17 @@ class Renderer:
             progress,
             self._cache,
         )
-        sums, warnings = frame.render(method, maps, aovs)
-        made_here = {"always": True, "solids": bool(scene.solids), "emission": scene.emits, "asked": False}
-        names = [name for name, layer in LAYERS.items() if made_here[layer.made] or name in aovs]
+        names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
+        sums, warnings = frame.render(method, maps, aovs, _layers_of_lights(scene, aovs))
+        made_here = {
+            "always": True,
+            "solids": bool(scene.solids),
+            "emission": scene.emits,
+            "orders": orders_of(scene) > 1,
+            "asked": False,
+        }
+        listed = [name for name, layer in LAYERS.items() if made_here[layer.made] or name in aovs]
+        layers = Layers([*listed, *(name for name in GROUPS if name in aovs)], sums, names)
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         warnings += take_notes()
@@ -341,7 +353,15 @@ class Renderer:
         stats.seconds |= {"compile": compiled, "host": host, "total": total}
         if scene.solids:
             stats.seconds["trace"] = traced
-        return RenderResult(sums.radiance, Layers(names, sums), stats, scene, crop, (*notes, *warnings), lit)
+        return RenderResult(sums.radiance, layers, stats, scene, crop, (*notes, *warnings), lit)
+
+
+def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:
+    """Return the number, from 1, of the layer of each single light; None where none are asked for."""
+    if "lights" in asked:
+        return [number for number, light in enumerate(scene.lights, 1) for _ in light.parts()]
+    # One for all keeps the lights out of the ambient light's.
+    return [1 for light in scene.lights for _ in light.parts()] if "ambient" in asked else None
 
 
 def _what(grids: Sequence[Volume]) -> str:

@@ -13,6 +13,8 @@ from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import Image, Metadata
 from tfm_cl.scene.background import check_surrounded, radiance_behind
+from tfm_cl.scene.layers import GROUPS, members
+from tfm_cl.scene.lights.base import names_of
 from tfm_cl.scene.settings import Background, ImageSettings
 
 if TYPE_CHECKING:
@@ -78,7 +80,7 @@ class RenderResult:
     aovs: Mapping[str, NDArray[np.float32]]
     """Each made when it is first asked for: ``depth`` and ``samples`` [H, W], ``transmittance`` and
     ``light_transmittance`` [H, W, 3]; with solids, or asked for, ``solid_distance`` [H, W], ``normal`` and
-    ``albedo`` [H, W, 3]."""
+    ``albedo`` [H, W, 3]; the others of `tfm_cl.scene.layers`, and for ``lights`` ``light.NAME`` of each."""
     stats: RenderStats
     scene: Scene
     crop: tuple[int, int, int, int]
@@ -148,7 +150,8 @@ class RenderResult:
         exposure
             Stops, or ``"auto"``, for PNG.
         aovs
-            Layers to add to an EXR; other files have no room for them (`image_io.holds_layers`).
+            Layers to add to an EXR, ``lights`` for those of all lights; other files have no room for them
+            (`image_io.holds_layers`).
         pixel_type
             ``float`` or ``half``, of an EXR's colours.
         metadata
@@ -162,11 +165,12 @@ class RenderResult:
             Unknown extension, an option that is none, or the file cannot be written.
         """
         camera = self.scene.camera
+        lights = names_of(self.scene.lights) if GROUPS.keys() & set(aovs) else []
         camera_from_world = np.linalg.inv(camera.world_from_camera).astype(np.float64)
         picture = Image(
             rgba=self.image,
             foreground=self.foreground,
-            aovs={name: self.aovs[name] for name in aovs},
+            aovs={name: self.aovs[name] for asked in aovs for name in members(asked, lights)},
             display_window=camera.res,
             crop=self.crop,
             metadata={

@@ -50,6 +50,7 @@ def scatter(
         There are but primitives and this light, which reaches them all: its samples do as well.
     """
     headers, defines = scatter_variant(batch, media)
+    defines |= frame.defines
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
     return launcher.run_windows(
         kernel,

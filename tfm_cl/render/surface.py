@@ -29,6 +29,7 @@ def reflect(
     Parameters are those of `tfm_cl.render.scatter.scatter`.
     """
     headers, defines = batch.variant(media)
+    defines |= frame.defines
     kernel = launcher.kernels.kernel("surface_pass", "surface_pass.cl", headers, defines)
     return launcher.run_windows(
         kernel,
@@ -38,6 +39,7 @@ def reflect(
         | met.arguments
         | batch.arguments
         | batch.blocks
-        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples"),
+        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples")
+        | frame.layers,
         done,
     )

@@ -1,12 +1,12 @@
 """Layers of a picture: one row each.
 
 A layer is made of what the passes sum (`Seen`). A new one is a row here, and where it needs a sum that is not
-there yet, a store in a pass.
+there yet, a store in a pass. A group (`GROUPS`) stands for a layer of each light.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -48,6 +48,18 @@ class Seen(Protocol):
         """[…, 4]: RGB of what the media emit, and 0."""
 
     @property
+    def ambient(self) -> Array:
+        """[…, 4]: RGB of ambient light that media scatter and solids reflect, and 0."""
+
+    @property
+    def later(self) -> Array:
+        """[…, 4]: RGB of all orders of scattering after the first, and 0."""
+
+    @property
+    def lights(self) -> Array:
+        """[lights, …, 4]: RGB that media scatter and solids reflect of each, the first order, and 0."""
+
+    @property
     def errors(self) -> Array:
         """[…, 4]: as ``light_seen``, with the maps' errors in the place of the light."""
 
@@ -63,9 +75,19 @@ class Layer:
     channels: Literal[1, 3]
     meaning: str
     resolve: Callable[[Seen], Array]
-    made: Literal["always", "solids", "emission", "asked"] = "always"
-    """When: in every picture, where there are solids, or media that emit light, or it is asked for, or only
-    where it is asked for."""
+    made: Literal["always", "solids", "emission", "orders", "asked"] = "always"
+    """When: in every picture, where there are solids, media that emit light, or later orders of scattering,
+    or it is asked for, or only where it is asked for."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A layer for each light: all are asked for together."""
+
+    prefix: str
+    """Before the light's name."""
+    layer: Callable[[int], Layer]
+    """Of a light's number, from 0."""
 
 
 def _mean_by_opacity(sums: Array) -> Array:
@@ -124,6 +146,18 @@ LAYERS = {
         lambda seen: seen.emission[..., :3].copy(),
         "emission",
     ),
+    "ambient": Layer(
+        3,
+        "RGB radiance of ambient light that media scatter and solids reflect, part of the picture",
+        lambda seen: seen.ambient[..., :3].copy(),
+        "asked",
+    ),
+    "orders": Layer(
+        3,
+        "RGB radiance of all orders of scattering after the first, part of the picture; 0 without",
+        lambda seen: seen.later[..., :3].copy(),
+        "orders",
+    ),
     "map_error": Layer(
         1,
         "relative error of the light's transmittance in the map, mean over lights and ray, weighted by what "
@@ -142,26 +176,57 @@ LAYERS = {
 """Name -> layer, in the order in which they are listed."""
 
 
+def _of_light(number: int) -> Layer:
+    return Layer(
+        3,
+        "RGB radiance that media scatter and solids reflect of the light, part of the picture, but for later "
+        "orders of scattering",
+        lambda seen: seen.lights[number, ..., :3].copy(),
+        "asked",
+    )
+
+
+GROUPS = {"lights": Group("light.", _of_light)}
+"""Name -> group."""
+NAMES = (*LAYERS, *GROUPS)
+"""All that can be asked for."""
+
+
+def members(name: str, lights: Sequence[str]) -> list[str]:
+    """Return the names of a group's layers, ``light.key`` for a light called ``key``; or the name itself."""
+    return [GROUPS[name].prefix + light for light in lights] if name in GROUPS else [name]
+
+
+def _layers_of(name: str, lights: Sequence[str]) -> dict[str, Layer]:
+    if name not in GROUPS:
+        return {name: LAYERS[name]}
+    return {member: GROUPS[name].layer(number) for number, member in enumerate(members(name, lights))}
+
+
 class Layers(Mapping[str, Array]):
     """Layers of a picture by name, each made when it is first asked for.
 
     Parameters
     ----------
     names
-        Of `LAYERS`.
+        Of `NAMES`.
     seen
         What the passes made.
+    lights
+        Names of the lights.
     """
 
-    def __init__(self, names: Iterable[str], seen: Seen) -> None:
-        self._seen = seen
-        self._made: dict[str, Array | None] = dict.fromkeys(names)
+    def __init__(self, names: Iterable[str], seen: Seen, lights: Sequence[str] = ()) -> None:
+        self._seen, self._layers = seen, dict[str, Layer]()
+        for name in names:
+            self._layers |= _layers_of(name, lights)
+        self._made: dict[str, Array | None] = dict.fromkeys(self._layers)
 
     def __getitem__(self, name: str) -> Array:
         """Return a layer, [H, W] or [H, W, 3]."""
         made = self._made[name]
         if made is None:
-            made = self._made[name] = LAYERS[name].resolve(self._seen)
+            made = self._made[name] = self._layers[name].resolve(self._seen)
         return made
 
     def __iter__(self) -> Iterator[str]:

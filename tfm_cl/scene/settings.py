@@ -10,7 +10,7 @@ from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.model import Model, as_colour, count_or_auto, in_words, number_or_auto, number_or_none
-from tfm_cl.scene.layers import LAYERS
+from tfm_cl.scene.layers import NAMES
 
 MAX_WEIGHTING = 1e6
 """Largest density weighting α: beyond it, float32 cannot distinguish e^(-τ/α) from 1."""
@@ -224,8 +224,8 @@ def _aovs(value: Any) -> Any:
     if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
         raise ValueError("should be a list of names")
     for name in value:
-        if name not in LAYERS:
-            raise ValueError(unknown_key(name, list(LAYERS)).replace("key", "aov"))
+        if name not in NAMES:
+            raise ValueError(unknown_key(name, list(NAMES)).replace("key", "aov"))
     return tuple(dict.fromkeys(value))
 
 
@@ -276,7 +276,7 @@ class ImageSettings(Model):
         description="dither 8 bits, so that gradients do not band, PNG only; otherwise round",
     )
     aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
-        (), description="extra EXR layers: " + ", ".join(LAYERS)
+        (), description="extra EXR layers: " + ", ".join(NAMES) + " (light.NAME for each of them)"
     )
     pixel_type: Literal["float", "half"] = Field(
         "float", description="type of the colour channels in EXR files"

@@ -150,6 +150,7 @@ def test_matrices_are_stored_for_row_vectors(tmp_path):
         ({"metadata": {"worldToCamera": np.full((4, 4), np.nan)}}, "finite"),
         ({"aovs": {"R": np.zeros((5, 7), np.float32)}}, "AOV 'R'"),
         ({"aovs": {"a.b": np.zeros((5, 7), np.float32)}}, r"AOV 'a\.b'"),
+        ({"aovs": {"a.b.c": np.zeros((5, 7, 3), np.float32)}}, r"AOV 'a\.b\.c'"),
     ],
 )
 def test_what_a_file_cannot_hold(tmp_path, fields, message):

@@ -103,6 +103,7 @@ LIGHT = Struct(
         Field("int", "first_shadow_bounds", 1, "where these begin, in the same buffer"),
         Field("int", "texture_size", 2, "columns and rows of the light's texture"),
         Field("int", "first_texel", 1, "where it begins in its buffer"),
+        Field("int", "layer", 1, "number of the layer that holds what it adds"),
     ),
 )
 

@@ -1,6 +1,7 @@
 """OpenEXR: colours, AOVs, windows and metadata.
 
-Channels: ``R G B A``; a scalar AOV by its name (``depth``); a colour AOV as ``name.R name.G name.B``.
+Channels: ``R G B A``; a scalar AOV by its name (``depth``); a colour AOV as ``name.R name.G name.B``,
+where the name may have a dot itself (``light.key.R``).
 Here matrices in the metadata act on column vectors, ``v' = M v``; those of EXR act on row vectors, so the
 transpose is stored.
 """
@@ -53,9 +54,11 @@ def write(path: Path, image: Image, options: WriteOptions) -> None:
     }
     channels = {"RGBA": _colours(image.rgba, options.pixel_type)}
     for name, aov in image.aovs.items():
-        if not re.fullmatch(r"\w[\w-]*", name) or name in {"R", "G", "B", "A", "RGB", "RGBA"}:
-            raise ImageError(f"AOV '{name}' cannot be the name of an EXR channel; use letters, digits and _")
         scalar = aov.ndim == 2  # noqa: PLR2004 - height and width
+        # What follows a dot is a layer's channel, of colours: here only the last dot is.
+        allowed = r"\w[\w-]*" if scalar else r"\w[\w-]*(\.[\w-]+)?"
+        if not re.fullmatch(allowed, name) or name in {"R", "G", "B", "A", "RGB", "RGBA"}:
+            raise ImageError(f"AOV '{name}' cannot be the name of an EXR channel; use letters, digits and _")
         channels[name] = (
             np.ascontiguousarray(aov, np.float32) if scalar else _colours(aov, options.pixel_type)
         )
