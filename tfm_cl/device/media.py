@@ -19,7 +19,6 @@ from tfm_cl.scene.bodies.homogeneous import SHAPES
 from tfm_cl.scene.bodies.thin import ThinPrimitives
 from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.phases.base import PHASES
-from tfm_cl.scene.phases.widened import widened
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -97,7 +96,7 @@ def media_on_device(
     media = list(scene.media)
     # All media once more for lights from a part of the sky, with the phase functions that these see.
     for_lights = [
-        medium.replace(phase=widened(medium.phase, spread)) for spread in scene.spreads for medium in media
+        medium.replace(phase=medium.phase.widened(spread)) for spread in scene.spreads for medium in media
     ]
     is_coloured = any(body.colour is not None for body in scene.marched)
     channels = 3 if flames or is_coloured else 1

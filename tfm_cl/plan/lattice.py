@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds
-from tfm_cl.scene.phases.widened import widened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -153,7 +152,7 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)
             # Of d⁻², whose logarithm is interpolated.
             falloff = of_light**2 / 4 if light.falloff == "inverse-square" else 0.0
-            phase = widened(medium.phase, light.spread)
+            phase = medium.phase.widened(light.spread)
             found.append((number, turned_error(phase, rounded) + falloff))
     return found
 

@@ -20,7 +20,6 @@ from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.phases.base import Phase
 from tfm_cl.scene.phases.kajiya_kay import KajiyaKay
-from tfm_cl.scene.phases.widened import widened
 
 LEAST_CUTOFF = 1e-7
 """Transmittance at which a camera ray ends that nothing else ends."""
@@ -205,7 +204,7 @@ def scattered_light(
     """
     amounts = []
     for amount, medium in zip(step.amounts, matter.media, strict=True):
-        phase = _phase(widened(medium.phase, spread), step, *ways)[:, None]
+        phase = _phase(medium.phase.widened(spread), step, *ways)[:, None]
         octaves = [
             (lobe * phase + even) * transmittance**depth for depth, lobe, even in medium.octave_terms.T
         ]

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial.legendre import legval
 
 import tfm_cl as tfm
-from tfm_cl.scene.phases.widened import OVERLAP, widened
+from tfm_cl.scene.phases.base import OVERLAP
 
 ANGLES = np.linspace(0, np.pi, 200_001)
 TABLE = 2e-3
@@ -20,7 +20,7 @@ def over_the_sphere(values):
 @pytest.mark.parametrize("spread", [0.1, 0.35, 1.0])
 @pytest.mark.parametrize("phase", [NARROW, tfm.HenyeyGreenstein(-0.6)], ids=lambda phase: phase.type)
 def test_each_moment_is_that_of_a_gaussian_on_the_sphere(phase, spread):
-    cosines, found = np.cos(ANGLES), widened(phase, spread)
+    cosines, found = np.cos(ANGLES), phase.widened(spread)
     variance = OVERLAP * spread**2
     assert over_the_sphere(found.evaluate(cosines)) == pytest.approx(1, abs=TABLE)
     for order in (1, 2, 5):
@@ -30,10 +30,10 @@ def test_each_moment_is_that_of_a_gaussian_on_the_sphere(phase, spread):
 
 
 def test_what_is_even_or_comes_from_one_direction_stays():
-    assert widened(NARROW, 0.0) is NARROW
-    assert widened(tfm.Isotropic(), 1.0) == tfm.Isotropic()
+    assert NARROW.widened(0.0) is NARROW
+    assert tfm.Isotropic().widened(1.0) == tfm.Isotropic()
     strands = tfm.KajiyaKay()
-    assert widened(strands, 0.5) is strands
+    assert strands.widened(0.5) is strands
 
 
 def test_parts_of_the_sky_are_as_wide_as_they_are_large():

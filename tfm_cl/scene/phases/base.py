@@ -2,10 +2,12 @@
 
 from abc import abstractmethod
 from collections.abc import Hashable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.polynomial.legendre import legval, legvander
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
@@ -14,6 +16,15 @@ from tfm_cl.model import Model
 
 ANGLES = 4096
 """At which a phase function is looked at for its mean cosine, which is then right to 1e-5."""
+OVERLAP = 0.6
+"""Variance of the directions around a light's, over the square of its spread: equal parts of the sky add up
+to an even sky within a tenth (half the width leaves ripples of half of it)."""
+LEAST = 1e-6
+"""Moments that are less than this part of their own are left out."""
+ALIKE = 0.01
+"""Relative difference up to which a phase function is wide enough by itself."""
+COSINES = 1024
+"""Of the table of one that is not."""
 
 
 class Phase(Model):
@@ -78,6 +89,19 @@ class Phase(Model):
         del folder
         return self
 
+    def widened(self, spread: float) -> "Phase":
+        """Return the mean of p over directions around the light's.
+
+        These are spread like a Gaussian, so that neighbouring parts of the sky overlap. What depends on how
+        strands lie is wide anyway.
+
+        Parameters
+        ----------
+        spread
+            Radius, in radians, of the part of the sky that the light stands for.
+        """
+        return self if spread == 0 or self.KNOWS_TANGENTS else _widened(self, self.content, spread)
+
     @classmethod
     def parameters(cls) -> list[str]:
         """Keys of the numbers that may follow its name on the command line, in order."""
@@ -104,6 +128,25 @@ class Phase(Model):
 
 PHASES: dict[str, type[Phase]] = {}
 """Name in scene files -> class, of all that `tfm_cl.scene.phases` lists."""
+
+
+@lru_cache(maxsize=64)
+def _widened(phase: Phase, _content: Hashable, spread: float) -> Phase:
+    variance = OVERLAP * spread**2  # along each axis
+    count = int(np.sqrt(-2 * np.log(LEAST) / variance)) + 2
+    order = np.arange(count)
+    # Midpoints as of `Phase.mean_cosine`.
+    root = (np.arange(ANGLES) + 0.5) / ANGLES
+    angle = np.pi * root**3
+    weights = 2 * np.pi * phase.evaluate(np.cos(angle)) * np.sin(angle) * 3 * np.pi * root**2 / ANGLES
+    moments = weights @ legvander(np.cos(angle), count - 1)
+    # A Gaussian on the sphere multiplies each moment.
+    moments *= np.exp(-order * (order + 1) * variance / 2) / moments[0]
+    cosines = np.cos(np.linspace(np.pi, 0, COSINES))
+    values = np.maximum(legval(cosines, (2 * order + 1) / (4 * np.pi) * moments), 0)
+    if np.allclose(values, phase.evaluate(cosines), rtol=ALIKE, atol=0):
+        return phase
+    return PHASES["table"].from_table({"cosines": cosines, "values": values})
 
 
 def parse_phase(value: Any) -> Phase:
