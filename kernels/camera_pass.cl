@@ -3,7 +3,7 @@
 #include "view/see.h"
 
 /* solid            normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
-   albedo           of that (with TFM_SHADOW only)
+   albedo           RGB of that, and 1 on holdouts (with TFM_SHADOW only)
    FRAME_ARGUMENTS  out, as of frame_store
    window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float4 *solid,

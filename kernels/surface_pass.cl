@@ -20,7 +20,7 @@ TFM_INLINE Ints lit_pixels(LIGHT light, __global const uchar *lit, Pixels pixels
 
 /* starts, touching, blocks   as of lights_of_block
    solid          normal (world, unit, towards the camera) and distance of what each pixel shows; INFINITY without
-   albedo         RGB of that
+   albedo         RGB of that; 0 on holdouts
    lit            of all lights, for the pixels of their rectangles: 1 where no other solid stops the light
    transmittance  of the camera rays
    radiance       adds what solids reflect, RGB

@@ -132,7 +132,7 @@ TFM_INLINE Floats emission_of(MEDIUM media, const CameraSums *sums, Floats depth
 
 /* Eq. 7, with the ambient light that arrives scattered or reflected, and what the media emit.
    end     of the rays: infinite where no solid is seen
-   albedo  of the solids that the pixels show, 0 without (with TFM_SHADOW only) */
+   albedo  of the solids that the pixels show, 0 without, and 1 on holdouts (with TFM_SHADOW only) */
 TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums, Ints meets, Floats end, Pixels pixels,
                                 __global const float4 *albedo)
 {
@@ -155,9 +155,9 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
   seen.distance = sums->opacity_sum > 0.0f ? sums->distance_sum / sums->opacity_sum : floats(0.0f);
   seen.alpha = 1.0f - (seen.through[0] + seen.through[1] + seen.through[2]) / 3.0f;
 #if TFM_SHADOW
-  seen.alpha = end < INFINITY ? floats(1.0f) : seen.alpha;
   Floats reflects[4];
   load_float4(albedo, pixel_index(view, pixels), pixels.wanted & pixels.inside, 0.0f, reflects);
+  seen.alpha = ((end < INFINITY) & (reflects[3] == 0.0f)) ? floats(1.0f) : seen.alpha;
 #else
   (void)end;
   (void)pixels;

@@ -40,7 +40,7 @@ typedef struct {
   Floats through[3]; /* transmittance of the whole ray */
   Floats distance;   /* mean, weighed by opacity; 0 without a medium */
   Floats colour[3];  /* ambient light, and what the media emit */
-  Floats alpha;      /* 1 - mean transmittance, and 1 on solids */
+  Floats alpha;      /* 1 - mean transmittance, and 1 on solids but holdouts */
 #if TFM_EMISSION
   Floats emission[3]; /* the latter alone */
 #endif

@@ -105,6 +105,12 @@ def test_a_plane_hides_what_it_shades_from_an_eye_beside_the_light():
         assert tracer.may_shade(regions, np.array([9.0, 4.0, height])).tolist() == [seen, seen]
 
 
+def test_a_plane_that_is_not_seen_hides_nothing():
+    tracer = Tracer([PlaneSolid(point=(0, 0, 1), normal=(0, 0, 1), visible=False)])
+    regions = LitRegions.of([SpotLight(from_=(0, 0, 3), to=(0, 0, 0))])
+    assert tracer.may_shade(regions, np.array([9.0, 4.0, 2.5])).all()
+
+
 def test_triangles_that_lie_together_have_a_box_of_their_own(rng):
     # A large ring: the box around all of it is mostly empty.
     angles = np.linspace(0, 2 * np.pi, 257)[:-1]

@@ -1,6 +1,7 @@
 """Scenes with solids: against the float64 reference, and against closed forms that share none of its code."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from trimesh.creation import icosphere
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.errors import SceneError
+from tfm_cl.render.tracing.tracer import Tracer
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.lights import EnvironmentLight, PointLight, SunLight
 from tfm_cl.scene.settings import ShadowSettings
@@ -29,6 +31,7 @@ SURFACE_ERROR = 0.025
 MAP_ERROR = 4.0
 """Errors of single points over the map's mean one: the series is worst at the ends of its range."""
 
+VOLUMES = Path(__file__).resolve().parents[2] / "volumes"
 LIGHT = make_scene().lights[0]
 BRIGHT = {"intensity": (3, 2.5, 2)}
 LIGHTS = {
@@ -44,9 +47,10 @@ BALL = SphereSolid(centre=(0.1, 0.1, 0.2), radius=0.4, albedo=(0.9, 0.5, 0.2))
 FLOOR = PlaneSolid(point=(0, -0.2, 0), normal=(0.1, 1, 0.2))
 
 
-def ball_of_triangles():
+def ball_of_triangles(**options):
     mesh = icosphere(subdivisions=2)
-    return MeshSolid.from_arrays(0.35 * mesh.vertices + (0.1, 0.1, 0.2), mesh.faces, albedo=(0.9, 0.5, 0.3))
+    vertices = 0.35 * mesh.vertices + (0.1, 0.1, 0.2)
+    return MeshSolid.from_arrays(vertices, mesh.faces, albedo=(0.9, 0.5, 0.3), **options)
 
 
 SOLIDS = {
@@ -56,6 +60,12 @@ SOLIDS = {
     "plane through": [FLOOR],
     "box inside": [BoxSolid(from_=(-0.4, -0.5, -0.3), to=(0.2, 0.1, 0.4))],
     "mesh inside": [ball_of_triangles()],
+    "seen and unseen": [
+        ball_of_triangles(normals=icosphere(subdivisions=2).vertices),
+        BALL.replace(centre=(-0.6, 0.5, 0.3), radius=0.3, holdout=True),
+        BALL.replace(centre=(0.9, 0.9, 0.3), radius=0.2, visible=False),
+        PlaneSolid(point=(0, -0.8, 0), albedo=str(VOLUMES / "window.png"), texture_scale=1.5),
+    ],
     "several": [PlaneSolid(point=(0, -0.8, 0)), BALL.replace(centre=(0.4, 0.5, 0.2)), ball_of_triangles()],
 }
 CASES = [
@@ -70,6 +80,7 @@ CASES = [
     ("box inside", "sun"),
     ("mesh inside", "point"),
     ("mesh inside", "spot"),
+    ("seen and unseen", "spot"),
 ]
 
 
@@ -94,7 +105,7 @@ def check_equal(renderer, save_on_failure, scene, method):
     assert difference.max(initial=0) < 10 * MAP_PASS
 
 
-@pytest.mark.quick("mesh inside-spot-tfm")
+@pytest.mark.quick("mesh inside-spot-tfm", "seen and unseen-spot-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize(("solids", "light"), CASES)
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solids, light, method):
@@ -122,6 +133,34 @@ def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, solid
 )
 def test_settings_equal_the_reference(renderer, save_on_failure, changes, method):
     check_equal(renderer, save_on_failure, solid_scene("several", "spot", **changes), method)
+
+
+def test_a_holdout_is_a_hole_and_what_is_invisible_a_shadow(renderer):
+    scene = solid_scene("seen and unseen", "spot")  # a picture of the tests above
+    smooth, hole, hidden, floor = scene.solids
+    result = renderer.render(scene, background=1.0)
+    rays = scene.camera.rays()
+    shape = result.image.shape[:2]
+    hits = Tracer([hole]).nearest(*rays), Tracer([smooth, floor]).nearest(*rays)
+    holes = (hits[0].distance < hits[1].distance).reshape(shape)
+    through = result.aovs["transmittance"][holes]
+    without = result.foreground[holes]
+    assert 10 < holes.sum() < holes.size / 2
+    # Alpha is of the media in front, and of all light only what they scatter is there.
+    assert np.abs(without[:, 3] - (1 - through.mean(axis=-1))).max() < PASS
+    black = renderer.render(
+        scene.replace(solids=[hole.replace(holdout=False, albedo=0), smooth, hidden, floor])
+    )
+    assert (without[:, :3] == black.image[holes][:, :3]).all()
+    assert np.abs(result.image[holes][:, :3] - without[:, :3] - through).max() < PASS
+    for name in ("solid_distance", "normal", "albedo"):
+        assert not result.aovs[name][holes].any()
+    # What only casts a shadow darkens, and is seen nowhere.
+    lighter = renderer.render(scene.replace(solids=[smooth, hole, floor]))
+    assert (result.aovs["solid_distance"] == lighter.aovs["solid_distance"]).all()
+    change = lighter.image[..., :3] - result.foreground[..., :3]
+    assert change.min() > -MAP_PASS
+    assert change.max() > 0.02
 
 
 def test_a_background_is_seen_as_far_as_the_reference_lets_it_through(renderer):

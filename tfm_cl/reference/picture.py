@@ -239,7 +239,7 @@ def _trace(
     if later is not None:
         parts["orders"] = _scattered_again(later, rays, crossing, decided(scene.march.steps))
     radiance: Floats = np.sum([*parts.values()], axis=0)
-    shows_solid = np.isfinite(surfaces.distance)
+    shows_solid = np.isfinite(surfaces.distance) & ~surfaces.holdout
     return {
         "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
         "depth": seen.depth,
@@ -369,7 +369,7 @@ def _reflected(
     radiance = np.zeros((len(rays.origins), 3))
     shown = np.flatnonzero(np.isfinite(surfaces.distance))
     rays, crossing = rays.part(shown), crossing.part(shown)
-    met = Surfaces(*(values[shown] for values in surfaces))
+    met = surfaces.part(shown)
     through = seen.transmittance[shown]
     if scene.march.attenuation == "paper":  # TFM's algorithm 1 dims only between the ends of the light's cone
         begin, end = intersection(crossing.medium, light.light.interval(*rays))

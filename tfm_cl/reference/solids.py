@@ -49,11 +49,28 @@ def solid_visibility(scene: Scene, light: Light, points: Floats, shadows: Shadow
 
 
 class Surfaces(NamedTuple):
-    """What camera rays meet: distances ``[rays]``, normals and albedo ``[rays, 3]``."""
+    """What camera rays meet."""
 
     distance: Floats
+    """``[rays]``, world units; infinite without."""
     normal: Floats
+    """``[rays, 3]``, unit, for shading; 0 on holdouts."""
     albedo: Floats
+    """``[rays, 3]``; 0 on holdouts."""
+    starts: Floats
+    """``[rays, 3]`` where shadow rays start, world."""
+    holdout: NDArray[np.bool_]
+    """``[rays]``, where the camera sees a hole."""
+
+    def part(self, which: NDArray[np.intp]) -> Surfaces:
+        """Take those of some of the rays."""
+        return Surfaces(
+            self.distance[which],
+            self.normal[which],
+            self.albedo[which],
+            self.starts[which],
+            self.holdout[which],
+        )
 
 
 class Obstacles:
@@ -69,12 +86,20 @@ class Obstacles:
             self._tracer = Tracer(scene.solids)
 
     def surfaces(self, rays: Rays) -> Surfaces:
-        """Of the nearest solids; distances are infinite without."""
+        """Of the nearest visible solids; distances are infinite without."""
         count = len(rays.origins)
         if self._tracer is None:
-            return Surfaces(np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3)))
-        hits = self._tracer.nearest(*rays)
-        return Surfaces(*(values.astype(np.float64) for values in (hits.distance, hits.normal, hits.albedo)))
+            none = np.zeros((count, 3))
+            return Surfaces(np.full(count, np.inf), none, none, none, np.zeros(count, bool))
+        hits = self._tracer.nearest(*rays, self._scene.camera.pixel_width)
+        distance, normal, albedo, flat, raised = (
+            values.astype(np.float64)
+            for values in (hits.distance, hits.normal, hits.albedo, hits.flat, hits.raised)
+        )
+        met = np.isfinite(distance)
+        points = rays.at(np.where(met, distance, 0)) + raised
+        starts = self._tracer.lifted(points, flat, np.where(met, distance, 0))
+        return Surfaces(distance, normal, albedo, starts, hits.holdout)
 
     def visibility(self, light: Light, points: Floats) -> Floats:
         """As `solid_visibility`, of a fitted light."""
@@ -113,7 +138,7 @@ class Obstacles:
         seen = np.flatnonzero((cosine > 0) & light.reaches(points))
         result = np.zeros(len(points))
         if self._tracer is not None and len(seen):
-            at = self._tracer.lifted(points[seen], surfaces.normal[seen], surfaces.distance[seen])
+            at = surfaces.starts[seen]
             hidden = self._tracer.occluded(at, -direction[seen], light.source_distance(at))
             result[seen] = np.where(hidden, 0, cosine[seen])
         return result

@@ -38,7 +38,7 @@ class FrameBuffers:
     solid: cl.Buffer
     """float4: normal and distance of the solid that a pixel shows; of no meaning without solids."""
     albedo: cl.Buffer
-    """float4: its RGB albedo."""
+    """float4: its RGB albedo, and 1 on holdouts."""
     later: Output | None = None
     """float4: RGB of the later orders of scattering, where there are any."""
 
@@ -91,7 +91,7 @@ class Sums:
 
     @property
     def albedo(self) -> NDArray[np.float32]:
-        """RGB, and 0."""
+        """RGB, and 1 on holdouts, else 0."""
         return np.zeros_like(self.radiance) if self.gbuffer is None else self.gbuffer.albedo
 
     @property

@@ -19,11 +19,14 @@ class GBuffer:
     """The solids that the pixels of a crop show, [height, width, …]."""
 
     solid: NDArray[np.float32]
-    """[h, w, 4]: unit normal (world, towards the camera) and distance, world units; infinite without."""
+    """[h, w, 4]: unit normal (for shading, world, on the camera's side) and distance, world units; infinite
+    without."""
     albedo: NDArray[np.float32]
-    """[h, w, 4]: RGB and 0."""
+    """[h, w, 4]: RGB, and 1 on holdouts, else 0."""
     points: NDArray[np.float64]
-    """[hits, 3] where camera rays meet solids, world, row by row."""
+    """[hits, 3] where camera rays meet solids that are no holdouts, world, row by row."""
+    starts: NDArray[np.float64]
+    """[hits, 3] where their shadow rays start, world."""
     shown: NDArray[np.bool_]
     """[h, w]: which pixels these are."""
 
@@ -65,16 +68,18 @@ class GBuffer:
     def nbytes(self) -> int:
         """Size, with `numbers` and `pixels`."""
         of_pixels = 2 * np.dtype(np.int32).itemsize * self.shown.size
-        return self.solid.nbytes + self.albedo.nbytes + self.points.nbytes + self.shown.nbytes + of_pixels
+        arrays = self.solid, self.albedo, self.points, self.starts, self.shown
+        return sum(array.nbytes for array in arrays) + of_pixels
 
 
 def trace_gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer:
     """Trace the camera's rays through the pixels x0, y0, x1, y1."""
     shape = (crop[3] - crop[1], crop[2] - crop[0])
     origins, directions = scene.camera.rays(crop)
-    hits = tracer.nearest(origins, directions)
+    hits = tracer.nearest(origins, directions, scene.camera.pixel_width)
     solid = np.concatenate([hits.normal, hits.distance[:, None]], axis=1).reshape(*shape, 4)
-    albedo = np.concatenate([hits.albedo, np.zeros_like(hits.distance)[:, None]], axis=1).reshape(*shape, 4)
-    met = np.isfinite(hits.distance)
+    albedo = np.concatenate([hits.albedo, hits.holdout[:, None]], axis=1, dtype=np.float32)
+    met = np.isfinite(hits.distance) & ~hits.holdout
     points = origins[met] + hits.distance[met, None] * directions[met]
-    return GBuffer(solid, albedo, points, met.reshape(shape))
+    starts = tracer.lifted(points + hits.raised[met], hits.flat[met], hits.distance[met])
+    return GBuffer(solid, albedo.reshape(*shape, 4), points, starts, met.reshape(shape))

@@ -71,7 +71,7 @@ def lit_pixels(
     def trace(part: slice) -> None:
         pair, within = np.nonzero(gbuffer.pixels[block[part]] >= 0)
         of, pixel = light[part][pair], gbuffer.pixels[block[part][pair], within]
-        found, rays = _shadow_rays(tracer, gbuffer, regions, of, pixel)
+        found, rays = _shadow_rays(gbuffer, regions, of, pixel)
         if not len(found):
             return
         of, pixel = of[found], pixel[found]
@@ -84,27 +84,27 @@ def lit_pixels(
 
 
 def _shadow_rays(
-    tracer: Tracer,
     gbuffer: GBuffer,
     regions: LitRegions,
     light: NDArray[np.int32],
     pixel: NDArray[np.int32],
 ) -> tuple[NDArray[np.intp], tuple[NDArray[np.float64], ...]]:
     """Rays from pixels' points towards lights, both [n], and for which of them; a light may face away."""
-    points = gbuffer.points[gbuffer.numbers[pixel]]
+    number = gbuffer.numbers[pixel]
+    points = gbuffer.points[number]
     apex, axis, parallel = regions.apex[light], regions.axis[light], regions.parallel[light]
     offset = points - apex
     distance = np.linalg.norm(offset, axis=1)
     within = (offset * axis).sum(axis=1) >= (np.cos(regions.angle[light]) - ON_EDGE) * distance
     reached = np.flatnonzero(parallel | (within & (distance < regions.reach[light]) & (distance > 0)))
-    surface = gbuffer.solid.reshape(-1, 4)[pixel[reached]].astype(np.float64)
+    normals = gbuffer.solid.reshape(-1, 4)[pixel[reached], :3].astype(np.float64)
     direction = np.where(
         parallel[reached, None],
         axis[reached],
         offset[reached] / np.where(parallel, 1, distance)[reached, None],
     )
-    facing = (direction * surface[:, :3]).sum(axis=1) < 0
+    facing = (direction * normals).sum(axis=1) < 0
     found = reached[facing]
-    at = tracer.lifted(points[found], surface[facing, :3], surface[facing, 3])
+    at = gbuffer.starts[number[found]]
     length = np.where(parallel[found], np.inf, np.linalg.norm(at - apex[found], axis=1))
     return found, (at, -direction[facing], length)

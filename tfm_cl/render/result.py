@@ -75,8 +75,8 @@ class RenderResult:
     """A picture, its extra layers and what they cost."""
 
     image: NDArray[np.float32]
-    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids. The
-    ``background``, if any, is added to the colours."""
+    """[H, W, 4]: scene-linear Rec. 709, premultiplied; alpha = 1 - mean transmittance, and 1 on solids but
+    holdouts. The ``background``, if any, is added to the colours."""
     aovs: Mapping[str, NDArray[np.float32]]
     """Each made when it is first asked for: ``depth`` and ``samples`` [H, W], ``transmittance`` and
     ``light_transmittance`` [H, W, 3]; with solids, or asked for, ``solid_distance`` [H, W], ``normal`` and
@@ -98,7 +98,7 @@ class RenderResult:
         """Return the picture over another background.
 
         Each channel is that without a background plus the background's times the ``transmittance``; no
-        background is seen through solids.
+        background is seen through solids, but for holdouts.
 
         Parameters
         ----------

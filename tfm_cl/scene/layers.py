@@ -37,11 +37,14 @@ class Seen(Protocol):
 
     @property
     def solid(self) -> Array:
-        """[…, 4]: unit normal of the solid that a pixel shows, world, and its distance; infinite without."""
+        """[…, 4]: unit normal of the solid that a pixel shows, world, and its distance; infinite without.
+
+        Of a holdout only the distance.
+        """
 
     @property
     def albedo(self) -> Array:
-        """[…, 4]: its RGB, and 0."""
+        """[…, 4]: its RGB, and 1 on holdouts, else 0."""
 
     @property
     def emission(self) -> Array:
@@ -127,18 +130,23 @@ LAYERS = {
     ),
     "solid_distance": Layer(
         1,
-        "distance from the camera to the solid that the pixel shows, world units; 0 without",
-        lambda seen: np.where(np.isfinite(seen.solid[..., 3]), seen.solid[..., 3], np.float32(0)),
+        "distance from the camera to the solid that the pixel shows, world units; 0 without, and on holdouts",
+        lambda seen: np.where(
+            np.isfinite(seen.solid[..., 3]) & (seen.albedo[..., 3] == 0), seen.solid[..., 3], np.float32(0)
+        ),
         "solids",
     ),
     "normal": Layer(
         3,
-        "unit normal of that solid, world, towards the camera; 0 without",
+        "unit normal that the solid is shaded with, world, on the camera's side; 0 without, and on holdouts",
         lambda seen: seen.solid[..., :3].copy(),
         "solids",
     ),
     "albedo": Layer(
-        3, "RGB albedo of that solid; 0 without", lambda seen: seen.albedo[..., :3].copy(), "solids"
+        3,
+        "RGB albedo of that solid, with its textures; 0 without, and on holdouts",
+        lambda seen: seen.albedo[..., :3].copy(),
+        "solids",
     ),
     "emission": Layer(
         3,

@@ -313,7 +313,8 @@ class SceneFile:
         for volume in self.volumes:
             named += volume.sources()
         named += [getattr(light, "texture", None) for light in self.light or ()]
-        named += [getattr(solid, "mesh", None) for solid in self.solids]
+        for solid in self.solids:
+            named += solid.files()
         for medium in (self.medium, *(volume.medium for volume in self.volumes)):
             named += medium.phase.files() if medium else ()
         return [source_of(name, self.path.parent) for name in named if name]
@@ -538,7 +539,7 @@ def _light(table: Values, folder: Path) -> Light:
 
 
 def _solid(table: Values, folder: Path) -> Solid:
-    return parse_solid(_beside(table, "mesh", folder))
+    return parse_solid(_beside(_beside(table, "mesh", folder), "albedo", folder))
 
 
 PLACED: Values = {"from": (1.0, 2.0, 3.0), "to": (0.0, 0.0, 0.0)}

@@ -14,6 +14,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files import srgb
 from tfm_cl.files.mesh_io import loading, triangles
 from tfm_cl.render.tracing.tracer import Tracer
 from tfm_cl.scene.solids import MeshSolid
@@ -98,6 +99,8 @@ def picture():
     return Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [100, 100, 100]]], np.uint8))
 
 
+CENTRE = 0.5 / 0.98
+"""Where the texels' centres lie: texture coordinates leave out a hundredth on every side."""
 CORNERS = [(-1, 1, [1, 0, 0]), (1, 1, [0, 1, 0]), (-1, -1, [0, 0, 1]), (1, -1, [from_srgb(100)] * 3)]
 
 
@@ -105,15 +108,170 @@ def test_a_gltf_texture_and_factor_multiply(tmp_path):
     factor = np.array([0.5, 0.25, 1.0, 1.0])
     textured(PBRMaterial(baseColorFactor=factor, baseColorTexture=picture())).export(tmp_path / "a.glb")
     for x, y, colour in CORNERS:
-        found = seen(tmp_path / "a.glb", x * 0.9999, y * 0.9999)[0]
+        found = seen(tmp_path / "a.glb", x * CENTRE, y * CENTRE)[0]
         np.testing.assert_allclose(found, factor[:3] * colour, atol=LEVEL + 1e-4)
 
 
 def test_an_obj_texture_and_diffuse_multiply(tmp_path):
     textured(SimpleMaterial(image=picture(), diffuse=[0.5, 0.5, 1.0])).export(tmp_path / "a.obj")
     for x, y, colour in CORNERS:
-        found = seen(tmp_path / "a.obj", x * 0.9999, y * 0.9999)[0]
+        found = seen(tmp_path / "a.obj", x * CENTRE, y * CENTRE)[0]
         np.testing.assert_allclose(found, np.array([0.5, 0.5, 1.0]) * colour, atol=LEVEL + 1e-4)
+
+
+def normals_of(path, **options):
+    """Where a ray from above falls on a square whose normals lean; flat ones are 0, 0, 1."""
+    hits = Tracer([MeshSolid(mesh=str(path), **options)]).nearest([0.1, 0.2, 10.0], [0, 0, -1])
+    return hits.normal[0]
+
+
+@pytest.mark.parametrize("extension", ["glb", "obj", "ply"])
+def test_normals_of_a_file_are_smooth(tmp_path, extension):
+    path, leaning = tmp_path / f"a.{extension}", np.array([0.6, 0, 0.8])
+    mesh = square()
+    mesh.vertex_normals = np.tile(leaning, (4, 1))
+    mesh.export(path, **{"vertex_normal" if extension == "ply" else "include_normals": True})
+    for options in ({}, {"smooth": True}):
+        np.testing.assert_allclose(normals_of(path, **options), leaning, atol=FILE)
+    for options in ({"smooth": False}, {"smooth": 30}):
+        np.testing.assert_allclose(normals_of(path, **options), [0, 0, 1], atol=FILE)
+    square().export(path)
+    assert MeshSolid(mesh=str(path)).load().normals is None
+
+
+def test_normals_of_parts_turn_with_them(tmp_path):
+    scene, leaning = trimesh.Scene(), np.array([0.6, 0, 0.8])
+    for x, smooth in ((0, True), (5, False)):
+        mesh = square()
+        if smooth:
+            mesh.vertex_normals = np.tile(leaning, (4, 1))
+        matrix = np.diag([-1.0, 2, 0.5, 1])
+        matrix[0, 3] = x
+        scene.add_geometry(mesh, transform=matrix)
+    (tmp_path / "a.glb").write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=None))
+    solid = MeshSolid(mesh=str(tmp_path / "a.glb"))
+    hits = Tracer([solid]).nearest([[0.1, 0.2, 10.0], [5.1, 0.2, 10]], [0, 0, -1])
+    turned = leaning / (-1, 2, 0.5)
+    np.testing.assert_allclose(hits.normal, [turned / np.linalg.norm(turned), [0, 0, 1]], atol=FILE)
+
+
+def written(tmp_path, *, attributes=None, arrays=(), **changes):
+    """A glTF of one triangle with texture coordinates; further arrays are accessors from 2 on."""
+    uv = np.array([[0, 1], [1, 1], [0, 0]], np.float32)  # v downwards
+    stored = [np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), uv, *arrays]
+    codes = {"float32": 5126, "uint8": 5121, "uint16": 5123}
+    data, views, accessors = b"", [], []
+    for number, values in enumerate(stored):
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": values.nbytes})
+        accessor = {"bufferView": number, "componentType": codes[values.dtype.name], "count": 3}
+        accessors.append(accessor | {"type": f"VEC{values.shape[1]}"})
+        data += values.tobytes()
+    primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1} | (attributes or {})}
+    if "materials" in changes:
+        primitive["material"] = 0
+    picture().save(tmp_path / "picture.png")
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    header = {
+        "buffers": [{"uri": uri, "byteLength": len(data)}],
+        "bufferViews": views,
+        "accessors": accessors,
+        "meshes": [{"primitives": [primitive]}],
+        "images": [{"uri": "picture.png"}],
+        "textures": [{"source": 0}],
+    }
+    (tmp_path / "a.gltf").write_text(gltf(**header | changes))
+    return tmp_path / "a.gltf"
+
+
+def material(**use):
+    return [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0} | use}}]
+
+
+def test_vertex_colours_of_gltf_keep_their_bits(tmp_path):
+    levels = np.full((3, 4), (1000, 30000, 65535, 65535), np.uint16)
+    path = written(tmp_path, attributes={"COLOR_0": 2}, arrays=[levels])
+    np.testing.assert_allclose(seen(path, 0.2, 0.2)[0], levels[0, :3] / 65535, atol=FILE)
+    path = written(tmp_path, attributes={"COLOR_0": 2}, arrays=[levels], materials=material())
+    # Times the texture, whose lower left texel is blue.
+    np.testing.assert_allclose(seen(path, 0.25, 0.25)[0], [0, 0, 1], atol=1e-3)
+
+
+SHIFTED = {"extensions": {"KHR_texture_transform": {"offset": [0.5, 0.0]}}}
+TURNED = {
+    "extensions": {"KHR_texture_transform": {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}}
+}
+
+
+BLUE, GREY = np.array([0, 0, 1.0]), np.full(3, from_srgb(100))
+
+
+@pytest.mark.parametrize(
+    ("use", "sampler", "x", "colour"),
+    [
+        ({}, {}, 0.25, BLUE),
+        (SHIFTED, {}, 0.25, GREY),
+        (SHIFTED, {}, 0.7, 0.9 * BLUE + 0.1 * GREY),
+        (SHIFTED, {"wrapS": 33071}, 0.7, GREY),
+        (SHIFTED, {"wrapS": 33648}, 0.7, GREY),
+        # Its page: the lower left quadrant, and the image turns clockwise.
+        (TURNED, {"wrapT": 33071}, 0.1, 0.75 * BLUE + 0.25 * GREY),
+    ],
+    ids=range(6),
+)
+def test_a_gltf_texture_lies_where_its_sampler_says(tmp_path, use, sampler, x, colour):
+    changes = {"textures": [{"source": 0, "sampler": 0}], "samplers": [sampler]}
+    path = written(tmp_path, materials=material(**use), **changes)
+    np.testing.assert_allclose(seen(path, x, 0.25)[0], colour, atol=LEVEL)
+
+
+def test_a_second_set_of_texture_coordinates_is_refused(tmp_path):
+    path = written(tmp_path, materials=material(texCoord=1))
+    assert "uses a second set of texture coordinates" in refused(path)
+    assert seen(path, 0.2, 0.2, albedo=0.5)[0].tolist() == [0.5] * 3
+
+
+def test_an_image_as_albedo_replaces_the_files_colours(tmp_path):
+    for path in (written(tmp_path), written(tmp_path, materials=material())):
+        image = tmp_path / "grey.png"
+        Image.fromarray(np.uint8([[100]])).save(image)
+        np.testing.assert_allclose(
+            seen(path, 0.2, 0.2, albedo=str(image))[0], [from_srgb(100)] * 3, rtol=5e-4
+        )
+    square().export(tmp_path / "a.ply")
+    with pytest.raises(SceneError, match="has no texture coordinates"):
+        MeshSolid(mesh=str(tmp_path / "a.ply"), albedo=str(image)).load()
+    for name, data in (("cut.png", image.read_bytes()[:40]), ("text.jpg", b"none"), ("missing.png", None)):
+        if data is not None:
+            (tmp_path / name).write_bytes(data)
+        with pytest.raises(SceneError, match=name) as caught:
+            MeshSolid(mesh=str(path), albedo=str(tmp_path / name)).load()
+        assert str(caught.value).isprintable()
+
+
+def test_images_of_a_file_are_bounded(tmp_path, monkeypatch):
+    path = written(tmp_path, materials=material())
+    monkeypatch.setattr(loading, "MAX_TEXELS", 3)
+    assert "its images have more than 3 texels" in refused(path)
+    monkeypatch.undo()
+    monkeypatch.setattr(srgb, "MAX_TEXELS", 3)
+    assert "an image of 2×2 texels; the limit is 3" in refused(path)
+    monkeypatch.undo()
+    picture().save(tmp_path / "picture.png", format="ICNS")
+    assert "an image of the kind ICNS" in refused(path)
+
+
+def test_colours_beside_texture_coordinates_that_nothing_uses(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0 0 0 200 0 255\n1 0 0 1 0 200 0 255\n0 1 0 0 1 200 0 255\n3 0 1 2\n"
+    )
+    (tmp_path / "a.obj").write_text(
+        "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    np.testing.assert_allclose(seen(tmp_path / "a.ply", 0.2, 0.2)[0], [from_srgb(200), 0, 1], atol=FILE)
+    np.testing.assert_allclose(seen(tmp_path / "a.obj", 0.2, 0.2)[0], [1, 0, 0], atol=FILE)
 
 
 def test_a_base_colour_is_linear(tmp_path):

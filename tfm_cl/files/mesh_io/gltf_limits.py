@@ -19,8 +19,8 @@ MAX_ENTRIES = 1_000_000
 """Largest number of entries in any of the file's lists."""
 
 
-def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> None:
-    """Check the sizes that a .glb or .gltf stream declares; the stream is rewound.
+def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> dict[str, Any]:
+    """Check the sizes that a .glb or .gltf stream declares; returns its header, and rewinds the stream.
 
     Raises
     ------
@@ -31,7 +31,18 @@ def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> 
     """
     header = _header(stream)
     stream.seek(0)
-    for key in ("accessors", "bufferViews", "meshes", "nodes", "materials", "images", "buffers"):
+    lists = (
+        "accessors",
+        "bufferViews",
+        "meshes",
+        "nodes",
+        "materials",
+        "textures",
+        "samplers",
+        "images",
+        "buffers",
+    )
+    for key in lists:
         if len(header.get(key, [])) > MAX_ENTRIES:
             raise SceneError(f"{path}: {len(header[key]):,} {key}; the limit is {MAX_ENTRIES:,}")
     accessors = header.get("accessors", [])
@@ -53,6 +64,7 @@ def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> 
     corners = _corners(header, counts)
     if corners > 3 * most_faces:
         raise SceneError(f"{path}: announces {corners // 3:,} triangles; the limit is {most_faces:,}")
+    return header
 
 
 def _corners(header: dict[str, Any], counts: list[int]) -> int:

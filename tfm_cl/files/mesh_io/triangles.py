@@ -1,12 +1,13 @@
 """Triangles in memory: the form of a mesh once it is read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.limits import LARGEST_COORDINATE
 
 DEFAULT_ALBEDO = (0.8, 0.8, 0.8)
@@ -26,6 +27,19 @@ SLIVER = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Textures:
+    """Images on triangles."""
+
+    uv: NDArray[np.float64]
+    """[T, 2], texture coordinates; v points upwards."""
+    uv_of: NDArray[np.int32]
+    """[F, 3], rows of ``uv`` at the corners of each triangle."""
+    image_of: NDArray[np.int32]
+    """[F], numbers of the images; -1 for none."""
+    images: tuple[Mipmap, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Triangles:
     """Triangles in object space; none is degenerate."""
 
@@ -37,11 +51,36 @@ class Triangles:
     """[C, 3], linear albedo, 0 to 1."""
     colour_of: NDArray[np.int32]
     """[F, 3], rows of ``colours`` at the corners of each triangle, or [1, 3] if all are the same."""
+    normals: NDArray[np.float64] | None = None
+    """[N, 3], unit, on either side, for smooth shading; 0 where there is none. None: all is flat."""
+    normal_of: NDArray[np.int32] | None = None
+    """[F, 3], rows of ``normals`` at the corners of each triangle."""
+    textures: Textures | None = None
+    """What the colours are multiplied with."""
 
     def painted(self, albedo: tuple[float, float, float]) -> "Triangles":
         """Return the same triangles in a single colour."""
-        return Triangles(
-            self.vertices, self.faces, np.array([albedo], np.float32), np.zeros((1, 3), np.int32)
+        colours, colour_of = _one_colour(albedo)
+        return replace(self, colours=colours, colour_of=colour_of, textures=None)
+
+    def shaded(
+        self, normals: NDArray[np.float64] | None, normal_of: NDArray[np.int32] | None = None
+    ) -> "Triangles":
+        """Return the same triangles with other normals [N, 3] at their corners [F, 3]; flat for None."""
+        return replace(self, normals=normals, normal_of=normal_of)
+
+    def kept(self, chosen: NDArray[np.bool_]) -> "Triangles":
+        """Return some of the triangles [F]; nothing else changes."""
+        textures = self.textures
+        if textures is not None:
+            textures = replace(textures, uv_of=textures.uv_of[chosen], image_of=textures.image_of[chosen])
+        one_colour = len(self.colour_of) != len(self.faces)
+        return replace(
+            self,
+            faces=self.faces[chosen],
+            colour_of=self.colour_of if one_colour else self.colour_of[chosen],
+            normal_of=None if self.normal_of is None else self.normal_of[chosen],
+            textures=textures,
         )
 
 
@@ -51,8 +90,21 @@ def checked(
     faces: Any,
     colours: NDArray[np.float32] | None = None,
     colour_of: NDArray[np.int32] | None = None,
+    normals: NDArray[np.float64] | None = None,
+    textures: Textures | None = None,
 ) -> Triangles:
     """Check arrays and drop triangles without area.
+
+    Parameters
+    ----------
+    name
+        What messages call it.
+    vertices, faces
+        [V, 3] and [F, 3].
+    colours, colour_of, textures
+        As of `Triangles`; one colour without.
+    normals
+        [V, 3], of any length, one for each vertex; None for flat triangles. What is no direction becomes 0.
 
     Raises
     ------
@@ -79,10 +131,28 @@ def checked(
     if not solid.any():
         raise SceneError(f"{name}: no triangle has an area")
     if colours is None or colour_of is None:
-        colours, colour_of = np.array([DEFAULT_ALBEDO], np.float32), np.zeros((1, 3), np.int32)
-    if not solid.all():
-        rows, colour_of = rows[solid], colour_of[solid] if len(colour_of) == len(solid) else colour_of
-    return Triangles(points, np.ascontiguousarray(rows, np.int32), colours, colour_of)
+        colours, colour_of = _one_colour(DEFAULT_ALBEDO)
+    rows = np.ascontiguousarray(rows, np.int32)
+    triangles = Triangles(points, rows, colours, colour_of, textures=textures)
+    if normals is not None:
+        triangles = triangles.shaded(unit_or_zero(normals), rows)
+    return triangles if solid.all() else triangles.kept(solid)
+
+
+def unit_or_zero(vectors: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Normalise vectors [N, 3]; those without a direction become 0."""
+    vectors = np.asarray(vectors, np.float64)
+    # By their largest number first, so that squares neither overflow nor vanish.
+    largest = np.abs(vectors).max(axis=1, keepdims=True)
+    sound = np.isfinite(largest) & (largest > 0)
+    unit = np.divide(vectors, largest, out=np.zeros(vectors.shape), where=sound)
+    length = np.linalg.norm(unit, axis=1, keepdims=True)
+    result: NDArray[np.float64] = np.divide(unit, length, out=np.zeros(vectors.shape), where=length > 0)
+    return result
+
+
+def _one_colour(albedo: tuple[float, float, float]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    return np.array([albedo], np.float32), np.zeros((1, 3), np.int32)
 
 
 def _array(name: str, what: str, values: Any) -> NDArray[Any]:

@@ -17,7 +17,12 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from tfm_cl.files.mesh_io.triangles import unit_or_zero
+from tfm_cl.render.tracing.textures import footprints, sampled
+
 if TYPE_CHECKING:
+    from tfm_cl.files.mesh_io.triangles import Triangles
+    from tfm_cl.files.mipmap import Mipmap
     from tfm_cl.scene.solids.mesh import MeshSolid
 
 BEYOND = 16.0
@@ -26,6 +31,9 @@ about 3."""
 
 MARGIN = 1 + 2.0**-20
 """Relative margin of the sphere and the boxes around the meshes: triangles rounded to float32 stay inside."""
+
+LEANING = 0.5
+"""Cosine between the normals of a triangle and of a corner below which its shadow rays start on itself."""
 
 HALVINGS = 6
 """How often the triangles are halved into those that lie together, each with a box of its own."""
@@ -39,10 +47,16 @@ class MeshHits:
     """[M], indices of the rays."""
     distances: NDArray[np.float64]
     """[M], distances, world units."""
+    flat: NDArray[np.float64]
+    """[M, 3], unit normals of the triangles, towards the rays' origins."""
     normals: NDArray[np.float64]
-    """[M, 3], unit normals, on either side."""
-    albedo: NDArray[np.float32]
+    """[M, 3], unit normals for shading, on that side."""
+    albedo: NDArray[np.float64]
     """[M, 3], linear albedo."""
+    raised: NDArray[np.float64]
+    """[M, 3], from the points to the smooth surface that the triangles stand for, world units."""
+    holdout: NDArray[np.bool_]
+    """[M], whether the camera sees a hole there."""
 
 
 class Meshes:
@@ -64,6 +78,10 @@ class Meshes:
                 for part, start in zip(loaded, colour_starts[:-1], strict=True)
             ]
         )
+        self._first_faces = np.cumsum([0, *(len(part.faces) for part in loaded)])[:-1]
+        self._holdout = np.array([solid.holdout for solid in solids])
+        self._smooth = _Smooth.of(solids, loaded)
+        self._textured = _Textured.of(loaded)
         used = np.zeros(len(self._vertices), dtype=bool)
         used[self._faces] = True
         low, high = self._vertices[used].min(axis=0), self._vertices[used].max(axis=0)
@@ -85,8 +103,13 @@ class Meshes:
         # The first query builds the tree; later ones may come from several threads.
         self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
-    def nearest(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> MeshHits:
-        """Find the first triangles along world rays (origins, directions [N, 3]), with float64 distances."""
+    def nearest(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], spread: float
+    ) -> MeshHits:
+        """Find the first triangles along world rays (origins, directions [N, 3]), with float64 distances.
+
+        ``spread``: width of the rays' cones at distance 1.
+        """
         rays, starts, local, towards = self._local(origins, directions)
         found = self._scene.run(local, towards, query="INTERSECT", output=1, dists=BEYOND)
         hit = np.flatnonzero(found["primID"] >= 0)
@@ -109,8 +132,19 @@ class Meshes:
         colours = self._colours[self._colour_of[triangles]]
         # Differences, so that a colour that is the same at all corners stays exact.
         first = colours[:, 0]
-        albedo = first + u * (colours[:, 1] - first) + v * (colours[:, 2] - first)
-        return MeshHits(rays, distances, normals, np.clip(albedo, 0, 1))
+        albedo = np.clip(first + u * (colours[:, 1] - first) + v * (colours[:, 2] - first), 0, 1)
+        normals *= np.where(slope > 0, -1.0, 1.0)[:, None]
+        weights = np.concatenate([1 - u - v, u, v], axis=1).astype(np.float64)
+        shading, raised = normals, np.zeros(normals.shape)
+        if self._smooth is not None:
+            places = origins + distances[:, None] * directions
+            shading, raised = self._smooth.shade(triangles, weights, normals, corners, places)
+        painted = albedo.astype(np.float64)
+        if self._textured is not None:
+            axes = footprints(normals, directions, spread * distances)
+            self._textured.paint(painted, triangles, weights, edges, axes)
+        holdout = self._holdout[np.searchsorted(self._first_faces, triangles, side="right") - 1]
+        return MeshHits(rays, distances, normals, shading, painted, raised, holdout)
 
     def distances(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
@@ -148,6 +182,146 @@ class Meshes:
         entry = origins[rays] - self._zero + starts[:, None] * directions[rays]
         local = (entry * self._scale).astype(np.float32)
         return rays, starts, local, directions[rays].astype(np.float32)
+
+
+class _Smooth:
+    """Normals at the corners of triangles."""
+
+    def __init__(self, normals: NDArray[np.float64], normal_of: NDArray[np.int32]) -> None:
+        self._normals, self._normal_of = normals, normal_of
+
+    @classmethod
+    def of(cls, solids: list[MeshSolid], loaded: list[Triangles]) -> _Smooth | None:
+        """Join those of meshes, world; row 0 stands for none. None where all are flat."""
+        if all(part.normals is None for part in loaded):
+            return None
+        normals, normal_of, first = [np.zeros((1, 3))], [], 1
+        for solid, part in zip(solids, loaded, strict=True):
+            if part.normals is None or part.normal_of is None:
+                normal_of.append(np.zeros(part.faces.shape, np.int32))
+                continue
+            normals.append(unit_or_zero(part.normals @ np.linalg.inv(solid.world_from_object[:3, :3])))
+            normal_of.append(part.normal_of + np.int32(first))
+            first += len(part.normals)
+        return cls(np.concatenate(normals), np.concatenate(normal_of))
+
+    def shade(
+        self,
+        triangles: NDArray[np.int32],
+        weights: NDArray[np.float64],
+        flat: NDArray[np.float64],
+        corners: NDArray[np.float64],
+        places: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Interpolate normals at places on triangles, and raise these to the smooth surface, both [M, 3].
+
+        Shadow rays of flat triangles that start where another triangle of the same smooth surface is in
+        their way would show the triangles where the light grazes. They start above, on the planes at right
+        angles to the corners' normals (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, 2021).
+
+        Parameters
+        ----------
+        triangles
+            [M], their numbers.
+        weights
+            [M, 3], barycentric.
+        flat
+            [M, 3], their normals, on the side that is seen.
+        corners
+            [M, 3, 3], world.
+        places
+            [M, 3], world.
+        """
+        normals = self._normals[self._normal_of[triangles]]
+        towards = np.einsum("ijk,ik->i", normals, flat)
+        normals *= np.where(towards < 0, -1.0, 1.0)[:, None, None]
+        missing = ~normals.any(axis=2)
+        normals[missing] = np.broadcast_to(flat[:, None], normals.shape)[missing]
+        depths = np.minimum(np.einsum("ijk,ijk->ij", places[:, None] - corners, normals), 0)
+        # Normals that lean so far stand for no surface near the triangle: light would leak past its edges.
+        leaning = np.einsum("ijk,ik->ij", normals, flat).min(axis=1) < LEANING
+        depths[missing] = depths[leaning] = 0
+        raised = -np.einsum("ij,ijk->ik", weights * depths, normals)
+        shading = unit_or_zero(np.einsum("ij,ijk->ik", weights, normals))
+        # What a file says of the other side is no normal of this one.
+        strange = np.einsum("ij,ij->i", shading, flat) <= 0
+        shading[strange], raised[strange] = flat[strange], 0
+        return shading, raised
+
+
+class _Textured:
+    """Images on triangles, and where they lie."""
+
+    def __init__(
+        self,
+        uv: NDArray[np.float64],
+        uv_of: NDArray[np.int32],
+        image_of: NDArray[np.int32],
+        images: tuple[Mipmap, ...],
+    ) -> None:
+        self._uv, self._uv_of, self._image_of, self._images = uv, uv_of, image_of, images
+
+    @classmethod
+    def of(cls, loaded: list[Triangles]) -> _Textured | None:
+        """Join those of meshes; None without any."""
+        if not any(part.textures is not None and part.textures.images for part in loaded):
+            return None
+        uv, uv_of, image_of, first = [np.zeros((1, 2))], [], [], 1
+        images: list[Mipmap] = []
+        for part in loaded:
+            found = part.textures
+            if found is None or not found.images:
+                uv_of.append(np.zeros(part.faces.shape, np.int32))
+                image_of.append(np.full(len(part.faces), -1, np.int32))
+                continue
+            uv.append(found.uv)
+            uv_of.append(found.uv_of + np.int32(first))
+            image_of.append(np.where(found.image_of < 0, -1, found.image_of + len(images)))
+            images += found.images
+            first += len(found.uv)
+        return cls(
+            np.concatenate(uv),
+            np.concatenate(uv_of),
+            np.concatenate(image_of).astype(np.int32),
+            tuple(images),
+        )
+
+    def paint(
+        self,
+        albedo: NDArray[np.float64],
+        triangles: NDArray[np.int32],
+        weights: NDArray[np.float64],
+        edges: NDArray[np.float64],
+        axes: NDArray[np.float64],
+    ) -> None:
+        """Multiply albedo [M, 3] with the images.
+
+        Parameters
+        ----------
+        triangles
+            [M], their numbers.
+        weights
+            [M, 3], barycentric.
+        edges
+            [M, 2, 3], from their first corners to the others, world.
+        axes
+            [M, 2, 3], of the pixels' footprints, world.
+        """
+        image_of = self._image_of[triangles]
+        for number in np.unique(image_of[image_of >= 0]):
+            part = np.flatnonzero(image_of == number)
+            uv = self._uv[self._uv_of[triangles[part]]]
+            # An axis in barycentric coordinates, by the areas that it makes with the edges.
+            one, other = edges[part, :1], edges[part, 1:]
+            normal = np.cross(one, other)
+            along = np.stack([np.cross(axes[part], other), np.cross(one, axes[part])], axis=2)
+            square = np.einsum("ijk,ijk->i", normal, normal)[:, None, None]
+            turned = np.einsum("iakj,iaj->iak", along, np.broadcast_to(normal, axes[part].shape))
+            # Of triangles too small for their area in float64: no footprint.
+            turned = np.divide(turned, square, out=np.zeros_like(turned), where=square > 0)
+            differences = turned @ (uv[:, 1:] - uv[:, :1])
+            centres = np.einsum("ij,ijk->ik", weights[part], uv)
+            albedo[part] *= sampled(self._images[number], centres, differences)
 
 
 def _boxes(corners: NDArray[np.float64]) -> NDArray[np.float64]:

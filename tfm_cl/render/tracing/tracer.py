@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.mesh import MeshSolid
-from tfm_cl.scene.solids.plane import PlaneSolid
 
 if TYPE_CHECKING:
     from tfm_cl.render.regions import LitRegions
@@ -32,14 +32,34 @@ LIFT_EXACT = 2.0**-40
 
 @dataclass(frozen=True)
 class Hits:
-    """The first surfaces that rays meet."""
+    """The first surfaces that rays meet, of those that are visible."""
 
     distance: NDArray[np.float32]
     """[N], distances, world units; inf for rays that miss."""
     normal: NDArray[np.float32]
-    """[N, 3], unit normals, world, towards the ray's origin; 0 for rays that miss."""
+    """[N, 3], unit normals for shading, world, on the side of the ray's origin; 0 for rays that miss, and on
+    holdouts."""
+    flat: NDArray[np.float32]
+    """[N, 3], unit normals of the surface itself, towards the ray's origin; 0 for rays that miss."""
     albedo: NDArray[np.float32]
-    """[N, 3], linear albedo; 0 for rays that miss."""
+    """[N, 3], linear albedo; 0 for rays that miss, and on holdouts."""
+    raised: NDArray[np.float32]
+    """[N, 3], from the point to the smooth surface that triangles stand for, world units: shadow rays start
+    there."""
+    holdout: NDArray[np.bool_]
+    """[N], whether the camera sees a hole there."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """`Hits` in float64."""
+
+    distance: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    flat: NDArray[np.float64]
+    albedo: NDArray[np.float64]
+    raised: NDArray[np.float64]
+    holdout: NDArray[np.bool_]
 
 
 class Tracer:
@@ -68,13 +88,19 @@ class Tracer:
         self._shapes = [solid for solid in solids if isinstance(solid, AnalyticSolid)]
         meshes = [solid for solid in solids if isinstance(solid, MeshSolid)]
         self._meshes = _embree(meshes, origin) if meshes else None
+        self._seen_shapes = [shape for shape in self._shapes if shape.visible]
+        seen = [mesh for mesh in meshes if mesh.visible]
+        self._seen_meshes = (
+            self._meshes if len(seen) == len(meshes) else _embree(seen, origin) if seen else None
+        )
         boxes = [box for box in (solid.bounds() for solid in solids) if box is not None]
         self.bounds: NDArray[np.float64] | None = None
         """Low and high corner of the finite solids, [2, 3], world; None if there are none."""
         if boxes:
             corners = np.stack(boxes)
             self.bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-        self._planes = [solid.world_plane() for solid in solids if isinstance(solid, PlaneSolid)]
+        planes = [(solid.world_plane(), solid.visible) for solid in solids]
+        self._planes = [(*plane, visible) for plane, visible in planes if plane is not None]
         self._boxes = [box[None] for box in (shape.bounds() for shape in self._shapes) if box is not None]
         if self._meshes is not None:
             self._boxes.append(self._meshes.boxes)
@@ -89,8 +115,8 @@ class Tracer:
             the light are on the same side of it.
         """
         met = np.zeros(len(regions.apex), dtype=bool)
-        for point, normal in self._planes:
-            height = 0.0 if eye is None else float((eye - point) @ normal)
+        for point, normal, visible in self._planes:
+            height = 0.0 if eye is None or not visible else float((eye - point) @ normal)
             met |= regions.touch_plane(point, normal) & (regions.sides(point, normal) * height <= 0)
         for boxes in self._boxes:
             whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
@@ -100,18 +126,31 @@ class Tracer:
                 met[left] |= regions[left].touch_boxes(np.broadcast_to(box, (len(left), 2, 3)))
         return met
 
-    def nearest(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
-        """Find the first surface along rays; distances are computed in float64, then rounded."""
+    def nearest(self, origins: ArrayLike, directions: ArrayLike, spread: float = 0.0) -> Hits:
+        """Find the first visible surface along rays; distances are computed in float64, then rounded.
+
+        Parameters
+        ----------
+        origins, directions
+            Of the rays.
+        spread
+            Width of the rays' cones at distance 1, over which images are averaged; 0: they are interpolated.
+        """
         rays = _Rays(origins, directions)
         hits = Hits(
             np.full(rays.count, np.inf, np.float32),
-            np.zeros((rays.count, 3), np.float32),
-            np.zeros((rays.count, 3), np.float32),
+            normal=np.zeros((rays.count, 3), np.float32),
+            flat=np.zeros((rays.count, 3), np.float32),
+            albedo=np.zeros((rays.count, 3), np.float32),
+            raised=np.zeros((rays.count, 3), np.float32),
+            holdout=np.zeros(rays.count, bool),
         )
 
         def trace(part: slice) -> None:
-            distance, hits.normal[part], hits.albedo[part] = self._nearest(*rays[part])
-            hits.distance[part] = distance
+            found = self._nearest(*rays[part], spread)
+            hits.distance[part], hits.holdout[part] = found.distance, found.holdout
+            hits.normal[part], hits.flat[part] = found.normal, found.flat
+            hits.albedo[part], hits.raised[part] = found.albedo, found.raised
 
         in_chunks(rays.count, trace)
         return hits
@@ -195,25 +234,43 @@ class Tracer:
         return lifted
 
     def _nearest(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], spread: float
+    ) -> _Found:
         """Trace one chunk of rays; like `Hits`, in float64."""
-        nearest = np.full(len(origins), np.inf)
-        normals, albedo = np.zeros(origins.shape), np.zeros(origins.shape)
-        if self._meshes is not None:
-            found = self._meshes.nearest(origins, directions)
-            nearest[found.rays] = found.distances
-            normals[found.rays], albedo[found.rays] = found.normals, found.albedo
-        for shape in self._shapes:
-            start, towards = shape.object_rays(origins, directions)
-            distance = shape.distances(start, towards)
-            closer = np.flatnonzero(distance < nearest)
-            nearest[closer] = distance[closer]
+        found = _Found(
+            np.full(len(origins), np.inf),
+            normal=np.zeros(origins.shape),
+            flat=np.zeros(origins.shape),
+            albedo=np.zeros(origins.shape),
+            raised=np.zeros(origins.shape),
+            holdout=np.zeros(len(origins), bool),
+        )
+        if self._seen_meshes is not None:
+            met = self._seen_meshes.nearest(origins, directions, spread)
+            found.distance[met.rays], found.flat[met.rays] = met.distances, met.flat
+            found.normal[met.rays], found.albedo[met.rays] = met.normals, met.albedo
+            found.raised[met.rays], found.holdout[met.rays] = met.raised, met.holdout
+        for solid in self._seen_shapes:
+            start, towards = solid.object_rays(origins, directions)
+            distance = solid.distances(start, towards)
+            closer = np.flatnonzero(distance < found.distance)
+            found.distance[closer] = distance[closer]
             place = start[closer] + distance[closer, None] * towards[closer]
-            normals[closer] = shape.world_normals(shape.normals(place))
-            albedo[closer] = shape.albedo
-        normals[np.einsum("ij,ij->i", normals, directions) > 0] *= -1
-        return nearest, normals, albedo
+            normals = solid.world_normals(solid.normals(place))
+            normals[np.einsum("ij,ij->i", normals, directions[closer]) > 0] *= -1
+            found.normal[closer] = found.flat[closer] = normals
+            found.raised[closer], found.holdout[closer] = 0, solid.holdout
+            mapped = solid.mapped()
+            if mapped is None:
+                found.albedo[closer] = solid.albedo
+                continue
+            # Of world points, which for a plane are those of the ray.
+            points = origins[closer] + distance[closer, None] * directions[closer]
+            axes, offset = mapped.uv_from_world[:, :3], mapped.uv_from_world[:, 3]
+            along = footprints(normals, directions[closer], spread * distance[closer])
+            found.albedo[closer] = sampled(mapped.image, points @ axes.T + offset, along @ axes.T)
+        found.normal[found.holdout] = found.albedo[found.holdout] = 0
+        return found
 
 
 def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> Meshes:

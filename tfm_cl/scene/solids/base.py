@@ -2,15 +2,22 @@
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from tfm_cl.files import mipmap
 from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
-from tfm_cl.model import RGB, Model
+from tfm_cl.files.paths import name_of
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model import RGB, Model, Vec3
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
+
+UPWARDS = 0.999
+"""Cosine to the y axis from which a plane is level: -z is then up in its image, as seen from above."""
 
 
 def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -23,15 +30,50 @@ Albedo = Annotated[RGB, AfterValidator(_reflects_no_more_than_all)]
 """Diffuse reflectance, linear Rec. 709, each channel in 0..1; one number means grey."""
 
 
+def _image_name(value: Any) -> Any:
+    if isinstance(value, str | Path):
+        name = name_of(value, "an image file")
+        if Path(name).suffix.lower() not in mipmap.EXTENSIONS:
+            raise ValueError(f"should be an image of a known kind: {' '.join(mipmap.EXTENSIONS)}")
+        return name
+    return value
+
+
+AlbedoOrImage = Annotated[
+    Annotated[Albedo, Tag("a colour")] | Annotated[str, BeforeValidator(_image_name), Tag("an image")],
+    Discriminator(lambda value: "an image" if isinstance(value, str | Path) else "a colour"),
+]
+"""`Albedo`, or the file of an image of it."""
+
+
+class Mapped(NamedTuple):
+    """An image on a flat solid."""
+
+    image: mipmap.Mipmap
+    uv_from_world: NDArray[np.float64]
+    """2×4: texture coordinates of world points; v points upwards in the image."""
+
+
 class Solid(Model):
     """An opaque, diffuse (Lambertian) surface."""
 
     SECTION: ClassVar[str] = "solid"
 
+    visible: bool = Field(
+        default=True, description="whether the camera sees it; what it does not see still casts shadows"
+    )
+    holdout: bool = Field(
+        default=False,
+        description="whether the camera sees a hole in its place: no light and alpha 0 but for the media in "
+        "front; it still casts shadows",
+    )
+
     def __eq__(self, other: object) -> bool:
-        """Compare the fields, not the values cached since."""
+        """Compare the fields, not the values cached since; true is not 1."""
         return type(self) is type(other) and all(
-            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+            type(getattr(self, name)) is type(getattr(other, name))
+            and getattr(self, name) == getattr(other, name)
+            for name in type(self).model_fields
         )
 
     def __hash__(self) -> int:
@@ -39,6 +81,12 @@ class Solid(Model):
         return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
 
     transform: Transform = Field(IDENTITY, description="world-from-object matrix: 16 numbers, row by row")
+
+    @model_validator(mode="after")
+    def _is_seen_as_a_hole(self) -> Self:
+        if self.holdout and not self.visible:
+            raise ValueError("holdout = true is what the camera sees, visible = false is not seen; keep one")
+        return self
 
     @cached_property
     def world_from_object(self) -> NDArray[np.float64]:
@@ -64,6 +112,14 @@ class Solid(Model):
     def bounds(self) -> NDArray[np.float64] | None:
         """Low and high corner, [2, 3], world units; None for an infinite solid."""
 
+    def world_plane(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return a point and the unit normal, both [3], world, of what is an infinite plane; else None."""
+        return None
+
+    def files(self) -> list[str]:
+        """Return the names of the files that it reads."""
+        return []
+
 
 class AnalyticSolid(Solid):
     """A shape whose intersection with rays has a closed form, evaluated in object space in float64.
@@ -72,7 +128,11 @@ class AnalyticSolid(Solid):
     """
 
     shape: str = Field(description="kind of solid")
-    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
+    albedo: AlbedoOrImage = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
+
+    def mapped(self) -> Mapped | None:
+        """Return the image that its albedo is, if it is one."""
+        return None
 
     @cached_property
     def _object_axes(self) -> NDArray[np.float64]:
@@ -100,3 +160,93 @@ class AnalyticSolid(Solid):
     @abstractmethod
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Object normals [N, 3] at surface points [N, 3], on either side and of any length."""
+
+
+class FlatSolid(AnalyticSolid):
+    """An infinite plane, visible from both sides; an image as its albedo is repeated without end."""
+
+    albedo: AlbedoOrImage = Field(
+        DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1, or an image file"
+    )
+    texture_scale: float | None = Field(
+        None,
+        ge=1 / LARGEST_COORDINATE,
+        le=LARGEST_COORDINATE,
+        description="with an image as albedo: width of one repetition on the plane, object units; default: 1",
+    )
+
+    @model_validator(mode="after")
+    def _scales_an_image(self) -> Self:
+        if self.texture_scale is not None and not isinstance(self.albedo, str):
+            raise ValueError("texture_scale is for an image as albedo; give albedo = FILE, or leave it out")
+        return self
+
+    @abstractmethod
+    def object_plane(self) -> tuple[Vec3, Vec3]:
+        """Return a point on the plane and a normal of any length, object space."""
+
+    @staticmethod
+    @abstractmethod
+    def read(name: str) -> mipmap.Mipmap:
+        """Read an image: `tfm_cl.files.albedo.read_albedo`."""
+
+    @cached_property
+    def _unit_normal(self) -> NDArray[np.float64]:
+        """[3], object space."""
+        normal = self.object_plane()[1]
+        unit: NDArray[np.float64] = np.divide(normal, np.linalg.norm(normal))
+        return unit
+
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `AnalyticSolid.distances`; rays within the plane do not meet it."""
+        normal = self._unit_normal
+        height = turned(self.object_plane()[0] - origins, normal[:, None])[:, 0]
+        slope = turned(directions, normal[:, None])[:, 0]
+        found = height * slope > 0
+        result: NDArray[np.float64] = np.divide(height, slope, out=np.full(len(origins), np.inf), where=found)
+        return result
+
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `AnalyticSolid.normals`: the same everywhere."""
+        return np.broadcast_to(self._unit_normal, points.shape)
+
+    def bounds(self) -> None:
+        """Return None: a plane is infinite."""
+        return
+
+    def world_plane(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As `Solid.world_plane`."""
+        matrix = self.world_from_object
+        point, normal = self.object_plane()
+        return matrix[:3, :3] @ point + matrix[:3, 3], self.world_normals(np.array([normal]))[0]
+
+    @cached_property
+    def _image(self) -> mipmap.Mipmap | None:
+        return self.read(self.albedo) if isinstance(self.albedo, str) else None
+
+    def read_files(self) -> None:
+        """Read the image.
+
+        Raises
+        ------
+        SceneError
+            It cannot be used.
+        """
+        self.mapped()
+
+    def files(self) -> list[str]:
+        """As `Solid.files`."""
+        return [self.albedo] if isinstance(self.albedo, str) else []
+
+    def mapped(self) -> Mapped | None:
+        """As `AnalyticSolid.mapped`; the image's lower left corner lies on the plane's point."""
+        if self._image is None:
+            return None
+        point, normal = np.array(self.object_plane()[0]), self._unit_normal
+        up = np.array([0.0, 0.0, -1.0]) if abs(normal[1]) > UPWARDS else np.array([0.0, 1.0, 0.0])
+        right = np.cross(up, normal)
+        right /= np.linalg.norm(right)
+        height, width = self._image.levels[0].shape[1:]
+        axes = np.stack([right, np.cross(normal, right) * width / height]) / (self.texture_scale or 1.0)
+        uv_from_object = np.column_stack([axes, -axes @ point])
+        return Mapped(self._image, uv_from_object @ np.linalg.inv(self.world_from_object))

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.model import Vec3
-from tfm_cl.scene.solids.base import AnalyticSolid
+from tfm_cl.scene.solids.base import Albedo, AnalyticSolid
 
 SMALLEST = 1e-290
 """Substitute for a zero component of a direction: quotients become practically infinite, but never 0/0."""
@@ -18,6 +19,7 @@ class BoxSolid(AnalyticSolid):
     """The six faces between two corners; visible from outside and inside."""
 
     shape: Literal["box"] = "box"
+    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
     from_: Vec3 = Field((-1.0, -1.0, -1.0), alias="from", description="low corner")
     to: Vec3 = Field((1.0, 1.0, 1.0), description="high corner")
 

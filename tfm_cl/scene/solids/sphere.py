@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import Vec3
-from tfm_cl.scene.solids.base import AnalyticSolid
+from tfm_cl.scene.solids.base import Albedo, AnalyticSolid
 
 
 class SphereSolid(AnalyticSolid):
     """The sphere of ``radius`` around ``centre``; visible from outside and inside."""
 
     shape: Literal["sphere"] = "sphere"
+    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
     centre: Vec3 = Field((0.0, 0.0, 0.0), description="centre of the sphere")
     radius: float = Field(
         1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius of the sphere"
