@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     )
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
-    from tfm_cl.scene.solids import BoxSolid, MeshSolid, PlaneSolid, SphereSolid
+    from tfm_cl.scene.solids import BoxSolid, GroundSolid, MeshSolid, PlaneSolid, SphereSolid
 
 _HOME = {
     "Ambient": "scene.ambient",
@@ -57,6 +57,7 @@ _HOME = {
     "EnvironmentLight": "scene.lights",
     "EverywhereVolume": "scene.bodies",
     "FournierForand": "scene.phases",
+    "GroundSolid": "scene.solids",
     "HenyeyGreenstein": "scene.phases",
     "InputError": "errors",
     "Isotropic": "scene.phases",
@@ -104,6 +105,7 @@ __all__ = [
     "EnvironmentLight",
     "EverywhereVolume",
     "FournierForand",
+    "GroundSolid",
     "HenyeyGreenstein",
     "InputError",
     "Isotropic",

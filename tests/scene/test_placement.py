@@ -276,6 +276,40 @@ def test_volumes_that_have_no_sensible_optical_depth():
         assert 0 < density_scale_for(tfm.Volume(np.full((2, 2, 2), faint))) <= 1e25
 
 
+BOX = tfm.BoxVolume(from_=(-1, 0.5, -2), to=(1, 3, 2))
+BALL = tfm.SphereSolid(centre=(0, 0, 1), radius=0.75)
+
+
+@pytest.mark.parametrize(
+    ("solids", "camera", "height", "up"),
+    [
+        ([], {}, 0.5, "y"),
+        ([BALL, tfm.PlaneSolid(point=(0, -9, 0))], {}, -0.75, "y"),
+        ([BALL.replace(visible=False)], {}, -0.75, "y"),
+        ([], {"up": (0.1, 0, 1)}, -2, "z"),
+        ([], {"up": (-3, 0, 1)}, -1, "-x"),
+    ],
+    ids=str,
+)
+def test_the_ground_is_under_everything(solids, camera, height, up):
+    camera = camera_for([BOX], res=(8, 6), **camera)
+    ground = tfm.GroundSolid(albedo=0.3)
+    placed = tfm.Scene(BOX, camera=camera, lights=[], solids=[*solids, ground]).solids[-1]
+    assert placed == ground.replace(up=up, height=float(height))
+    point, normal = placed.world_plane()
+    assert point @ normal == height
+
+
+def test_the_ground_knows_no_up_from_a_matrix_and_none_from_nothing():
+    matrix = (1, 0, 0, 0, 0, 0, 1, 9, 0, -1, 0, 0, 0, 0, 0, 1)  # looks down along -y
+    camera = tfm.Camera(matrix=matrix, res=(8, 6))
+    scene = tfm.Scene(BOX, camera=camera, lights=[], solids=[tfm.GroundSolid()])
+    assert scene.solids[0] == tfm.GroundSolid(up="y", height=0.5)
+    assert scene.replace(solids=[tfm.GroundSolid(up="x")]).solids[0].height == -1
+    with pytest.raises(SceneError, match="nothing in the scene has a lowest point"):
+        tfm.Scene(tfm.EverywhereVolume(), camera=camera, lights=[], solids=[tfm.GroundSolid()])
+
+
 def test_a_view_of_no_angle_is_from_as_far_as_can_be():
     assert np.linalg.norm(camera_for([VOLUMES["bare"]], fov=1e-300).from_) == pytest.approx(1e15)
 

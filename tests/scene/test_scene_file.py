@@ -712,3 +712,19 @@ def test_media_without_a_grid_have_no_density_scale_to_tell_of(tmp_path):
 def test_sample_scenes_are_not_warned(name):
     file = SceneFile.read(SAMPLES / name)
     assert options.warnings(file, file.make(tfm.Scene)) == ()
+
+
+def test_a_ground_that_was_placed_is_told_and_written(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        '[volume]\nshape = "box"\nfrom = [-1, -2, -1]\n[[light]]\ntype = "environment"\n'
+        '[[solid]]\nshape = "sphere"\n[[solid]]\nshape = "ground"\nalbedo = "sand.png"\n'
+    )
+    file = SceneFile.read(path)
+    scene = file.make(tfm.Scene)
+    told = plan(scene, file=file).decisions
+    assert (told["solid.1.up"].value, told["solid.1.height"].value) == ("y", -2)
+    written = options.table(file, scene)["solid"][1]
+    assert (written["up"], written["height"]) == ("y", -2)
+    assert written["albedo"] == str(tmp_path / "sand.png")
+    assert file.files() == [tmp_path / "sand.png"]

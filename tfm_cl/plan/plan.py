@@ -21,6 +21,7 @@ from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
 from tfm_cl.scene.optical_depth import why_density
+from tfm_cl.scene.solids.ground import GroundSolid
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
@@ -42,6 +43,12 @@ PLACED = {
     "intensity": "brings a dense, white medium near white, whatever the distance",
 }
 """Keys of a light that is placed, and why they are what they are."""
+
+GROUND = {
+    "up": "the world's axis nearest to camera.up; y with camera.matrix",
+    "height": "the lowest of what has density and of solids",
+}
+"""Keys of a ground that is placed, and why they are what they are."""
 
 Decisions = Mapping[str, "Decision"]
 
@@ -244,6 +251,7 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
     for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
         if key not in file.camera and "matrix" not in file.camera:
             yield f"camera.{key}", Decision(camera[key], why)
+    yield from _grounded(scene, file)
     if file.image.exposure == "auto":
         yield "image.exposure", Decision(None, WHY_AUTOMATIC)
     if file.light is None:
@@ -251,6 +259,14 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
         for key, why in PLACED.items():
             if key in light and key not in file.placed_light:
                 yield f"light.{key}", Decision(light[key], why)
+
+
+def _grounded(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
+    """Yield where a ground was placed."""
+    for i, (asked, found) in enumerate(zip(file.solids, scene.solids, strict=True)):
+        for key, why in GROUND.items() if isinstance(asked, GroundSolid) else ():
+            if getattr(asked, key) == "auto":
+                yield f"solid.{i}.{key}", Decision(getattr(found, key), why)
 
 
 def _chosen(scene: Scene) -> Iterator[tuple[str, Decision]]:

@@ -1,4 +1,4 @@
-"""Camera and light for a volume that comes without: a good picture by itself."""
+"""Camera, light and ground for a volume that comes without: a good picture by itself."""
 
 import itertools
 import math
@@ -8,17 +8,19 @@ import numpy as np
 
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model import Vec3
+from tfm_cl.model import Vec3, decided
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.frames import from_y_up
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.lights.surroundings import Surroundings
+from tfm_cl.scene.solids.ground import UPS, GroundSolid, Up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tfm_cl.scene.bodies.base import Body
+    from tfm_cl.scene.solids.base import Solid
 
 TOWARDS_CAMERA = (0.35, 0.18, 1.0)
 """From the volume to the camera: in front, a little to the right and above, where y is up."""
@@ -87,6 +89,46 @@ def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Ligh
         half_angle = np.degrees(np.arcsin(radius / distance)) + 0.5 if distance > radius else WIDEST_CONE
         given.setdefault("cone", round(min(float(half_angle), WIDEST_CONE), 1))
     return parse_light(given)
+
+
+def solids_for(solids: "Sequence[Solid]", bodies: "Sequence[Body]", camera: Camera) -> "tuple[Solid, ...]":
+    """Return the solids, with a ground where it is not said: under all that has density and all other solids.
+
+    Raises
+    ------
+    SceneError
+        Nothing has a lowest point; or a mesh cannot be used.
+    """
+    return tuple(
+        _grounded(solid, solids, bodies, camera) if isinstance(solid, GroundSolid) else solid
+        for solid in solids
+    )
+
+
+def _grounded(
+    ground: GroundSolid, solids: "Sequence[Solid]", bodies: "Sequence[Body]", camera: Camera
+) -> GroundSolid:
+    if ground.up == "auto":
+        ground = ground.replace(up=_upwards(camera))
+    if ground.height != "auto":
+        return ground
+    boxes = [body.occupied_bounds for body in bodies]
+    boxes += [box for box in (solid.bounds() for solid in solids) if box is not None]
+    boxes = [box for box in boxes if np.isfinite(box).all()]
+    if not boxes:
+        raise SceneError(
+            'solid.height = "auto": nothing in the scene has a lowest point that a ground could be under; '
+            "give a number"
+        )
+    up = np.array(UPS[decided(ground.up)])
+    return ground.replace(height=float((around(boxes) @ up).min()))
+
+
+def _upwards(camera: Camera) -> Up:
+    """Return the world's axis nearest to what is up; a matrix tells what is up in the picture only."""
+    if camera.matrix is not None:
+        return "y"
+    return max(UPS, key=lambda name: float(np.dot(UPS[name], camera.up)))
 
 
 def _looked_at(bodies: "Sequence[Body]") -> np.ndarray:

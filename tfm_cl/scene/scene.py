@@ -45,7 +45,8 @@ class Scene:
     map, march
         Settings of the light pass and of the view pass.
     solids
-        What stands in the way of light and sight; may be a list.
+        What stands in the way of light and sight; may be a list. A ground is placed under everything where it
+        does not say otherwise.
     ambient
         Light from everywhere.
     shadow
@@ -56,7 +57,7 @@ class Scene:
     SceneError
         A medium everywhere, and nothing else, without a camera or without ``lights``; or one that emits light
         of a colour that nothing everywhere extinguishes; temperatures of a body that has no file, or that are
-        impossible.
+        impossible; a ground under nothing.
     VolumeError
         When there is no body, or there are too many; a grid of temperatures that cannot be read.
     """
@@ -91,6 +92,7 @@ class Scene:
         camera = camera or placement.camera_for(bodies)
         lights = (placement.light_for(bodies, camera),) if lights is None else lights
         lights = tuple(lights)
+        solids = placement.solids_for(tuple(solids), bodies, camera)
         map, march = map or MapSettings(), march or MarchSettings()  # noqa: A001
         if map.max_error is not None and "steps" not in march.model_fields_set:
             march = march.replace(steps="auto")
@@ -101,7 +103,7 @@ class Scene:
             ("lights", lights),
             ("map", map),
             ("march", march),
-            ("solids", tuple(solids)),
+            ("solids", solids),
             ("ambient", ambient or Ambient()),
             ("shadow", shadow or ShadowSettings()),
         ):

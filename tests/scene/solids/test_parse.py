@@ -13,7 +13,12 @@ TABLES = [
     {"shape": "plane", "point": [0, -1, 0], "normal": [0, 2, 1], "albedo": 0.5},
     {"shape": "sphere", "centre": [1, 2, 3], "radius": 2.5, "transform": TURNED},
     {"shape": "box", "from": [0, 0, 0], "to": [1, 2, 3], "albedo": [0.1, 0.2, 1.0]},
+    {"shape": "plane", "albedo": "wood.jpg", "texture_scale": 0.5, "holdout": True},
+    {"shape": "ground"},
+    {"shape": "ground", "up": "-z", "height": 2.5, "albedo": "/images/sand.png", "visible": False},
     {"mesh": "/models/statue.glb"},
+    {"mesh": "statue.obj", "albedo": "paint.png", "smooth": 30},
+    {"mesh": "statue.obj", "smooth": False},
     {"mesh": "/models/statue.PLY", "albedo": [0, 0.5, 1], "transform": np.eye(4).tolist()},
 ]
 
@@ -29,7 +34,7 @@ def test_what_is_written_is_read_again(table):
 
 
 def test_every_shape_needs_only_its_name():
-    assert set(SOLIDS) == {"plane", "sphere", "box"}
+    assert set(SOLIDS) == {"plane", "sphere", "box", "ground"}
     for shape, cls in SOLIDS.items():
         assert type(parse_solid({"shape": shape})) is cls
     assert PlaneSolid().normal == (0, 1, 0)
@@ -48,7 +53,7 @@ def test_a_transform_is_row_major():
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({}, "solid: should have mesh (a file) or shape (plane, sphere, box)"),
+        ({}, "solid: should have mesh (a file) or shape (plane, sphere, box, ground)"),
         ({"mesh": "a.ply", "shape": "box"}, "solid: has both mesh and shape"),
         ({"shpae": "box"}, "unknown key 'shpae' in [solid]; did you mean 'shape'?"),
         ({"shape": "spere"}, "solid.shape: unknown shape 'spere'; did you mean 'sphere'?"),
@@ -79,6 +84,15 @@ def test_a_transform_is_row_major():
         ({"mesh": "model.pkl"}, "known kind: .glb .gltf .obj .off .ply .stl"),
         ({"mesh": "https://example.org/a.zip"}, "known kind"),
         ({"mesh": "a.ply", "radius": 1.0}, "unknown key 'radius'"),
+        ({"mesh": "a.ply", "albedo": "a.tga"}, "image of a known kind: .jpeg .jpg .png"),
+        ({"mesh": "a.ply", "smooth": 190}, "solid.smooth = 190: should be true, false, or an angle"),
+        ({"mesh": "a.ply", "smooth": "yes"}, "should be true, false, or an angle"),
+        ({"shape": "sphere", "albedo": "a.png"}, "solid.albedo = 'a.png': should be one number"),
+        ({"shape": "plane", "texture_scale": 2.0}, "texture_scale is for an image as albedo"),
+        ({"shape": "box", "visible": False, "holdout": True}, "is not seen; keep one"),
+        ({"shape": "ground", "height": "high"}, "solid.height = 'high': should be a number from"),
+        ({"shape": "ground", "up": "w"}, "solid.up = 'w'"),
+        ({"shape": "ground", "transform": TURNED}, "a ground has no transform"),
     ],
     ids=str,
 )

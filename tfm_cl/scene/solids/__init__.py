@@ -8,12 +8,13 @@ from typing import Any
 from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.box import BoxSolid
+from tfm_cl.scene.solids.ground import GroundSolid
 from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.solids.plane import PlaneSolid
 from tfm_cl.scene.solids.sphere import SphereSolid
 
 SOLIDS: dict[str, type[AnalyticSolid]] = {
-    cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid)
+    cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid, GroundSolid)
 }
 """The analytic shapes by their names in scene files; any other solid is a mesh."""
 
@@ -21,6 +22,7 @@ __all__ = [
     "SOLIDS",
     "AnalyticSolid",
     "BoxSolid",
+    "GroundSolid",
     "MeshSolid",
     "PlaneSolid",
     "Solid",
@@ -42,7 +44,7 @@ def parse_solid(values: dict[str, Any]) -> Solid:
     if "mesh" in values:
         return MeshSolid.from_table(values)
     if "shape" not in values:
-        known = ["mesh", "shape", "albedo", "transform"]
+        known = ["mesh", *(key for key in MeshSolid.keys() if key != "mesh"), "shape"]  # noqa: SIM118 - no dict
         known += [key for cls in SOLIDS.values() for key in cls.keys() if key not in known]  # noqa: SIM118
         strange = next((key for key in values if key not in known), None)
         if strange is not None:
