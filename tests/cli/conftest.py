@@ -52,9 +52,21 @@ def program():
 
 @pytest.fixture
 def tiny(device_name):
-    """Options that render in no time, on the tests' device."""
+    """Options that render in no time, bare files with one spot, on the tests' device."""
     device = ("--device", device_name) if device_name else ()
-    return ("--res", "16x9", "--map-res", "16", "--steps", "8", "--light-steps", "8", *device)
+    return (
+        "--look",
+        "plain",
+        "--res",
+        "16x9",
+        "--map-res",
+        "16",
+        "--steps",
+        "8",
+        "--light-steps",
+        "8",
+        *device,
+    )
 
 
 @pytest.fixture

@@ -123,6 +123,8 @@ def test_what_was_counted_is_told_and_written(cli, cloud, device_name):
         "16x9",
         "--steps",
         "20",
+        "--look",
+        "plain",
         "--json",
         "-",
         *device,

@@ -267,7 +267,11 @@ def as_flags(values: dict[str, Any]) -> str:
     """Write dotted keys and values as the flags that set them; keys without a flag are ``--set``."""
     options = {option.key: option for option in SCENE_OPTIONS}
     return " ".join(
-        options[key].given(value) if key in options else f"--set {key}={_shown(value)}"
+        options[key].given(value)
+        if key in options
+        else f"--set {key}={_shown(value)}"
+        if "." in key
+        else f"--{key} {value}"
         for key, value in values.items()
     )
 

@@ -18,6 +18,7 @@ from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
+from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile, Values, scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
@@ -39,6 +40,15 @@ if TYPE_CHECKING:
     help=".exr .png .npy, by extension; may be repeated",
 )
 @scene_options()
+@click.option(
+    "--look",
+    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
+    default=looks.AUTO,
+    cls=GroupedOption,
+    group="Image",
+    help="what is chosen where nothing is given: medium, sky, ground, framing, view; plain: one spot on what "
+    "scatters once, as in the papers; auto: what fits a bare file, and plain for a scene  [auto]",
+)
 @click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
 @click.option(
     "--print-config",
@@ -56,6 +66,7 @@ def command(
     source: Path,
     outputs: tuple[Path, ...],
     settings: tuple[str, ...],
+    look: str,
     device: str | None,
     json_path: str | None,
     *,
@@ -77,7 +88,7 @@ def command(
         raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
     _check_writable(outputs, json_file)
-    scene_file = SceneFile.read(source, overrides(given, settings))
+    scene_file = SceneFile.read(source, overrides(given, settings), look)
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
     scene = scene_file.make(Scene)
     planned = plan(scene, file=scene_file)

@@ -20,6 +20,7 @@ from tfm_cl.plan import lattice, orders, resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
+from tfm_cl.scene.looks import PLAIN
 from tfm_cl.scene.optical_depth import why_density
 from tfm_cl.scene.solids.ground import GroundSolid
 
@@ -239,7 +240,9 @@ def _looked_up(scene: Scene) -> tuple[Scene, str]:
 
 
 def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
-    """Yield what the file leaves to `tfm_cl.scene.placement`, and to the picture."""
+    """Yield what the file leaves to its look, to `tfm_cl.scene.placement`, and to the picture."""
+    if file.look.name != PLAIN:
+        yield "look", Decision(*file.look)
     for number, settings, volume in grids(file, scene):
         if settings.density_scale == "auto":
             yield (

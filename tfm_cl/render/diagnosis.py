@@ -1,4 +1,4 @@
-"""Why a picture is black: looked for only in pictures that are, and told in one line.
+"""Why a picture is black, or without the medium: looked for only where it is, and told in one line.
 
 What keeps light from a camera is looked for in the order in which it would be mended: density and medium,
 what the camera sees of them, the lights, what they reach.
@@ -93,6 +93,17 @@ def why_black(result: RenderResult, visibility: Visibility) -> str:
             "the solids in view have the albedo 0" if dark else "no light reaches the solids in view"
         )
     return f"{_black(result)}: {'; '.join(reasons)}"
+
+
+def why_unseen(result: RenderResult, visibility: Visibility) -> str:
+    """Tell why a whole frame shows nothing of the medium, though other things; empty where it shows some."""
+    scene = result.scene
+    whole = result.crop == (0, 0, *scene.camera.res)
+    seen = (row.min() < 1 for row in rows_from_the_middle(result.aovs["transmittance"]))
+    if not whole or any(seen) or (scene.emits and result.aovs["emission"].any()):
+        return ""
+    reason = _Finder(result, visibility, visibility.gbuffer(scene, result.crop)).why_unseen()
+    return f"the picture shows nothing of the medium: {reason}" if reason else ""
 
 
 def too_dark(
@@ -249,6 +260,10 @@ class _Finder:
                 or self._behind_absorbers()
             )
         return reason or self._too_faint()
+
+    def why_unseen(self) -> str:
+        """Return the first that holds where nothing is extinguished nor emitted on any camera ray."""
+        return self._nothing_scatters() or self._not_seen()
 
     def _called(self, parts: list[_Part]) -> str:
         """Name the one body that is meant, where there are others."""

@@ -263,6 +263,8 @@ class Renderer:
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)
             result = replace(result, warnings=(*result.warnings, why))
+        elif why := diagnosis.why_unseen(result, self._visibility):
+            result = replace(result, warnings=(*result.warnings, why))
         return result
 
     def _chosen(

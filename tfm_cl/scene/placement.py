@@ -32,19 +32,32 @@ INTENSITY = 15.0
 """An isotropic, white, dense medium returns about 1/4π of the light: this brings it near white."""
 WIDEST_CONE = 60.0
 """Degrees."""
+TURNS = 8
+"""In which a camera is moved to where the picture is filled: each halves what is left to move, at least."""
 
 
-def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
+def camera_for(
+    bodies: "Sequence[Body]", /, filled: float | None = None, height: float = TOWARDS_CAMERA[1], **given: Any
+) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
 
     It stands in the frame of ``up``: where z is up, x is still to the right, and it looks along +y.
+
+    Parameters
+    ----------
+    filled
+        Part of the frame's height or width, whichever is first, that what is seen of the bodies fills,
+        without wisps, in its middle; None: the corners of the bounds fill all of it.
+    height
+        Of the camera above them, over its distance in front of them.
     """
     if "matrix" in given or ("from" in given and "to" in given):
         return Camera(**given)
     centre, radius = _sphere(bodies)
+    asked = set(given)
     given.setdefault("to", _point(centre, radius))
     if "from" not in given:
-        towards = _from_y_up(given.get("up", (0, 1, 0))) @ TOWARDS_CAMERA
+        towards = _from_y_up(given.get("up", (0, 1, 0))) @ (TOWARDS_CAMERA[0], height, TOWARDS_CAMERA[2])
         # Any place serves to check the other keys and learn the angle of view.
         camera = Camera(**{**given, "from": _vector(given["to"]) + towards})
         width, height = camera.res
@@ -56,7 +69,30 @@ def camera_for(bodies: "Sequence[Body]", /, **given: Any) -> Camera:
             distance = np.maximum(np.abs(right) * height / width, np.abs(up)) / tangent - forward
         away = min(float(distance.max()), LARGEST_COORDINATE)
         given["from"] = _along(_vector(given["to"]), towards, away, radius)
+        if filled is not None:
+            given |= _closer(bodies, Camera(**given), filled, fixed="to" in asked)
     return Camera(**given)
+
+
+def _closer(bodies: "Sequence[Body]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Vec3]:
+    """Return from and to with which what is seen of bodies fills part of the frame; ``fixed``: to stays."""
+    points = np.concatenate([body.outline() for body in bodies])
+    if not len(points):
+        return {}
+    width, height = camera.res
+    half = filled * np.tan(np.radians(camera.fov) / 2) * np.array([width / height, 1.0])
+    middle, axes = np.asarray(camera.to, dtype=np.float64), camera.world_from_camera[:3, :3]
+    away = float(np.linalg.norm(np.subtract(camera.from_, middle)))
+    for _ in range(TURNS):
+        seen = (points - middle) @ axes
+        depth = np.maximum(away + seen[:, 2], 1e-6 * away)[:, None]
+        ends = np.stack([(seen[:, :2] / depth).min(axis=0), (seen[:, :2] / depth).max(axis=0)])
+        if not fixed:
+            middle = middle + away * (axes[:, :2] @ ends.mean(axis=0))
+            seen = (points - middle) @ axes
+        away = float((np.abs(seen[:, :2]) / half - seen[:, 2:]).max())
+    extent = float(np.ptp(points, axis=0).max()) or away
+    return {"from": _point(middle - away * axes[:, 2], extent), "to": _point(middle, extent)}
 
 
 def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Light:
@@ -121,7 +157,12 @@ def _grounded(
             "give a number"
         )
     up = np.array(UPS[decided(ground.up)])
-    return ground.replace(height=float((around(boxes) @ up).min()))
+    box = around(boxes)
+    extent = float(np.ptp(box, axis=0).max())
+    # As many digits as `_point` has, and not above anything.
+    unit = 10.0 ** (math.floor(math.log10(extent)) - 4) if extent > 0 else 1.0
+    lowest = float((box @ up).min())
+    return ground.replace(height=float(f"{math.floor(lowest / unit) * unit:.12g}"))
 
 
 def _upwards(camera: Camera) -> Up:

@@ -22,7 +22,7 @@ from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
-from tfm_cl.scene import placement
+from tfm_cl.scene import looks, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
@@ -209,9 +209,12 @@ class SceneFile:
     camera: Values
     light: tuple[Light, ...] | None
     placed_light: Values
+    look: looks.Chosen
 
     @classmethod
-    def read(cls, path: Path, overrides: Iterable[tuple[str, Any]] = ()) -> SceneFile:
+    def read(
+        cls, path: Path, overrides: Iterable[tuple[str, Any]] = (), look: str = looks.PLAIN
+    ) -> SceneFile:
         """Read a scene (``.toml``), or make one around a bare volume file.
 
         Parameters
@@ -219,6 +222,9 @@ class SceneFile:
         overrides
             Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
             ``light.KEY`` means the first light, ``light.1.KEY`` the second; likewise solids and volumes.
+        look
+            ``plain``, ``auto`` or one of `tfm_cl.scene.looks.LOOKS`: what is chosen where the file and the
+            overrides say nothing.
 
         Raises
         ------
@@ -231,6 +237,10 @@ class SceneFile:
         # A medium by name comes first, so that what is said of it besides changes its numbers.
         overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
         _make_way(values, {key for key, _ in overrides})
+        holds = None if path.suffix.lower() == ".toml" else next(iter(values["volume"]))
+        chosen = looks.chosen(look, path, holds)
+        if chosen.name != looks.PLAIN:
+            looks.dress(values, chosen.name, path, dict(overrides))
         for key, value in overrides:
             with faults.collect():
                 _override(values, placed_light, key, value)
@@ -242,7 +252,7 @@ class SceneFile:
             faults.raise_any()
         except SceneError as error:
             raise error.within(str(path)) from None
-        return cls(path=path, placed_light=placed_light, **sections)
+        return cls(path=path, placed_light=placed_light, look=chosen, **sections)
 
     @staticmethod
     def _sections(tables: Values, folder: Path, faults: Faults) -> Values:
@@ -280,7 +290,7 @@ class SceneFile:
         bodies = self._bodies()
         try:
             lights = self.light
-            camera = placement.camera_for(bodies, **self.camera)
+            camera = placement.camera_for(bodies, **looks.framing(self.look.name), **self.camera)
             if lights is None:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
                 lights = (placement.light_for(bodies, camera, **placed),)

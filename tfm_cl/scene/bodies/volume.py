@@ -23,8 +23,10 @@ from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.medium import Medium, parse_medium
 
-WISP = 0.02
+WISP = 0.05
 """Of the typical density: what has less is not looked at."""
+FEW_LEAVES = 512
+"""Of which every voxel is looked at."""
 
 
 class Volume(MarchedBody):
@@ -423,11 +425,13 @@ class Volume(MarchedBody):
         return float(self.voxel_size.min())
 
     def outline(self) -> NDArray[np.float64]:
-        """As `Body.outline`: the middles of blocks of 4³ voxels, without wisps and what is fainter."""
+        """As `Body.outline`: corners of blocks of voxels, without wisps and what is fainter."""
         leaves = self.leaves
-        halves = leaves.values.reshape(-1, 2, 4, 2, 4, 2, 4).mean(axis=(2, 4, 6))
-        leaf, *block = np.nonzero(halves > WISP * self._voxels.typical)
-        z, y, x = (LEAF * leaves.coordinates[leaf] - leaves.first + 4 * np.stack(block, axis=-1) + 1.5).T
+        edge = 4 if len(leaves.values) > FEW_LEAVES else 1
+        blocks = leaves.values.reshape(-1, *(LEAF // edge, edge) * 3).mean(axis=(2, 4, 6), dtype=np.float64)
+        leaf, *block = np.nonzero(blocks > WISP * self._voxels.typical)
+        first = LEAF * leaves.coordinates[leaf] - leaves.first + edge * np.stack(block, axis=-1) - 0.5
+        z, y, x = np.concatenate([first, first + edge]).T
         matrix = self.world_from_index
         return np.stack([x, y, z], axis=-1) @ matrix[:3, :3].T + matrix[:3, 3]
 

@@ -1,0 +1,196 @@
+"""Looks: what a scene leaves out, chosen so that it is a picture by itself; one row each.
+
+A look names a medium (`tfm_cl.scene.presets`) and sets a stage for it: a clear sky with its sun, a ground
+where it helps, a camera that what is seen fills, and how the picture is shown. What is given stays as it is.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tfm_cl.errors import SceneError, VolumeError, unknown_key
+from tfm_cl.files import volume_io
+from tfm_cl.scene.lights.base import LIGHTS
+
+PLAIN, AUTO = "plain", "auto"
+Values = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Look:
+    """The stage of a medium."""
+
+    words: str
+    """Of file names that speak of it, as a regular expression."""
+    elevation: float
+    """Of the sun, degrees."""
+    has_ground: bool = False
+    azimuth: float = -70.0
+    """Of the sun, degrees, where the camera stands at 19: to its left, as 0 is +z and 90 is +x."""
+    turbidity: float = 3.0
+    height: float = 0.1
+    """Of the camera above what it looks at, over its distance in front of it."""
+    daylight: float = 1.0
+    """Intensity of sky and sun."""
+    medium: Values | None = None
+    """In the place of the preset's."""
+
+
+LOOKS = {
+    "fire": Look("fire|flame|explo|burn|torch", elevation=1.0, has_ground=True, daylight=0.1),
+    "cloud": Look("cloud|cumul|strat|nimb|cirr", elevation=20.0, azimuth=-110.0, turbidity=2.2, height=-0.2),
+    "smoke": Look("smoke|plume|fume|soot", elevation=40.0, has_ground=True),
+    "steam": Look("steam|vapou?r|breath", elevation=40.0, has_ground=True),
+    "dust": Look("dust|sand|powder", elevation=25.0, has_ground=True, turbidity=6.0),
+    "fog": Look("fog|mist|haze", elevation=12.0, has_ground=True, turbidity=5.0),
+    "hair": Look(
+        "hair|fur|curl|tuft",
+        elevation=35.0,
+        medium={
+            "phase": {"type": "kajiya-kay"},
+            "sigma_s": [0.55, 0.4, 0.25],
+            "sigma_a": [0.45, 0.6, 0.75],
+        },
+    ),
+}
+"""Name -> look: that of a preset, but for hair."""
+HOT = ("temperature", "flame", "flames", "heat")
+"""Names of grids that glow, the first that a file has."""
+FILLED = 0.8
+"""Part of the frame's height or width that what is seen fills."""
+GROUND = 0.25
+"""Albedo, of earth and dry grass."""
+PARTS = 16
+"""Of the sky, each with a map of its own."""
+OCTAVES = 4
+"""Of multiple scattering, which costs next to nothing."""
+KELVIN = 400.0
+"""Values of a hot grid beyond it are kelvin; others are relative to the hottest."""
+FLAME = 1900.0
+"""Kelvin of the hottest of those: flames of wood and oil glow at 1500 to 2000 K."""
+FLAME_DEPTH = 60.0
+"""Radiance of a black body's peak that a flame as deep as the volume would have."""
+
+
+class Chosen(NamedTuple):
+    """A look, and why it is this one."""
+
+    name: str
+    why: str
+
+
+def chosen(asked: str, path: Path, holds: str | None) -> Chosen:
+    """Return the look of a file.
+
+    Parameters
+    ----------
+    asked
+        Its name, ``plain``, or ``auto``: plain for a scene, and what fits a bare file.
+    holds
+        The key of the body that a bare file is; None for a scene.
+
+    Raises
+    ------
+    SceneError
+        There is no such look.
+    """
+    if asked == AUTO:
+        return _fitting(path, holds) if holds else Chosen(PLAIN, "scenes say what they want")
+    if asked not in {PLAIN, *LOOKS}:
+        raise SceneError(unknown_key(asked, [AUTO, PLAIN, *LOOKS]).replace("key", "look"))
+    return Chosen(asked, "asked for")
+
+
+def _fitting(path: Path, holds: str) -> Chosen:
+    hot = hot_grid(path)
+    if hot is not None:
+        return Chosen("fire", f"the file has a grid '{hot}'")
+    if holds == "curves":
+        return Chosen("hair", "the file holds strands")
+    name = path.stem.lower()
+    for look, stage in LOOKS.items():
+        if look != "fire" and (found := re.search(stage.words, name)):
+            return Chosen(look, f"the file's name has '{found.group()}' in it")
+    return Chosen("cloud", "the file says nothing of what it is")
+
+
+def hot_grid(path: Path) -> str | None:
+    """Return the name of a volume file's grid of temperatures; None without one, or of another file."""
+    if path.suffix.lower() not in volume_io.FORMATS:
+        return None
+    try:
+        names = {grid.name.lower(): grid.name for grid in volume_io.open_grids(path)}
+    except VolumeError:
+        return None  # its reader says what is wrong
+    return next((names[hot] for hot in HOT if hot in names), None)
+
+
+def dress(values: Values, look: str, path: Path, given: Values) -> None:
+    """Fill in what a scene leaves out.
+
+    Who says what a medium is made of, or how it is lit, gets that and nothing besides.
+
+    Parameters
+    ----------
+    values
+        Of the scene file, changed here.
+    given
+        By dotted key, what will be set besides.
+    """
+    stage = LOOKS[look]
+    if "medium" not in values and _keys("medium", given) <= {
+        "preset",
+        "octaves",
+        "orders",
+        "emission_lights",
+    }:
+        values["medium"] = stage.medium or {"preset": look}
+        if stage.medium is None and "medium.orders" not in given:  # which octaves do not go with
+            values["medium"]["octaves"] = OCTAVES
+        if look == "fire":
+            values["medium"] |= _flame(values, path)
+    if "light" in values or not _keys("light", given) <= set(LIGHTS["sky"].keys()) - {"type"}:
+        return
+    sky = {"elevation": stage.elevation, "azimuth": stage.azimuth, "turbidity": stage.turbidity}
+    up = given.get("camera.up", values.get("camera", {}).get("up", (0, 1, 0)))
+    sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "samples": PARTS, "up": up}
+    values["light"] = [{"type": "sky", **sky}]
+    if "solid" not in values and stage.has_ground:
+        values["solid"] = [{"shape": "ground", "albedo": GROUND}]
+    shown = {"background": "environment", "view": "agx", "exposure": "auto"}
+    values["image"] = shown | values.get("image", {})
+
+
+def _keys(section: str, given: Values) -> set[str]:
+    """Return the keys of a section that are given, those of the first of several."""
+    inside = (key.removeprefix(f"{section}.") for key in given if key.startswith(f"{section}."))
+    return {key.removeprefix("0.") for key in inside}
+
+
+def framing(look: str) -> Values:
+    """Return how `tfm_cl.scene.placement.camera_for` places a camera that is left out."""
+    return {} if look == PLAIN else {"filled": FILLED, "height": LOOKS[look].height}
+
+
+def _flame(values: Values, path: Path) -> Values:
+    """Return what glows, and how brightly, of the file of the only volume."""
+    body = values["volume"] if isinstance(values.get("volume"), dict) else {}
+    name = body.get("file")
+    source = path.parent / name if isinstance(name, str) else path
+    hot = hot_grid(source)
+    if hot is None:
+        return {}
+    grid = volume_io.choose_grid(source, hot)
+    hottest = float(volume_io.read_stored(source, grid).max())
+    edges = grid.world_from_index[:3, :3] @ np.array(grid.shape[::-1])
+    scale = 1.0 if hottest > KELVIN else FLAME / max(hottest, 1e-6)
+    return {
+        "temperature": hot,
+        "temperature_scale": float(f"{scale:.3g}"),
+        "Le_scale": float(f"{FLAME_DEPTH / float(np.linalg.norm(edges)):.3g}"),
+    }
