@@ -6,10 +6,10 @@
    albedo           RGB of that, and 1 on holdouts (with TFM_SHADOW only)
    FRAME_ARGUMENTS  out, as of frame_store
    window           x0, y0, x1, y1 of the pixels of this launch */
-__kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float4 *solid,
+__kernel void camera_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float4 *solid,
                           __global const float4 *albedo, FRAME_ARGUMENTS, int4 window)
 {
-  const Pixels pixels = tile_pixels(view, window);
+  const Pixels pixels = tile_pixels(view, places, window);
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(view, pixels);
@@ -20,7 +20,7 @@ __kernel void camera_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene, pixels.x, pixels.y);
+  SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
   LightSums none = light_sums_begin();
   none.samples = camera.samples;

@@ -14,17 +14,17 @@
    layers           which each part of the light belongs to (with TFM_LIGHT_LAYERS only)
    FRAME_ARGUMENTS  out, as of frame_store
    window           x0, y0, x1, y1 of the pixels of this launch */
-__kernel void lattice_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float *lattice,
+__kernel void lattice_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, __global const float *lattice,
                            float4 colour, int lights AND_LAYERS_ARGUMENT, __global const float4 *albedo, FRAME_ARGUMENTS,
                            int4 window)
 {
-  const Pixels pixels = tile_pixels(view, window);
+  const Pixels pixels = tile_pixels(view, places, window);
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(view, pixels);
   const Interval seen = {floats(0.0f), floats(INFINITY)};
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene, pixels.x, pixels.y);
+  SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   CameraSums camera = camera_sums_begin(media, on_ray.meets);
   LightSums sums = light_sums_begin();
   see_grids(&scene, &on_ray, on_ray.all, ints(view->steps), 1, on_ray.meets, &camera, lattice, &sums);

@@ -7,11 +7,11 @@
    solid      as of camera_pass
    later      adds to
    window     x0, y0, x1, y1 of the pixels of this launch */
-__kernel void order_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, ORDERS orders,
+__kernel void order_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, ORDERS orders,
                          __global const float *scattered, float4 colour, __global const float4 *solid,
                          __global float4 *later, int4 window)
 {
-  const Pixels pixels = tile_pixels(view, window);
+  const Pixels pixels = tile_pixels(view, places, window);
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(view, pixels);
@@ -22,7 +22,7 @@ __kernel void order_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, O
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene, pixels.x, pixels.y);
+  SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   const OrdersOnRay lattice = orders_on_ray(orders, scattered, ray);
   LightSums sums = light_sums_begin();
   see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets, &lattice, &sums);

@@ -17,12 +17,12 @@
                     cache already, and lights that share its samples need no march of their own; as of frame_add else
    serves_camera    1: there are but primitives and one light, which reaches them all
    window           x0, y0, x1, y1 of the pixels of this launch */
-__kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+__kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, FRAME_ARGUMENTS, int sees_camera, int serves_camera,
                            int4 blocks, int4 window)
 {
-  const Pixels pixels = tile_pixels(view, window);
+  const Pixels pixels = tile_pixels(view, places, window);
   LIGHT_BUFFERS(buffers);
   const Lights here = lights_of_block(lights, starts, touching, blocks, window, &buffers);
   if (!any_lane(pixels.wanted) || (here.count == 0 && !sees_camera))
@@ -35,7 +35,7 @@ __kernel void scatter_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   (void)solid;
 #endif
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
-  SCENE(scene, pixels.x, pixels.y);
+  SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   LightSums sums = light_sums_begin();
 #if TFM_LIGHT_LAYERS
   sums.layers = light_layers_of(view, added, pixels);

@@ -27,13 +27,13 @@ TFM_INLINE Ints lit_pixels(LIGHT light, __global const uchar *lit, Pixels pixels
    samples        adds the densities read
    added          adds what they reflect of each light (with TFM_LIGHT_LAYERS only)
    window         x0, y0, x1, y1 of the pixels of this launch */
-__kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+__kernel void surface_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, __global const uchar *lit,
                            __global const float4 *transmittance, __global float4 *radiance,
                            __global uint *samples AND_ADDED_ARGUMENT, int4 blocks, int4 window)
 {
-  const Pixels pixels = tile_pixels(view, window);
+  const Pixels pixels = tile_pixels(view, places, window);
   LIGHT_BUFFERS(buffers);
   const Lights here = lights_of_block(lights, starts, touching, blocks, window, &buffers);
   if (!any_lane(pixels.wanted) || here.count == 0)
@@ -42,7 +42,7 @@ __kernel void surface_pass(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   const Surface surface = surface_at(view, solid, albedo, ray, pixels);
   if (!any_lane(surface.shown))
     return;
-  SCENE(scene, pixels.x, pixels.y);
+  SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   const Ints index = pixel_index(view, pixels), wanted = pixels.wanted & pixels.inside;
   Floats dimmed[4], colour[3];
   load_float4(transmittance, index, wanted, 0.0f, dimmed);

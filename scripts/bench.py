@@ -51,6 +51,7 @@ from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.model import decided
 from tfm_cl.plan.plan import plan
 from tfm_cl.render import buffers
+from tfm_cl.render.raster import Crop
 from tfm_cl.scene.optical_depth import density_scale_for
 
 SCRIPTS = Path(__file__).resolve().parent
@@ -426,7 +427,7 @@ class Host:
     def __init__(self, renderer: tfm.Renderer, launcher: Launcher, scene: tfm.Scene) -> None:
         self._renderer, self._launcher, self._scene = renderer, launcher, scene
         self._maps = renderer.build_maps(scene)
-        self._frame = buffers.allocate(launcher, (0, 0, *scene.camera.res), None, emits=False)
+        self._frame = buffers.allocate(launcher, Crop((0, 0, *scene.camera.res)), None, emits=False)
 
     def measure(self) -> Figures:
         """Upload of the bricks; parameters and launch of one pixel; read-back of a whole frame."""

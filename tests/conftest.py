@@ -28,6 +28,7 @@ DEVICE, ONE = ("the device's lanes",), ("1 lane",)
 SLOW_LANES = {
     "kernels": (),
     "bases": DEVICE,
+    "test_antialiasing": DEVICE,
     "lights": DEVICE,
     "test_maps": DEVICE,
     "test_homogeneous": DEVICE,

@@ -119,6 +119,21 @@ TFM_INLINE void add_counts(__global uint *out, Ints index, Ints wanted, Ints cou
     out[index_lanes.lane[lane]] += (uint)v.lane[lane];
 }
 
+/* x, y of each lane; `missing` in the others. */
+TFM_INLINE void load_float2(__global const float2 *from, Ints index, Ints wanted, float missing, Floats *x, Floats *y)
+{
+  FloatArray vx, vy;
+  vx.lanes = floats(missing);
+  vy.lanes = floats(missing);
+  EACH_WANTED_LANE(index, wanted)
+  {
+    vx.lane[lane] = from[index_lanes.lane[lane]].x;
+    vy.lane[lane] = from[index_lanes.lane[lane]].y;
+  }
+  *x = vx.lanes;
+  *y = vy.lanes;
+}
+
 /* values: x, y, z, w of each lane; `missing` in all four of the others. */
 TFM_INLINE void load_float4(__global const float4 *from, Ints index, Ints wanted, float missing, Floats *values)
 {

@@ -6,29 +6,48 @@
 #include "core/store.h"
 
 /* One pixel a lane: a tile of the frame. Tiles are cut from the frame's corner, whatever is rendered of it, and all
-   their pixels are marched: a crop shows what the whole frame would, to the last bit. */
+   their pixels are marched: a crop shows what the whole frame would, to the last bit. Where rays are listed, pixels are
+   places in the list's buffers, and their rays pass anywhere. */
 typedef struct {
   Ints x, y;
-  Ints inside; /* the frame */
-  Ints wanted; /* by the launch */
+  Floats at_x, at_y; /* where the ray passes through the frame, in pixels from its corner */
+  Ints inside;       /* the frame */
+  Ints wanted;       /* by the launch */
 } Pixels;
 
-/* The tile of this work-item; launches cover the crop in windows x0, y0, x1, y1. */
-TFM_INLINE Pixels tile_pixels(VIEW view, int4 window)
+/* Positions in buffers that hold the crop, of the pixels that are wanted. */
+TFM_INLINE Ints pixel_index(VIEW view, Pixels pixels)
+{
+  return (pixels.y - view->crop[1]) * (view->crop[2] - view->crop[0]) + (pixels.x - view->crop[0]);
+}
+
+/* Of every kernel with camera rays. */
+#define PLACES __global const float2 *places
+
+/* The tile of this work-item; launches cover the crop in windows x0, y0, x1, y1.
+   places  of the rays of listed pixels; negative: there is none */
+TFM_INLINE Pixels tile_pixels(VIEW view, PLACES, int4 window)
 {
   Pixels pixels;
   pixels.x = window.x / TILE_WIDTH * TILE_WIDTH + (int)get_global_id(0) * TILE_WIDTH + LANE_X;
   pixels.y = window.y / TILE_HEIGHT * TILE_HEIGHT + (int)get_global_id(1) * TILE_HEIGHT + LANE_Y;
   pixels.inside = (pixels.x < view->image_size[0]) & (pixels.y < view->image_size[1]);
   pixels.wanted = (pixels.x >= window.x) & (pixels.y >= window.y) & (pixels.x < window.z) & (pixels.y < window.w);
+  pixels.at_x = TO_FLOATS(pixels.x) + 0.5f;
+  pixels.at_y = TO_FLOATS(pixels.y) + 0.5f;
+  if (view->listed) {
+    load_float2(places, pixel_index(view, pixels), pixels.wanted, -1.0f, &pixels.at_x, &pixels.at_y);
+    pixels.wanted &= pixels.at_x >= 0.0f;
+    pixels.inside = pixels.wanted;
+  }
   return pixels;
 }
 
-/* World rays through the pixels' centres; pixel (0, 0) is the top left one. */
+/* World rays through the pixels' centres, unless they are listed; pixel (0, 0) is the top left one. */
 TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
 {
-  const Floats x = 2.0f * (TO_FLOATS(pixels.x) + 0.5f) / (float)view->image_size[0] - 1.0f;
-  const Floats y = 1.0f - 2.0f * (TO_FLOATS(pixels.y) + 0.5f) / (float)view->image_size[1];
+  const Floats x = 2.0f * pixels.at_x / (float)view->image_size[0] - 1.0f;
+  const Floats y = 1.0f - 2.0f * pixels.at_y / (float)view->image_size[1];
   const Vec3 forward = uniform_vec3(view->forward);
   const Vec3 right = uniform_vec3(view->right);
   const Vec3 up = uniform_vec3(view->up);
@@ -54,12 +73,6 @@ TFM_INLINE void image_bounds(VIEW view, Vec3 centre, Floats reach, Floats *low, 
   slope_bounds(dot3(p, up) * per_up, z, reach, &lowest, &highest);
   low[1] = half_height * (1.0f - highest * per_up);
   high[1] = half_height * (1.0f - lowest * per_up);
-}
-
-/* Positions in buffers that hold the crop, of the pixels that are wanted. */
-TFM_INLINE Ints pixel_index(VIEW view, Pixels pixels)
-{
-  return (pixels.y - view->crop[1]) * (view->crop[2] - view->crop[0]) + (pixels.x - view->crop[0]);
 }
 
 /* Distances of the solids that the pixels show: the fourth number of what the crop's buffer holds. */

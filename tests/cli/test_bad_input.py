@@ -123,6 +123,8 @@ def scene(cloud):
             "--up 0,0,1 --set camera.matrix=[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]",
             "camera.up and camera.matrix both",
         ),
+        ("--samples 3", "image.samples = 3: should be 1, 4, 16, 64 or 256"),
+        ("--filter triangle", "'triangle' is not one of"),
         ("--background=-1", "image.background = -1.0: should be ≥ 0"),
         ("--background blue", "--background: 'blue' is not a number"),
         ("--background environment", "image.background = 'environment': no light of the scene has the type"),

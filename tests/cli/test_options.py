@@ -24,6 +24,7 @@ PROMISED = {
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--octaves"),
     *("--phase", "--orders"),
     *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length", "--background"),
+    *("--samples", "--filter"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
     *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
 }
@@ -35,6 +36,8 @@ FLAGS = [
     ("--exposure", "-1.5", "image.exposure", -1.5),
     ("--exposure", "auto", "image.exposure", "auto"),
     ("--view", "agx", "image.view", "agx"),
+    ("--samples", "16", "image.samples", 16),
+    ("--filter", "gaussian", "image.filter", "gaussian"),
     ("--background", "0.5,1,2", "image.background", [0.5, 1, 2]),
     ("--transparent", "", "image.transparent", True),
     ("--png-bits", "16", "image.png_bits", 16),

@@ -242,6 +242,15 @@ def test_exposure_is_stops_and_png_only(render, cloud):
         assert np.abs(np.asarray(bright, int) - np.asarray(same, int)).max() <= 1
 
 
+def test_samples_and_filter_reach_the_renderer(render, cloud):
+    told = render(cloud, "-o", "a.npy", "--samples", "4", "--filter", "gaussian", "--json", "-", "--stats")
+    refined = json.loads(told.out)["refined_pixels"]
+    assert refined > 0
+    assert f"refined      {refined:8,} pixels" in told.err
+    render(cloud, "-o", "b.npy", "--filter", "gaussian")
+    assert (pixels("a.npy") != pixels("b.npy")).any()
+
+
 def test_a_background_is_behind_the_picture(render, cloud):
     render(cloud, "-o", "a.npy", "-o", "a.exr", "--aov", "transmittance")
     behind = ("--background", "0.5,1,20", "--aov", "transmittance")
@@ -311,7 +320,9 @@ def test_json_report(render, cloud, folder, method, device_name):
     done = render(cloud, "-o", "a.npy", "--json", "report.json", "--method", method)
     assert done.out == ""
     report = json.loads((folder / "report.json").read_text())
-    assert set(report) == {"options", "plan", "device", "seconds", "samples", "map_bytes", "error_estimate"}
+    of_picture = {"samples", "refined_pixels", "map_bytes", "error_estimate"}
+    assert set(report) == {"options", "plan", "device", "seconds", *of_picture}
+    assert report["refined_pixels"] == 0
     assert set(report["seconds"]) == {"load", "compile", "light_pass", "view_pass", "host", "save", "total"}
     assert set(report["samples"]) == {"light_pass", "view_pass"}
     assert set(report["options"]) == {

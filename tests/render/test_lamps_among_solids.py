@@ -11,6 +11,7 @@ from tfm_cl.render import batches
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.gbuffer import trace_gbuffer
 from tfm_cl.render.lit_pixels import lit_pixels
+from tfm_cl.render.raster import Crop
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.tracing.threads import CHUNK
 from tfm_cl.render.tracing.tracer import Tracer
@@ -160,10 +161,12 @@ def test_lit_pixels_are_those_that_each_light_sees(rng, monkeypatch, crop, chunk
         SunLight(from_=(1, 2, 1), to=(0, 0, 0)).fitted(scene.bounds),
     ]
     tracer = Tracer(scene.solids)
-    gbuffer = trace_gbuffer(tracer, scene, crop)
+    raster = Crop(crop)
+    gbuffer = trace_gbuffer(tracer, scene, raster)
     touched = bounds_of_lights(lights, scene.camera, np.array([[-50.0, 0, -50], [50, 3, 50]]))
-    touched = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4) - np.tile(crop[:2], 2)
-    found = lit_pixels(tracer, gbuffer, LitRegions.of(lights), touched)
+    touched = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4)
+    lists = raster.lists_of_buffers(touched, gbuffer.EDGE)
+    found = lit_pixels(tracer, gbuffer, LitRegions.of(lights), lists, len(lights))
 
     points, surfaces = gbuffer.points, gbuffer.solid[gbuffer.shown].astype(np.float64)
     at = tracer.lifted(points, surfaces[:, :3], surfaces[:, 3])

@@ -125,6 +125,8 @@ voxels = "u8"
 [image]
 crop = [1, 2, 30, 40]
 exposure = -1.5
+samples = 4
+filter = "gaussian"
 background = [0.1, 0.2, 0.3]
 view = "aces"
 transparent = true
@@ -239,6 +241,8 @@ def test_every_key_arrives(folder):
     assert file.image == ImageSettings(
         crop=(1, 2, 30, 40),
         exposure=-1.5,
+        samples=4,
+        filter="gaussian",
         background=(0.1, 0.2, 0.3),
         view="aces",
         transparent=True,

@@ -14,6 +14,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
 from tfm_cl.scene.lights import LIGHTS, SpotLight
+from tfm_cl.scene.pixel_filters import FILTERS
 from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
 from tfm_cl.scene.settings import ENVIRONMENT
@@ -133,6 +134,8 @@ class SceneOption:
 SCENE_OPTIONS = (
     SceneOption("Image", "--res", "camera.res", "WxH", resolution),
     SceneOption("Image", "--crop", "image.crop", "X0,Y0,X1,Y1", pixels, "the whole frame"),
+    SceneOption("Image", "--samples", "image.samples", "N", click.INT),
+    SceneOption("Image", "--filter", "image.filter", "", click.Choice(list(FILTERS))),
     SceneOption("Image", "--exposure", "image.exposure", "STOPS|auto", number_or_auto),
     SceneOption("Image", "--view", "image.view", "", click.Choice(list(VIEWS))),
     SceneOption("Image", "--background", "image.background", f"{COLOUR}|environment", colour_or_environment),

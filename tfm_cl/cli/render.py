@@ -113,7 +113,13 @@ def command(
     with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
         image = scene_file.image
         result = renderer.render(
-            scene, crop=image.crop, aovs=image.aov, background=image.background, progress=progress
+            scene,
+            crop=image.crop,
+            aovs=image.aov,
+            background=image.background,
+            samples=image.samples,
+            filter=image.filter,
+            progress=progress,
         )
     _warn(result.warnings, quiet=quiet)
     stops = _exposure(result, outputs, image)
@@ -256,4 +262,6 @@ def _print_stats(report: Values) -> None:
             else ""
         )
         print(f"{name:12} {seconds:8.3f} s{rate}", file=sys.stderr)
+    if report["refined_pixels"]:
+        print(f"refined      {report['refined_pixels']:8,} pixels", file=sys.stderr)
     print(f"maps         {report['map_bytes'] / 2**20:8.1f} MiB", file=sys.stderr)

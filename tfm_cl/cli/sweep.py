@@ -100,6 +100,8 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--max-error",
         "--method",
         "--crop",
+        "--samples",
+        "--filter",
         "--exposure",
         "--view",
         "--transparent",

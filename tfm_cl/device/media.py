@@ -59,11 +59,11 @@ class MediaOnDevice:
     is_grey: bool
     """Whether all three colours are extinguished alike, and scattered in one proportion everywhere."""
 
-    def met_by_camera(self, scene: Scene, view: cl.Buffer) -> Met:
-        """Return what kernels are told of the media that camera rays meet."""
+    def met_by_camera(self, scene: Scene, view: cl.Buffer, per_pixel: int = 1) -> Met:
+        """Return what kernels are told of what camera rays meet: so many along a side of a pixel."""
         if self.primitives is None or self.sets is None:
             return Met(self.arguments)
-        eye = Eye.of_camera(scene, view)
+        eye = Eye.of_camera(scene, view, per_pixel)
         return self.primitives.listed(self.primitives.seen(self.sets, eye), eye).met(self.arguments)
 
     def channels(self, *, textured: bool) -> dict[str, int]:

@@ -73,11 +73,12 @@ class Eye:
     """Width of a texel at the origin, and what it gains per unit of distance; 0: they stay as they are."""
 
     @classmethod
-    def of_camera(cls, scene: Scene, view: cl.Buffer) -> Eye:
-        """Return the camera's, whose struct is on the device."""
+    def of_camera(cls, scene: Scene, view: cl.Buffer, per_pixel: int = 1) -> Eye:
+        """Return the camera's, whose struct is on the device, with so many rays along a side of a pixel."""
         camera = scene.camera
         origin = np.subtract(camera.from_, world_from_device(scene)[:3, 3])
-        return cls((), {"TFM_FROM_LIGHT": 0}, {"view": view}, camera.res, origin, (0.0, camera.pixel_width))
+        width = camera.pixel_width / per_pixel
+        return cls((), {"TFM_FROM_LIGHT": 0}, {"view": view}, camera.res, origin, (0.0, width))
 
     @classmethod
     def of_light(

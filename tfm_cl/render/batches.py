@@ -7,6 +7,7 @@ Each block of pixels has a list of the lights that touch it (`tfm_cl.render.cull
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.light_pass import map_bytes, map_variant, numbers_size
 from tfm_cl.maps.probe import light_defines
 from tfm_cl.model import decided
-from tfm_cl.render.culling import block_lists
+from tfm_cl.render.raster import BLOCK
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.shadow_pyramid import bounds_res, bounds_size, shadow_bounds
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -35,14 +36,13 @@ if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.raster import Raster
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
 BATCH_BYTES = 256 << 20
 """Of maps, shadow maps, textures and lists of the lights of a launch."""
-BLOCK = 16
-"""Pixels along a side of a block that has a list of lights: a multiple of every tile's."""
 SMALLEST_SHADOW = 32
 """Texels along a side of a shadow map, unless the scene wants less."""
 TEXELS_PER_PIXEL = 2
@@ -143,7 +143,9 @@ class Batches:
     structs
         [lights] of the kernels' ``Light``; what says where a light's data are is filled in here.
     touched
-        [lights, 4], the pixels x0, y0, x1, y1 that each may change.
+        [lights, 4], the pixels x0, y0, x1, y1 of the frame that each may change.
+    raster
+        The camera's rays.
     settings
         Of the lights' maps, resolved; None where none are read.
     is_dual
@@ -159,13 +161,13 @@ class Batches:
         gbuffer: GBuffer | None,
         structs: NDArray[Any],
         touched: NDArray[np.int64],
-        crop: Rectangle,
+        raster: Raster,
         settings: ResolvedMap | None,
         *,
         is_dual: bool,
     ) -> None:
         self._launcher, self._scene, self._media = launcher, scene, media
-        self._visibility, self._gbuffer, self._structs, self._crop = visibility, gbuffer, structs, crop
+        self._visibility, self._gbuffer, self._structs, self._raster = visibility, gbuffer, structs, raster
         self._settings, self._is_dual, self._touched = settings, is_dual, touched
         x0, y0, x1, y1 = touched.T
         width, height = x1 - x0, y1 - y0
@@ -183,16 +185,33 @@ class Batches:
             looked_up = self._regions.with_texels(structs["chart"], sizes)
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
             self._shades_points = tracer.may_shade(looked_up)
-        blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
-        self._costs = structs.itemsize + 16 * np.maximum(blocks, 0)
-        if settings is not None:
-            self._costs = self._costs + media.fields.count * map_bytes(settings)
-        if gbuffer is not None:
-            of_shadows = 4 * (sizes**2 + bounds_size(sizes))
-            self._costs = self._costs + np.where(self._is_shadowed, of_shadows, 0) + self._areas
+        self._costs = self._costs_on(raster)
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
         self._most_lights = max(1, launch.MOST_SAMPLES // (launch.Windows.EDGE**2 * steps))
+
+    def on(self, raster: Raster, gbuffer: GBuffer | None) -> Batches:
+        """Return the same for other rays of the camera, and what they see of solids."""
+        other = copy(self)
+        other._look_at(raster, gbuffer)  # noqa: SLF001 - of this class
+        return other
+
+    def _look_at(self, raster: Raster, gbuffer: GBuffer | None) -> None:
+        self._raster, self._gbuffer = raster, gbuffer
+        self._costs = self._costs_on(raster)
+
+    def _costs_on(self, raster: Raster) -> NDArray[np.int64]:
+        """Bytes that each light takes."""
+        x0, y0, x1, y1 = raster.spans(self._touched).T
+        blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
+        costs = self._structs.itemsize + 16 * np.maximum(blocks, 0)
+        if self._settings is not None:
+            costs = costs + self._media.fields.count * map_bytes(self._settings)
+        if self._gbuffer is not None:
+            of_shadows = 4 * (self._sizes**2 + bounds_size(self._sizes))
+            areas = np.maximum(x1 - x0, 0) * np.maximum(y1 - y0, 0)
+            costs = costs + np.where(self._is_shadowed, of_shadows, 0) + areas
+        return np.asarray(costs)
 
     def is_seen(self, light: int) -> bool:
         """Whether a light may change any pixel."""
@@ -238,14 +257,12 @@ class Batches:
         maps
             Theirs, in the order of lights and fields; empty where none are read.
         whole
-            Whether all pixels of the crop are to be looked at, whatever the lights touch.
+            Whether all rays are to be looked at, whatever the lights touch.
         """
         upload, rectangles = self._launcher.upload, self._touched[indices]
-        x0, y0 = rectangles[:, :2].min(axis=0).tolist()
-        x1, y1 = rectangles[:, 2:].max(axis=0).tolist()
-        window = self._crop if whole else (x0, y0, x1, y1)
+        window = self._raster.bounds if whole else self._raster.window(rectangles)
         lit = self._lit(indices)
-        lists = block_lists(rectangles, window, BLOCK)
+        lists = self._raster.lists(rectangles, window)
         return replace(
             self.at_points(variant, indices, maps, shadowed=self._is_shadowed),
             blocks={
@@ -416,9 +433,9 @@ class Batches:
         """Find which pixels show a solid that the batch's lights see; nothing without solids."""
         if self._regions is None:
             return np.zeros(1, np.uint8)
-        corner = np.tile(self._crop[:2], 2)
+        corner = np.tile(self._raster.bounds[:2], 2)
         found = self._visibility.lit_pixels(
-            self._scene, self._crop, self._gbuffer, self._regions[batch], self._touched[batch] - corner
+            self._scene, self._raster, self._gbuffer, self._regions[batch], self._touched[batch]
         )
         if found is None:
             return np.zeros(1, np.uint8)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from tfm_cl.errors import SceneError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import pyopencl as cl
 
     from tfm_cl.device.launch import Launcher, Output
     from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.raster import Raster
 
 SUMS: dict[str, tuple[type[np.generic], int]] = {
     "radiance": (np.float32, 4),
@@ -35,6 +38,8 @@ class FrameBuffers:
     """Buffers of one crop, by the names that kernels have for them."""
 
     sums: dict[str, Output]
+    places: cl.Buffer
+    """float2: where rays pass through the frame, if they are listed."""
     solid: cl.Buffer
     """float4: normal and distance of the solid that a pixel shows; of no meaning without solids."""
     albedo: cl.Buffer
@@ -45,7 +50,7 @@ class FrameBuffers:
     def arguments(self, *names: str) -> dict[str, cl.Buffer]:
         """Return kernel arguments, by name."""
         known = {name: output.buffer for name, output in self.sums.items()}
-        known |= {"solid": self.solid, "albedo": self.albedo}
+        known |= {"places": self.places, "solid": self.solid, "albedo": self.albedo}
         if self.later is not None:
             known["later"] = self.later.buffer
         return {name: known[name] for name in names}
@@ -74,17 +79,20 @@ class Sums:
     transmittance: NDArray[np.float32]
     samples: NDArray[np.uint32]
     emitted: NDArray[np.float32] | None
-    gbuffer: GBuffer | None
+    of_solids: NDArray[np.float32] | None
+    of_albedo: NDArray[np.float32] | None
     of_errors: NDArray[np.float32] | None
     of_lattice: NDArray[np.float32] | None
     added: NDArray[np.float32] | None
     of_orders: NDArray[np.float32] | None
+    shows_through: NDArray[np.float32] | None = None
+    """[h, w, 3], of what lies behind everything; None: the transmittance where no solid is shown."""
 
     @property
     def solid(self) -> NDArray[np.float32]:
         """Normal and distance; infinite without."""
-        if self.gbuffer is not None:
-            return self.gbuffer.solid
+        if self.of_solids is not None:
+            return self.of_solids
         nowhere = np.zeros_like(self.radiance)
         nowhere[..., 3] = np.inf
         return nowhere
@@ -92,7 +100,7 @@ class Sums:
     @property
     def albedo(self) -> NDArray[np.float32]:
         """RGB, and 1 on holdouts, else 0."""
-        return np.zeros_like(self.radiance) if self.gbuffer is None else self.gbuffer.albedo
+        return np.zeros_like(self.radiance) if self.of_albedo is None else self.of_albedo
 
     @property
     def emission(self) -> NDArray[np.float32]:
@@ -124,10 +132,27 @@ class Sums:
         """RGB that light on a lattice adds to the picture that has it looked up at every sample."""
         return np.zeros_like(self.radiance[..., :3]) if self.of_lattice is None else self.of_lattice
 
+    def cut(self, rows: slice, columns: slice) -> Sums:
+        """Return those of a part of the pixels."""
+        return self._each(lambda array: array[rows, columns])
+
+    def at(self, index: NDArray[np.intp]) -> Sums:
+        """Return those of pixels by their numbers, row by row; they have the numbers' shape."""
+        return self._each(lambda array: array.reshape(-1, *array.shape[2:])[index])
+
+    def _each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Sums:
+        held = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed = {
+            name: change(array) for name, array in held.items() if array is not None and name != "added"
+        }
+        if self.added is not None:
+            changed["added"] = np.moveaxis(change(np.moveaxis(self.added, 0, 2)), 2, 0)
+        return replace(self, **changed)
+
 
 def allocate(
     launcher: Launcher,
-    crop: tuple[int, int, int, int],
+    raster: Raster,
     gbuffer: GBuffer | None,
     *,
     emits: bool,
@@ -135,7 +160,7 @@ def allocate(
     layers: int = 0,
     later: bool = False,
 ) -> FrameBuffers:
-    """Make buffers for the pixels x0, y0, x1, y1, with the solids that they show.
+    """Make buffers for the rays of a frame, with the solids that they show.
 
     Parameters
     ----------
@@ -153,8 +178,7 @@ def allocate(
     SceneError
         More layers than there is room for.
     """
-    x0, y0, x1, y1 = crop
-    shape, none = (y1 - y0, x1 - x0), np.zeros(4, np.float32)
+    shape, none = raster.shape, np.zeros(4, np.float32)
     sums = {
         name: launcher.output("the image", (*shape, count) if count > 1 else shape, kind)
         for name, (kind, count) in (SUMS | EMISSION if emits else SUMS).items()
@@ -171,6 +195,7 @@ def allocate(
     return FrameBuffers(
         sums,
         later=of_orders,
+        places=launcher.upload("where rays pass", raster.places),
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
         albedo=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.albedo),
     )
@@ -208,7 +233,8 @@ def read(
     return Sums(
         **{name: sums[name] for name in SUMS},
         emitted=sums.get("emission"),
-        gbuffer=gbuffer,
+        of_solids=None if gbuffer is None else gbuffer.solid,
+        of_albedo=None if gbuffer is None else gbuffer.albedo,
         of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
         of_lattice=of_lattice,
         added=sums.get("added"),

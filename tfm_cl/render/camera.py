@@ -17,7 +17,7 @@ def see(
     media: MediaOnDevice,
     met: Met,
     view: Any,
-    crop: Rectangle,
+    bounds: Rectangle,
     steps: int,
     frame: FrameBuffers,
     *,
@@ -31,6 +31,8 @@ def see(
         What its rays meet.
     view
         The struct, on the device.
+    bounds
+        Pixels x0, y0, x1, y1 of the frame's buffers.
     steps
         Samples along a camera ray.
     """
@@ -39,7 +41,7 @@ def see(
     kernel = launcher.kernels.kernel("camera_pass", "camera_pass.cl", media.headers, defines)
     return launcher.run_windows(
         kernel,
-        crop,
+        bounds,
         steps + met.longest,
-        {"view": view} | met.arguments | frame.arguments("solid", "albedo") | frame.stored(),
+        {"view": view} | met.arguments | frame.arguments("places", "solid", "albedo") | frame.stored(),
     )

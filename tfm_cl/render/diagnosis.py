@@ -20,6 +20,7 @@ from tfm_cl.files.image_io.display import grey_shown_as, shown, straight
 from tfm_cl.files.srgb import linear_from_srgb
 from tfm_cl.limits import LARGEST_COLOUR, MOST_STOPS
 from tfm_cl.render.culling import bounds_of_lights, box_on_screen
+from tfm_cl.render.raster import Crop
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import Light, texel_positions
 
@@ -85,7 +86,7 @@ def why_black(result: RenderResult, visibility: Visibility) -> str:
     scene = result.scene
     if not (scene.lights or any(scene.ambient.radiance) or scene.emits):
         return f"{_black(result)}: the scene has no light and no ambient"
-    gbuffer = visibility.gbuffer(scene, result.crop)
+    gbuffer = visibility.gbuffer(scene, Crop(result.crop))
     reasons = [_Finder(result, visibility, gbuffer).reason()]
     if gbuffer is not None and gbuffer.shown.any():
         dark = not gbuffer.albedo[gbuffer.shown].any()
@@ -102,7 +103,7 @@ def why_unseen(result: RenderResult, visibility: Visibility) -> str:
     seen = (row.min() < 1 for row in rows_from_the_middle(result.aovs["transmittance"]))
     if not whole or any(seen) or (scene.emits and result.aovs["emission"].any()):
         return ""
-    reason = _Finder(result, visibility, visibility.gbuffer(scene, result.crop)).why_unseen()
+    reason = _Finder(result, visibility, visibility.gbuffer(scene, Crop(result.crop))).why_unseen()
     return f"the picture shows nothing of the medium: {reason}" if reason else ""
 
 

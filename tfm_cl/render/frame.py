@@ -25,6 +25,7 @@ from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.orders import Orders, Seen
+from tfm_cl.render.raster import Crop
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
 from tfm_cl.scene.bodies.base import around
@@ -39,12 +40,14 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.render.antialiasing import Antialiasing
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.maps import MapBuilder, Sources
     from tfm_cl.render.orders import Scattered
+    from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
@@ -61,6 +64,7 @@ class _Work:
 
     scene: Scene
     media: MediaOnDevice
+    raster: Raster
     view: cl.Buffer
     gbuffer: GBuffer | None
     frame: buffers.FrameBuffers
@@ -76,6 +80,8 @@ class _Work:
     reads_maps: bool
     light_steps: int
     """Of the dual march."""
+    is_first: bool
+    """Whether it is the frame itself, not more samples of its pixels."""
     seconds: float = 0.0
     camera_is_seen: bool = False
     lattice_change: NDArray[np.float32] | None = None
@@ -84,7 +90,18 @@ class _Work:
     @cached_property
     def met(self) -> Met:
         """What is on the camera's rays; made when first asked for, when light passes are done with theirs."""
-        return self.media.met_by_camera(self.scene, self.view)
+        return self.media.met_by_camera(self.scene, self.view, self.raster.per_pixel)
+
+
+@dataclass
+class _Shared:
+    """What the frame leaves for more samples of its pixels."""
+
+    touched: NDArray[np.int64]
+    """Pixels that each light may change, [lights, 4]."""
+    batches: Batches | None = None
+    lattice: Lattice | None = None
+    orders: tuple[Orders, Scattered] | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +116,8 @@ class Frame:
         Its media on the device.
     crop
         Pixels x0, y0, x1, y1.
+    antialiasing
+        How many rays pixels have, and how they are put together.
     """
 
     launcher: Launcher
@@ -110,12 +129,14 @@ class Frame:
     stats: RenderStats
     progress: Progress
     cache: Cache
+    antialiasing: Antialiasing
 
     def render(
         self,
         method: str,
         maps: Sequence[TransmittanceMap] | None,
         asked: Collection[str],
+        wanted: Rectangle,
         layers: list[int] | None = None,
     ) -> tuple[Sums, tuple[str, ...]]:
         """Sum all that the scene sends to the camera.
@@ -128,6 +149,8 @@ class Frame:
             From an earlier light pass; None where they are built.
         asked
             Names of layers: those of errors are made only then.
+        wanted
+            Pixels x0, y0, x1, y1 of the crop that are returned.
         layers
             Number, from 1, of the layer that each light belongs to: what ambient light and each of these add
             is then kept by itself.
@@ -136,22 +159,50 @@ class Frame:
         -------
         The sums, and warnings.
         """
-        launcher, scene, crop = self.launcher, self.scene, self.crop
-        gbuffer = self.visibility.gbuffer(scene, crop)
+        whole = Crop(self.crop)
+        gbuffer = self.visibility.gbuffer(self.scene, whole)
+        shared = _Shared(self._touched(gbuffer))
+        first = self._work(whole, gbuffer, shared, method, maps, asked, layers)
+        shared.batches = first.batches
+        sums = self._passes(first, shared)
+
+        def look(samples: Samples) -> Sums:
+            gbuffer = self.visibility.gbuffer(self.scene, samples)
+            return self._passes(self._work(samples, gbuffer, shared, method, maps, asked, layers), shared)
+
+        sums, refined = self.antialiasing.resolve(sums, self.crop, self.launcher.lanes, look)
+        if wanted != self.crop:
+            (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
+            sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
+        self.stats.refined_pixels += refined
+        return sums, (*first.warnings,)
+
+    def _work(
+        self,
+        raster: Raster,
+        gbuffer: GBuffer | None,
+        shared: _Shared,
+        method: str,
+        maps: Sequence[TransmittanceMap] | None,
+        asked: Collection[str],
+        layers: list[int] | None,
+    ) -> _Work:
+        """Make ready for some rays."""
+        launcher, scene = self.launcher, self.scene
         reads_maps = method == "tfm" and self.media.fields.count > 0
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
-        view = launcher.upload("the view", view_struct(scene, self.media.fields, crop))
         has_orders = orders_of(scene) > 1 and len(scene.lights) > 0
         structs = light_structs(scene, scene.lights)
         if layers:
             structs["layer"] = layers
         count = 0 if layers is None else 1 + max(layers, default=0)
-        allocate = partial(buffers.allocate, launcher, crop, gbuffer, emits=scene.emits)
-        work = _Work(
+        allocate = partial(buffers.allocate, launcher, raster, gbuffer, emits=scene.emits)
+        return _Work(
             scene=scene,
             media=self.media,
-            view=view,
+            raster=raster,
+            view=self._view(scene, self.media, raster),
             gbuffer=gbuffer,
             frame=allocate(layers=count, later=has_orders),
             errors=allocate(clear=True) if "map_error" in asked else None,
@@ -159,50 +210,65 @@ class Frame:
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             layers=layers,
             builds=maps is None,
-            batches=Batches(
+            batches=shared.batches.on(raster, gbuffer)
+            if shared.batches is not None
+            else Batches(
                 launcher,
                 scene,
                 self.media,
                 self.visibility,
                 gbuffer,
                 structs,
-                self._touched(gbuffer),
-                crop,
+                shared.touched,
+                raster,
                 resolve(scene.map) if reads_maps else None,
                 is_dual=is_dual,
             ),
             reads_maps=reads_maps,
             light_steps=decided(scene.map.steps) if is_dual else 1,
+            is_first=not raster.is_listed,
         )
-        lattice = self._lattice(work) if reads_maps else None
+
+    def _view(self, scene: Scene, media: MediaOnDevice, raster: Raster) -> cl.Buffer:
+        struct = view_struct(scene, media.fields, raster.bounds, is_listed=raster.is_listed)
+        return self.launcher.upload("the view", struct)
+
+    def _passes(self, work: _Work, shared: _Shared) -> Sums:
+        """Sum what the scene sends along some rays."""
+        launcher, scene = self.launcher, self.scene
+        if work.is_first:
+            shared.lattice = self._lattice(work) if work.reads_maps else None
+        lattice = shared.lattice
         on_lattice: list[int] = []
         if lattice is not None:
             on_lattice = lattice.lights
             self._light_lattice(work, lattice)
         self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
         if not work.camera_is_seen:
-            work.seconds += self._see(work, work.frame, has_solids=gbuffer is not None)
-        if has_orders:
-            self._scatter_again(work)
+            work.seconds += self._see(work, work.frame, has_solids=work.gbuffer is not None)
+        if orders_of(scene) > 1 and scene.lights:
+            self._scatter_again(work, shared)
         self.stats.seconds["view_pass"] += work.seconds
-        sums = buffers.read(launcher, work.frame, gbuffer, work.errors, work.lattice_change)
-        return sums, (*work.warnings,)
+        return buffers.read(launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
 
     def _light_lattice(self, work: _Work, lattice: Lattice) -> None:
         """Look lights up on a lattice, and march the camera's rays through it."""
         steps, without = decided(self.scene.march.steps), work.without_lattice
         if without is not None:
             self._see(work, without, has_solids=False)
-        for variant, members in work.batches.groups(lattice.lights):
+        fills = not lattice.is_full
+        looks_again = fills or work.errors is not None or without is not None
+        for variant, members in work.batches.groups(lattice.lights) if looks_again else ():
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
                 batch = work.batches.batch(variant, indices, maps, whole=True)
-                work.seconds += lattice.add(batch)
+                if fills:
+                    work.seconds += lattice.add(batch)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)
         done = _reporter(self.progress, "view pass")
-        work.seconds += lattice.see(self.crop, steps, work.frame, done)
+        work.seconds += lattice.see(work.view, work.raster.bounds, steps, work.frame, done)
         work.camera_is_seen = True
         if without is not None:
             so_far = (buffers.rgb_so_far(self.launcher, frame) for frame in (work.frame, without))
@@ -237,14 +303,22 @@ class Frame:
                     )
                 self._sum_errors(work, batch, maps)
 
-    def _scatter_again(self, work: _Work) -> None:
-        """Add the later orders of scattering, found on a lattice; those of the last frames are there."""
+    def _scatter_again(self, work: _Work, shared: _Shared) -> None:
+        """Add the later orders of scattering."""
+        orders, found = shared.orders or self._orders(work)
+        shared.orders = orders, found
+        done = _reporter(self.progress, "view pass, later orders")
+        views = self._view(orders.scene, orders.even.media, work.raster), work.view
+        work.seconds += orders.see(views, found, work.raster.bounds, work.frame, done)
+
+    def _orders(self, work: _Work) -> tuple[Orders, Scattered]:
+        """Find the later orders of scattering on a lattice; those of the last frames are there."""
         launcher, scene = self.launcher, self.scene
         even = scene.replace(
             medium=medium_of(scene).reduced, volume=[body.with_medium(None) for body in scene.bodies]
         )
         media = media_on_device(launcher, even, self.media.bricks)
-        view = launcher.upload("the view", view_struct(even, media.fields, self.crop))
+        view = self._view(even, media, work.raster)
         seen = Seen(media, view)
         mean_cosine = medium_of(scene).phase.mean_cosine
         orders = Orders(launcher, even, seen, Seen(self.media, work.view), mean_cosine, lattice_of(scene))
@@ -257,8 +331,7 @@ class Frame:
         tell = _reporter(self.progress, "later orders")
         found = self._kept(work, orders, lambda: orders.scatter(arrive, tell))
         self.stats.seconds["orders"] = orders.seconds
-        done = _reporter(self.progress, "view pass, later orders")
-        work.seconds += orders.see(found, self.crop, work.frame, done)
+        return orders, found
 
     def _kept(self, work: _Work, orders: Orders, make: Callable[[], Scattered]) -> Scattered:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
@@ -293,6 +366,8 @@ class Frame:
         if work.sources is None or not work.reads_maps:
             return []
         maps = self.maps.of(work.sources, indices, self.progress)
+        if not work.is_first:
+            return maps
         built = self.maps.built if work.builds else frozenset[int]()
         for light_map in maps:
             self.stats.add_map(light_map, built=id(light_map) in built)
@@ -331,7 +406,14 @@ class Frame:
     def _see(self, work: _Work, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
         steps = decided(self.scene.march.steps)
         return see(
-            self.launcher, self.media, work.met, work.view, self.crop, steps, frame, has_solids=has_solids
+            self.launcher,
+            self.media,
+            work.met,
+            work.view,
+            work.raster.bounds,
+            steps,
+            frame,
+            has_solids=has_solids,
         )
 
     def _one_light_reaches_all(self) -> bool:

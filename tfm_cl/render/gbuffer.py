@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from tfm_cl.render.raster import Raster
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.scene import Scene
 
@@ -72,14 +73,18 @@ class GBuffer:
         return sum(array.nbytes for array in arrays) + of_pixels
 
 
-def trace_gbuffer(tracer: Tracer, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer:
-    """Trace the camera's rays through the pixels x0, y0, x1, y1."""
-    shape = (crop[3] - crop[1], crop[2] - crop[0])
-    origins, directions = scene.camera.rays(crop)
-    hits = tracer.nearest(origins, directions, scene.camera.pixel_width)
-    solid = np.concatenate([hits.normal, hits.distance[:, None]], axis=1).reshape(*shape, 4)
-    albedo = np.concatenate([hits.albedo, hits.holdout[:, None]], axis=1, dtype=np.float32)
+def trace_gbuffer(tracer: Tracer, scene: Scene, raster: Raster) -> GBuffer:
+    """Trace the camera's rays."""
+    shape = raster.shape
+    where, origins, directions = raster.rays(scene.camera)
+    hits = tracer.nearest(origins, directions, scene.camera.pixel_width / raster.per_pixel)
+    solid = np.zeros((shape[0] * shape[1], 4), np.float32)
+    solid[:, 3] = np.inf
+    albedo, shown = np.zeros_like(solid), np.zeros(len(solid), dtype=bool)
     met = np.isfinite(hits.distance) & ~hits.holdout
+    solid[where, :3], solid[where, 3] = hits.normal, hits.distance
+    albedo[where, :3], albedo[where, 3] = hits.albedo, hits.holdout
+    shown[where] = met
     points = origins[met] + hits.distance[met, None] * directions[met]
     starts = tracer.lifted(points + hits.raised[met], hits.flat[met], hits.distance[met])
-    return GBuffer(solid, albedo.reshape(*shape, 4), points, starts, met.reshape(shape))
+    return GBuffer(solid.reshape(*shape, 4), albedo.reshape(*shape, 4), points, starts, shown.reshape(shape))

@@ -151,7 +151,7 @@ class Lattice:
             of_light["part"] = self._part(light)
             seconds += run("light_lattice", of_all | of_light)
             self._added += 1
-        if self._added == len(self.lights):
+        if self.is_full:
             seconds += run("share_lattice", {})
         return seconds
 
@@ -169,11 +169,27 @@ class Lattice:
             seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"records": (first, end)})
         return seconds
 
-    def see(self, crop: Rectangle, steps: int, frame: FrameBuffers, done: Callable[[float], None]) -> float:
+    @property
+    def is_full(self) -> bool:
+        """Whether all lights have been added."""
+        return self._added == len(self.lights)
+
+    def see(
+        self,
+        view: object,
+        bounds: Rectangle,
+        steps: int,
+        frame: FrameBuffers,
+        done: Callable[[float], None],
+    ) -> float:
         """Store what lies along the camera rays, and what the lights scatter there; returns device seconds.
 
         Parameters
         ----------
+        view
+            The struct, on the device.
+        bounds
+            Pixels x0, y0, x1, y1 of the frame's buffers.
         steps
             Samples along a camera ray.
         """
@@ -191,13 +207,13 @@ class Lattice:
             layers["layers"] = launcher.upload("the layers' numbers", np.array(self.apart, np.int32))
         return launcher.run_windows(
             kernel,
-            crop,
+            bounds,
             steps,
             media.arguments
-            | frame.arguments("albedo")
+            | frame.arguments("places", "albedo")
             | frame.stored()
             | {
-                "view": self.view,
+                "view": view,
                 "lattice": self._numbers,
                 "colour": (*colour.tolist(), 0.0),
                 "lights": len(self.lights),

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.render.culling import block_lists
 from tfm_cl.render.tracing.threads import CHUNK, in_chunks
 
 if TYPE_CHECKING:
+    from tfm_cl.render.culling import BlockLists
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.regions import LitRegions
     from tfm_cl.render.tracing.tracer import Tracer
@@ -25,7 +25,7 @@ class LitPixels:
     """Of each of some lights a rectangle of pixels, outside of which it lights no solid."""
 
     rectangles: NDArray[np.int64]
-    """[lights, 4], x0, y0, x1, y1 in pixels of the crop; empty for a light without."""
+    """[lights, 4], x0, y0, x1, y1 in pixels of the buffers; empty for a light without."""
     first: NDArray[np.int64]
     """[lights], where each begins in ``lit``."""
     lit: NDArray[np.uint8]
@@ -38,7 +38,7 @@ class LitPixels:
 
 
 def lit_pixels(
-    tracer: Tracer, gbuffer: GBuffer, regions: LitRegions, touched: NDArray[np.int64]
+    tracer: Tracer, gbuffer: GBuffer, regions: LitRegions, lists: BlockLists, count: int
 ) -> LitPixels:
     """Trace what lights see of the solids that pixels show.
 
@@ -46,20 +46,21 @@ def lit_pixels(
     ----------
     regions
         Of the lights.
-    touched
-        [lights, 4], the pixels x0, y0, x1, y1 of the crop that each may change.
+    lists
+        Which of them may change the pixels of each block, of `GBuffer.EDGE`.
+    count
+        Number of lights.
     """
     height, width = gbuffer.shown.shape
     edge = gbuffer.EDGE
-    lists = block_lists(touched, (0, 0, width, height), edge)
     block = np.repeat(np.arange(len(lists.starts) - 1), np.diff(lists.starts))
     near = np.flatnonzero(gbuffer.occupied[block])
     near = near[regions[lists.lights[near]].touch_boxes(gbuffer.boxes[block[near]])]
     block, light = block[near], lists.lights[near]
     row, column = np.divmod(block, lists.columns)
     corners = np.stack([column, row], axis=1) * edge
-    low = np.full((len(touched), 2), max(width, height))
-    high = np.zeros((len(touched), 2), np.int64)
+    low = np.full((count, 2), max(width, height))
+    high = np.zeros((count, 2), np.int64)
     np.minimum.at(low, light, corners)
     np.maximum.at(high, light, np.minimum(corners + edge, (width, height)))
     low = np.minimum(low, high)

@@ -369,27 +369,41 @@ class Orders:
         self._run(self._kernel("order_mean"), (items,), means)
 
     def see(
-        self, found: Scattered, crop: Rectangle, frame: FrameBuffers, done: Callable[[float], None]
+        self,
+        views: tuple[cl.Buffer, cl.Buffer],
+        found: Scattered,
+        bounds: Rectangle,
+        frame: FrameBuffers,
+        done: Callable[[float], None],
     ) -> float:
-        """Add what all later orders scatter to the camera; returns device seconds."""
-        passes = [(self.even, found.numbers, 1.0)]
+        """Add what all later orders scatter to the camera; returns device seconds.
+
+        Parameters
+        ----------
+        views
+            The structs of the camera, as of the even medium and of its own.
+        bounds
+            Pixels x0, y0, x1, y1 of the frame's buffers.
+        """
+        passes = [(self.even, views[0], found.numbers, 1.0)]
         if found.first is not None:
-            passes.append((self.own, found.first, self.mean_cosine - 1.0))
+            passes.append((self.own, views[1], found.first, self.mean_cosine - 1.0))
         return sum(
             self.launcher.run_windows(
                 self._pass(through, found.colours),
-                crop,
+                bounds,
                 decided(self.scene.march.steps),
                 through.arguments
-                | frame.arguments("solid", "later")
+                | frame.arguments("places", "solid", "later")
                 | {
+                    "view": view,
                     "orders": self._struct,
                     "scattered": numbers,
                     "colour": (*(share * part for part in found.colour), 0.0),
                 },
                 done,
             )
-            for through, numbers, share in passes
+            for through, view, numbers, share in passes
         )
 
     def _pass(self, through: Seen, colours: int) -> Kernel:

@@ -26,6 +26,7 @@ from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
+from tfm_cl.render.antialiasing import PLAIN, Antialiasing
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.result import RenderResult, RenderStats
@@ -209,6 +210,8 @@ class Renderer:
         crop: Crop | None = None,
         aovs: Collection[str] = (),
         background: Any = 0.0,
+        samples: int = 1,
+        filter: str = "box",  # noqa: A002 - the key's name in scene files
         progress: Progress | None = None,
     ) -> RenderResult:
         """Render a scene.
@@ -230,6 +233,12 @@ class Renderer:
         background
             RGB radiance behind media and solids, one number for grey, or ``"environment"``: see
             `RenderResult.over`.
+        samples
+            Of a pixel, at most: 1, 4, 16, 64 or 256. More than one are taken where neighbours differ, more
+            than 4 where these differ.
+        filter
+            How pixels are made of them: ``box``, ``gaussian`` or ``blackman-harris``
+            (`tfm_cl.scene.pixel_filters`).
         progress
             Called as ``progress(stage, fraction)``.
 
@@ -237,15 +246,16 @@ class Renderer:
         ------
         SceneError
             Unknown method, a crop outside the frame, maps of another scene, no colour as the background,
-            ``"environment"`` where no light is one, or layers of lights of one name, or of more lights than
-            there is room for.
+            ``"environment"`` where no light is one, no such samples or filter, or layers of lights of one
+            name, or of more lights than there is room for.
         DeviceError
             Memory or compilation.
         CancelledError
             `cancel` was called meanwhile.
         """
         self._launcher.begin()
-        image = ImageSettings(background=background)  # before anything is rendered
+        # Before anything is rendered.
+        image = ImageSettings(background=background, samples=samples, filter=filter)
         if image.shows_environment:
             check_surrounded(scene.lights)
         scene.read_files()
@@ -254,12 +264,20 @@ class Renderer:
         if scene.map.max_error is not None:
             scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
             limited = ()
-        result = self._render(scene, maps=maps, method=method, crop=crop, aovs=aovs, progress=progress)
+        result = self._render(
+            scene,
+            maps=maps,
+            method=method,
+            crop=crop,
+            aovs=aovs,
+            progress=progress,
+            antialiasing=Antialiasing(image.samples, image.filter),
+        )
         result.stats.error_estimate = estimate
         if image.has_background:
             result = result.over(image.background)
-        left_out = filter(None, [lattice.left_out(scene)] if asks_for_lattice else [])
-        result = replace(result, warnings=(*limited, *result.warnings, *left_out))
+        left_out = lattice.left_out(scene) if asks_for_lattice else None
+        result = replace(result, warnings=(*limited, *result.warnings, *([left_out] if left_out else [])))
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)
             result = replace(result, warnings=(*result.warnings, why))
@@ -308,6 +326,7 @@ class Renderer:
         crop: Crop | None,
         aovs: Collection[str],
         progress: Progress | None,
+        antialiasing: Antialiasing = PLAIN,
     ) -> RenderResult:
         """Render a scene, and ask nothing of the picture."""
         progress = progress or _silent
@@ -328,13 +347,14 @@ class Renderer:
             self._maps,
             points,
             self._media(points, maps),
-            crop,
+            antialiasing.around(crop, scene.camera.res),
             stats,
             progress,
             self._cache,
+            antialiasing,
         )
         names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
-        sums, warnings = frame.render(method, maps, aovs, _layers_of_lights(scene, aovs))
+        sums, warnings = frame.render(method, maps, aovs, crop, _layers_of_lights(scene, aovs))
         made_here = {
             "always": True,
             "solids": bool(scene.solids),
@@ -355,7 +375,16 @@ class Renderer:
         stats.seconds |= {"compile": compiled, "host": host, "total": total}
         if scene.solids:
             stats.seconds["trace"] = traced
-        return RenderResult(sums.radiance, layers, stats, scene, crop, (*notes, *warnings), lit)
+        return RenderResult(
+            sums.radiance,
+            layers,
+            stats,
+            scene,
+            crop,
+            (*notes, *warnings),
+            lit,
+            shows_through=sums.shows_through,
+        )
 
 
 def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:

@@ -38,6 +38,8 @@ class RenderStats:
     """Density samples of ``light_pass`` and ``view_pass``."""
     made: dict[str, int] = field(default_factory=dict)
     """What was made, as no earlier frame had it, and how many: ``bricks``, ``map``, ``probe``, …"""
+    refined_pixels: int = 0
+    """Pixels that have more than one sample."""
     map_bytes: int = 0
     """Of the numbers of all maps together."""
     map: ResolvedMap | None = None
@@ -65,6 +67,7 @@ class RenderStats:
             "device": {"name": self.device},
             "seconds": dict(self.seconds),
             "samples": dict(self.samples),
+            "refined_pixels": self.refined_pixels,
             "map_bytes": self.map_bytes,
             "error_estimate": self.error_estimate,
         }
@@ -93,6 +96,8 @@ class RenderResult:
     """RGB radiance behind all that ``image`` shows, or ``"environment"``."""
     foreground: NDArray[np.float32] | None = None
     """``image`` without the background; None without one."""
+    shows_through: NDArray[np.float32] | None = None
+    """[H, W, 3], how much of the background pixels show that have several samples; None without such."""
 
     def over(self, background: Any) -> Self:
         """Return the picture over another background.
@@ -122,8 +127,9 @@ class RenderResult:
             behind = radiance_behind(scene.lights, scene.camera, self.crop)
         else:
             behind = np.array(settings.background, np.float32)
-        behind = self.aovs["transmittance"] * behind
-        if "solid_distance" in self.aovs:
+        through = self.aovs["transmittance"] if self.shows_through is None else self.shows_through
+        behind = through * behind
+        if "solid_distance" in self.aovs and self.shows_through is None:
             behind[self.aovs["solid_distance"] > 0] = 0
         image = bare.copy()
         image[..., :3] += behind

@@ -60,7 +60,7 @@ def scatter(
         | met.arguments
         | batch.arguments
         | batch.blocks
-        | frame.arguments("solid", "albedo")
+        | frame.arguments("places", "solid", "albedo")
         | frame.stored(),
         done,
     )

@@ -39,7 +39,7 @@ def reflect(
         | met.arguments
         | batch.arguments
         | batch.blocks
-        | frame.arguments("solid", "albedo", "transmittance", "radiance", "samples")
+        | frame.arguments("places", "solid", "albedo", "transmittance", "radiance", "samples")
         | frame.layers,
         done,
     )

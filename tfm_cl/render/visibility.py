@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.lit_pixels import LitPixels
+    from tfm_cl.render.raster import Raster
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
@@ -81,13 +82,13 @@ class Visibility:
                 self._tracer, self._solids = Tracer(scene.solids), scene.solids
         return self._tracer
 
-    def gbuffer(self, scene: Scene, crop: tuple[int, int, int, int]) -> GBuffer | None:
-        """Trace the camera's rays through the pixels x0, y0, x1, y1; None without solids."""
+    def gbuffer(self, scene: Scene, raster: Raster) -> GBuffer | None:
+        """Trace the camera's rays; None without solids."""
         tracer = self.tracer(scene)
         if tracer is None:
             return None
-        key = scene.solids, scene.camera, crop
-        return self._keep("G-buffer", key, lambda: trace_gbuffer(tracer, scene, crop))
+        key = None if raster.key is None else (scene.solids, scene.camera, raster.key)
+        return self._keep("G-buffer", key, lambda: trace_gbuffer(tracer, scene, raster))
 
     def shadow_maps(
         self, scene: Scene, lights: Sequence[Light], sizes: Sequence[int]
@@ -111,25 +112,33 @@ class Visibility:
     def lit_pixels(
         self,
         scene: Scene,
-        crop: tuple[int, int, int, int],
+        raster: Raster,
         gbuffer: GBuffer | None,
         regions: LitRegions,
         touched: NDArray[np.int64],
     ) -> LitPixels | None:
-        """Trace what lights see of the solids that the pixels of a crop show; None without solids.
+        """Trace what lights see of the solids that pixels show; None without solids.
 
         Parameters
         ----------
         gbuffer
-            Of the scene and the crop.
-        regions, touched
-            As of `tfm_cl.render.lit_pixels.lit_pixels`.
+            Of the scene and the raster.
+        regions
+            Of the lights.
+        touched
+            [lights, 4], the pixels x0, y0, x1, y1 of the frame that each may change.
         """
         tracer = self.tracer(scene)
         if tracer is None or gbuffer is None:
             return None
-        key = scene.solids, scene.camera, crop, regions.key, touched.tobytes()
-        return self._keep("lit pixels", key, lambda: lit_pixels(tracer, gbuffer, regions, touched))
+        rays = raster.key
+        key = None if rays is None else (scene.solids, scene.camera, rays, regions.key, touched.tobytes())
+
+        def trace() -> LitPixels:
+            lists = raster.lists_of_buffers(touched, gbuffer.EDGE)
+            return lit_pixels(tracer, gbuffer, regions, lists, len(touched))
+
+        return self._keep("lit pixels", key, trace)
 
     def shadow_bounds(
         self, scene: Scene, lights: Sequence[Light], maps: Sequence[NDArray[np.float32]]
@@ -179,7 +188,7 @@ class Visibility:
             with self.timed():
                 return make()
 
-        return self._cache.get(kind, key, timed, lambda value: value.nbytes)
+        return timed() if key is None else self._cache.get(kind, key, timed, lambda value: value.nbytes)
 
 
 def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:

@@ -226,9 +226,16 @@ class Camera(Model):
         x0, y0, x1, y1 = crop or (0, 0, width, height)
         if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
             raise SceneError(f"crop = {[x0, y0, x1, y1]}: should be inside the {width}×{height} frame")
+        x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
+        return self.rays_through(x.ravel(), y.ravel())
+
+    def rays_through(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Origins and unit directions, both [n, 3], world, of rays through places, pixels from top left."""
+        width, height = self.res
         pixel = self.pixel_width
-        at = (np.arange(x0, x1) + 0.5 - width / 2) * pixel, (height / 2 - np.arange(y0, y1) - 0.5) * pixel
-        x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(*at))
+        x, y = ((x - width / 2) * pixel)[:, None], ((height / 2 - y) * pixel)[:, None]
         right, up, forward, position = self.world_from_camera[:3].T
         directions = x * right + y * up + forward
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

@@ -130,7 +130,8 @@ LAYERS = {
     ),
     "solid_distance": Layer(
         1,
-        "distance from the camera to the solid that the pixel shows, world units; 0 without, and on holdouts",
+        "distance from the camera to the solid that the pixel shows, the nearest of its samples, world "
+        "units; 0 without, and on holdouts",
         lambda seen: np.where(
             np.isfinite(seen.solid[..., 3]) & (seen.albedo[..., 3] == 0), seen.solid[..., 3], np.float32(0)
         ),

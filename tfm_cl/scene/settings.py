@@ -11,6 +11,7 @@ from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.model import Model, as_colour, count_or_auto, in_words, number_or_auto, number_or_none
 from tfm_cl.scene.layers import NAMES
+from tfm_cl.scene.pixel_filters import FILTERS
 
 MAX_WEIGHTING = 1e6
 """Largest density weighting α: beyond it, float32 cannot distinguish e^(-τ/α) from 1."""
@@ -245,6 +246,22 @@ def _view(value: Any) -> Any:
     return value
 
 
+SAMPLES = (1, 4, 16, 64, 256)
+"""Of a pixel, at most."""
+
+
+def _samples(value: Any) -> Any:
+    if type(value) is not int or value not in SAMPLES:
+        raise ValueError("should be 1, 4, 16, 64 or 256")
+    return value
+
+
+def _filter(value: Any) -> Any:
+    if not isinstance(value, str) or value not in FILTERS:
+        raise ValueError(unknown_key(str(value), list(FILTERS)).replace("key", "filter"))
+    return value
+
+
 class ImageSettings(Model):
     """Settings of the image that is written."""
 
@@ -252,6 +269,16 @@ class ImageSettings(Model):
 
     crop: Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)] = Field(
         None, description="part of the frame to render: pixels x0,y0,x1,y1 (end excluded)"
+    )
+    samples: Annotated[int, BeforeValidator(_samples)] = Field(
+        1,
+        description="camera rays of a pixel, at most: 1, 4, 16, 64 or 256; more than one where neighbours "
+        "differ, more than 4 where these differ",
+    )
+    filter: Annotated[str, BeforeValidator(_filter)] = Field(
+        "box",
+        description="how pixels are made of samples. "
+        + "; ".join(f"{name}: {found.summary}" for name, found in FILTERS.items()),
     )
     exposure: Annotated[float | Literal["auto"], number_or_auto(-MOST_STOPS, MOST_STOPS)] = Field(
         0.0, description="exposure in stops, PNG only; auto: by how bright what is lit is"

@@ -13,6 +13,7 @@ VIEW = Struct(
         Field("float", "forward", 3, "world, unit"),
         Field("int", "image_size", 2, "full frame, pixels"),
         Field("int", "crop", 4, "x0, y0, x1, y1 of the pixels that are rendered"),
+        Field("int", "listed", 1, "1: rays pass where a list says, 0: through the pixels' centres"),
         Field("int", "steps", 1, "samples along the lit part of a camera ray"),
         Field("int", "light_steps", 1, "steps along the light rays of the dual march"),
         Field("int", "projective", 1, "1: uniform in projective space (section 4.2), 0: in the world"),

@@ -26,8 +26,18 @@ def visible_depth(cutoff: float) -> float:
     return -math.log(max(cutoff, LEAST_CUTOFF))
 
 
-def view_struct(scene: Scene, fields: Fields, crop: tuple[int, int, int, int]) -> NDArray[Any]:
-    """Return the struct, a 0-d array."""
+def view_struct(
+    scene: Scene, fields: Fields, crop: tuple[int, int, int, int], *, is_listed: bool = False
+) -> NDArray[Any]:
+    """Return the struct, a 0-d array.
+
+    Parameters
+    ----------
+    crop
+        Pixels x0, y0, x1, y1 that buffers hold.
+    is_listed
+        Whether rays pass through the frame where a list says, whatever these pixels.
+    """
     view = np.zeros((), VIEW.dtype)
     camera = scene.camera
     device_from_world = np.linalg.inv(world_from_device(scene))
@@ -40,6 +50,7 @@ def view_struct(scene: Scene, fields: Fields, crop: tuple[int, int, int, int]) -
     view["forward"] = forward
     view["image_size"] = camera.res
     view["crop"] = crop
+    view["listed"] = is_listed
     march = scene.march
     view["steps"] = march.steps
     view["light_steps"] = scene.map.steps if scene.marched else 1
