@@ -16,7 +16,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.plan import lattice, orders, resolution
+from tfm_cl.plan import lattice, octaves, orders, resolution
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
@@ -83,6 +83,7 @@ class Plan:
             key: decision.value
             for key, decision in self.decisions.items()
             if decision.value is not None and (key in counts or key.split(".")[0] not in found)
+            if not key.endswith(".contribution")
         }
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
@@ -154,6 +155,11 @@ def plan(
     orders.check(scene)
     decisions = {} if file is None else dict(_placed(scene, file))
     decisions |= dict(_of_orders(scene))
+    decisions |= {
+        f"{found.section}.contribution": Decision(found.number, found.why)
+        for found in octaves.contributions(scene)
+    }
+    scene = octaves.resolved(scene)
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.lights)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(

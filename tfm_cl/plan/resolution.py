@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tfm_cl.model import decided
-from tfm_cl.plan import lattice
+from tfm_cl.plan import lattice, octaves
 from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds, voxel_depth
 from tfm_cl.scene.bodies.base import around
 
@@ -149,7 +149,7 @@ def wanted(
 
 
 def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
-    """Replace ``"auto"`` in ``map.res``, ``map.steps`` and ``march.steps`` by the numbers `wanted`.
+    """Replace ``"auto"`` in media, ``map.res``, ``map.steps`` and ``march.steps`` by numbers.
 
     Parameters
     ----------
@@ -158,7 +158,8 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     maps
         Settings of existing maps: ``"auto"`` in the settings of the map then means their values.
     """
-    return with_numbers(scene, {key: found.number for key, found in wanted(scene, maps).items()})
+    found = {key: found.number for key, found in wanted(scene, maps).items()}
+    return with_numbers(octaves.resolved(scene), found)
 
 
 def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:

@@ -3,7 +3,7 @@
 import re
 import reprlib
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from tfm_cl.constants import MOST_OCTAVES
 from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model import RGB, Model, section_within
+from tfm_cl.model import RGB, Model, decided, number_or_auto, section_within
 from tfm_cl.scene.optical_depth import OPTICAL_DEPTH
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.presets import PRESETS, expanded
@@ -94,8 +94,9 @@ class Medium(Model):
         le=1,
         description="of octaves: the extinction that light meets in each, over the one before's",
     )
-    contribution: float = Field(
-        0.5, ge=0, le=1, description="of octaves: how much light each adds, over the one before"
+    contribution: Annotated[float | Literal["auto"], number_or_auto(0, 1)] = Field(
+        "auto",
+        description="of octaves: how much light each adds, over the one before; auto: by how deep it is",
     )
     eccentricity: float = Field(
         0.5,
@@ -113,11 +114,12 @@ class Medium(Model):
 
         Source: M. Wrenninge, C. Kulla, V. Lundqvist, "Oz: The Great and Volumetric", SIGGRAPH 2013 Talks; a
         part of p stands for their phase function of a smaller mean cosine, so that any p has octaves. The
-        defaults are the best of 2,500 sets beside a path tracer (README); thrice .5, as is usual, is up to
-        1 dB worse.
+        defaults of the other two are the best of 2,500 sets beside a path tracer; thrice .5, as is usual, is
+        up to 1 dB worse. The contribution is a number once it has been decided (`tfm_cl.plan.octaves`).
         """
         i = np.arange(self.octaves)
-        lobe, all_ = self.eccentricity**i, self.contribution**i
+        contribution = 1.0 if self.octaves == 1 else decided(self.contribution)
+        lobe, all_ = self.eccentricity**i, contribution**i
         return np.stack([self.attenuation**i, lobe * all_, (1 - lobe) * all_ / (4 * np.pi)])
 
     @property

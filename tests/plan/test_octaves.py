@@ -1,0 +1,63 @@
+"""How much light octaves add, where that is left open."""
+
+import numpy as np
+import pytest
+from scenes import blobs, make_scene
+
+import tfm_cl as tfm
+from tfm_cl.plan import octaves
+from tfm_cl.plan.plan import plan
+
+WHITE = tfm.Medium(octaves=4)
+SLAB = tfm.Volume(np.ones((9, 9, 9)), voxel_size=0.1)
+
+
+def number(medium, volume=SLAB):
+    (found,) = octaves.contributions(make_scene(volume=volume, medium=medium))
+    return found.number
+
+
+def test_it_grows_with_the_optical_depth_and_falls_with_absorption():
+    by_depth = [number(WHITE, SLAB.with_density_scale(scale)) for scale in (0.1, 1, 10, 100)]
+    assert by_depth == sorted(set(by_depth))
+    by_albedo = [number(WHITE.replace(sigma_s=1 - a, sigma_a=a)) for a in (0, 0.1, 0.5, 1)]
+    assert by_albedo == sorted(set(by_albedo), reverse=True)
+    assert by_albedo[-1] == 0
+    assert number(WHITE.replace(phase="hg:0.9")) < number(WHITE)  # at a depth of about 1
+
+
+def test_it_does_not_depend_on_units_nor_on_how_density_and_extinction_share_them():
+    assert number(WHITE.replace(sigma_s=4.0), SLAB.with_density_scale(0.25)) == number(WHITE)
+    assert number(WHITE, tfm.Volume(np.ones((9, 9, 9)), voxel_size=10, density_scale=0.01)) == number(WHITE)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        tfm.BoxVolume(from_=(0, 0, 0), to=(1, 1, 1), density=2.0),
+        tfm.Points(np.random.default_rng(1).random((50, 3)), 0.2, density=2.0),
+        tfm.Volume(np.zeros((3, 3, 3))),
+        tfm.Volume(1e-30 * blobs((8, 8, 8))),
+    ],
+    ids=["box", "points", "empty", "faint"],
+)
+def test_every_body_has_one(body):
+    assert 0 <= number(WHITE, body) <= 1
+
+
+def test_each_medium_has_its_own_and_a_number_that_is_given_stays():
+    thin = SLAB.with_density_scale(0.1).with_medium(WHITE)
+    given = SLAB.with_medium(WHITE.replace(contribution=0.125))
+    scene = make_scene(volume=(SLAB, thin, given), medium=WHITE)
+    planned = plan(scene)
+    decided = {key: found.value for key, found in planned.decisions.items() if key.endswith("contribution")}
+    assert list(decided) == ["medium.contribution", "volume.1.medium.contribution"]
+    media = [planned.scene.medium_of(body) for body in planned.scene.bodies]
+    assert [medium.contribution for medium in media] == [*decided.values(), 0.125]
+
+
+def test_single_scattering_needs_none():
+    scene = make_scene(volume=SLAB)
+    assert not list(octaves.contributions(scene))
+    assert octaves.resolved(scene) is scene
+    assert scene.medium.octave_terms.shape == (3, 1)
