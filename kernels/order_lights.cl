@@ -1,20 +1,72 @@
-/* What lights bring to the points of a lattice (view/orders.h), and no scattering yet: the mean over all directions of
-   the radiance that arrives. It is that of the cube around a point, weighed by the density: as much is scattered as without
-   a lattice, however fast light falls off.
+/* What lights bring to the points of a lattice (view/orders.h).
    Includes expected before: a basis and a light header, and those of the bodies' kinds. Requires: what
-   light/reduced_intensity.h and view/cells.h do. */
+   light/reduced_intensity.h and view/cells.h do; TFM_ORDER_DEGREE, 0 where light is scattered evenly, else that of
+   view/harmonics.h. */
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/cells.h"
+#if TFM_ORDER_DEGREE
+#include "view/harmonics.h"
+#endif
 
 #define INVERSE_SPHERE 0.0795774715f /* 1 / 4 pi */
 #define LEAST_WEIGHT 1e-6f           /* as an optical depth of the distance between points: where there is no density */
 
-/* light   of the points, adds to
+/* A light at a point, without its intensity. */
+typedef struct {
+  Floats strength; /* 0 where none arrives */
+  Floats tint[3];
+  Floats depth[TFM_CHANNELS]; /* optical, of the way to it */
+} Arrival;
+
+TFM_INLINE Arrival arrival_at(const Scene *scene, LIGHT from, const LightBuffers *buffers, Vec3 point, Ints wanted)
+{
+  Arrival arrival;
+  const LightSample sample = light_at(from, point_in_light(from, point));
+  const Ints lit = wanted & (sample.strength > 0.0f);
+  arrival.strength = floats(0.0f);
+  if (!any_lane(lit))
+    return arrival;
+  const LightPath path = light_path(scene, from, buffers, point, sample, 0, 0);
+  Ints samples = ints(0);
+  light_optical_depths(scene, from, buffers, &path, lit, &samples, arrival.depth);
+  light_tint(from, buffers, sample, arrival.tint);
+  arrival.strength = lit ? sample.strength * light_visibility(from, buffers->shadow, sample) : floats(0.0f);
+  return arrival;
+}
+
+/* In which it goes, in the world. */
+TFM_INLINE Vec3 way_of_light(LIGHT from, Vec3 point)
+{
+  return transform_vector(from->world_from_light, light_at(from, point_in_light(from, point)).direction);
+}
+
+/* Where points have one number for three, lights are of one colour, of which there is most. */
+TFM_INLINE float intensity_of(LIGHT from, int c)
+{
+  return TFM_ORDER_COLOURS == 3 ? from->intensity[c]
+                                : fmax(fmax(from->intensity[0], from->intensity[1]), from->intensity[2]);
+}
+
+/* Of light, after an optical depth: what was scattered straight on so many times, of what there was.
+   share: of what is extinguished, what goes straight on */
+TFM_INLINE Floats left_after(Floats depth, int times, float share, float log_factorial)
+{
+  if (times == 0)
+    return transmittance_of(depth);
+  const Floats chance = (float)times * log_of(greatest(share * depth, floats(FLT_MIN))) - log_factorial;
+  return transmittance_of(greatest(depth - chance, floats(0.0f)));
+}
+
+/* Adds what no lattice has scattered yet: the mean over all directions of the radiance that arrives, or, where scattering
+   has a lobe, its moments. It is that of the cube around a point, weighed by the density: as much is scattered as without a
+   lattice, however fast light falls off.
+   light   of the points, adds to
    number  of the light among those given
+   times   that it was scattered straight on; log_factorial: logarithm of times!
    items   first of this launch and end */
 __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global float *light, int number, int2 items)
+                           ORDERS orders, __global float *light, int number, int times, float log_factorial, int2 items)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
@@ -40,30 +92,69 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
       here[c] += least_weight;
       weight[c] += here[c];
     }
-    const LightSample sample = light_at(from, point_in_light(from, point));
-    const Ints lit = points.wanted & (sample.strength > 0.0f);
-    if (!any_lane(lit))
+    const Arrival arrival = arrival_at(&scene, from, &buffers, point, points.wanted);
+    if (!any_lane(arrival.strength > 0.0f))
       continue;
-    const LightPath path = light_path(&scene, from, &buffers, point, sample, 0, 0);
-    Floats depth[TFM_CHANNELS], tint[3];
-    Ints samples = ints(0);
-    light_optical_depths(&scene, from, &buffers, &path, lit, &samples, depth);
-    light_tint(from, &buffers, sample, tint);
-    const Floats arrives = lit ? sample.strength * light_visibility(from, shadow, sample) : floats(0.0f);
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
       const int channel = TFM_CHANNELS == 3 ? c : 0;
-      sum[c] += tint[c] * here[channel] * arrives * transmittance_of(depth[channel]);
+      sum[c] += arrival.tint[c] * here[channel] * arrival.strength *
+                left_after(arrival.depth[channel], times, orders->straight * orders->albedo[c], log_factorial);
     }
   }
-  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-#if TFM_ORDER_COLOURS == 3
-    const float intensity = from->intensity[c];
-#else
-    /* Of one colour, of which there is most. */
-    const float intensity = fmax(fmax(from->intensity[0], from->intensity[1]), from->intensity[2]);
+#if TFM_ORDER_DEGREE
+  Floats y[HARMONICS];
+  harmonics_of(way_of_light(from, centre), y);
 #endif
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const Floats more = intensity_of(from, c) * sum[c] / weight[TFM_CHANNELS == 3 ? c : 0];
+#if TFM_ORDER_DEGREE
+    for (int n = 0; n < HARMONICS; ++n) {
+      __global float *numbers = light + (size_t)(n * TFM_ORDER_COLOURS + c) * padded_size(orders);
+      const Floats sum = numbers_at(numbers, &points) + y[n] * more;
+      if (points.first)
+        *(__global FloatRow *)(numbers + points.first) = sum;
+      else
+        store_floats(numbers, points.at, points.wanted, sum);
+    }
+#else
     __global float *numbers = light + (size_t)c * padded_size(orders);
-    const Floats more = INVERSE_SPHERE * intensity * sum[c] / weight[TFM_CHANNELS == 3 ? c : 0];
-    store_floats(numbers, points.at, points.wanted, gather_floats(numbers, points.at) + more);
+    store_floats(numbers, points.at, points.wanted, gather_floats(numbers, points.at) + INVERSE_SPHERE * more);
+#endif
   }
 }
+
+#if TFM_ORDER_DEGREE
+/* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.
+   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine
+   scattered  of the points one after the other, adds to */
+__kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                           ORDERS orders, __global const float *beyond, __global float *scattered, int number, int2 items)
+{
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
+    return;
+  const Points points = points_of(orders, item);
+  if (!any_lane(points.wanted))
+    return;
+  SCENE(scene, ints(-1), ints(-1));
+  LIGHT_BUFFERS(buffers);
+  LIGHT from = lights + number;
+  const Vec3 centre = position_of(orders, &points);
+  const Arrival arrival = arrival_at(&scene, from, &buffers, centre, points.wanted);
+  if (!any_lane(arrival.strength > 0.0f))
+    return;
+  const Floats mu = dot3(way_of_light(from, centre), way_to_camera(view, centre));
+  Floats to_right, to_next;
+  const Ints column = between_points(root_of(root_of(0.5f - 0.5f * mu)) * (float)(BEYOND_ANGLES - 1), BEYOND_ANGLES, &to_right);
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const Floats depth = arrival.depth[TFM_CHANNELS == 3 ? c : 0], met = orders->albedo[c] * depth;
+    const Ints row = between_points(met / (met + BEYOND_HALF) * (float)(BEYOND_DEPTHS - 1), BEYOND_DEPTHS, &to_next);
+    const Ints at = row * BEYOND_ANGLES + column;
+    const Floats one = lerp(gather_floats(beyond, at), gather_floats(beyond + 1, at), to_right);
+    const Floats next = lerp(gather_floats(beyond + BEYOND_ANGLES, at), gather_floats(beyond + BEYOND_ANGLES + 1, at), to_right);
+    const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);
+    const Ints place = points.number * TFM_ORDER_COLOURS + c;
+    store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + intensity_of(from, c) * more);
+  }
+}
+#endif

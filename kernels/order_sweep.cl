@@ -1,29 +1,9 @@
 /* One more order of scattering on a lattice (view/orders.h). For each direction a ray passes between the points of every
    plane across it, shifted by the same part of a distance wherever it is in the plane: rays never mix, so that nothing
    spreads sideways however far they go.
-   Requires: what view/orders.h does. */
+   Requires: what view/orders.h does; TFM_ORDER_LOBE, 1 where what is scattered differs by direction (order_moments.cl). */
 #include "core/store.h"
 #include "view/orders.h"
-
-/* Lanes that are neighbours in memory, wherever they begin. */
-typedef Floats FloatRow __attribute__((aligned(4)));
-#define ROW(p) (*(__global const FloatRow *)(p))
-
-/* Where the rays of a direction cross a plane. */
-typedef struct {
-  int whole; /* by how many points they are shifted */
-  float part; /* and by which part of a distance more */
-} Shift;
-
-TFM_INLINE Shift shift_of(float slope, int plane)
-{
-  const float shift = slope * (float)plane;
-  Shift found;
-  found.whole = (int)shift;
-  found.whole -= (float)found.whole > shift;
-  found.part = shift - (float)found.whole;
-  return found;
-}
 
 /* Rays along an axis are numbered by where they cross the first plane. All that cross a plane between the place before
    its first point and its last: the first of them, and their number. */
@@ -33,25 +13,29 @@ TFM_INLINE int2 rays_along(float slope, int size, int planes)
   return (int2)(-1 - (last > 0 ? last : 0), size + 1 + (last > 0 ? last : -last));
 }
 
-/* Mean of what four neighbours hold: of two rows, from a column on. */
-TFM_INLINE Floats between_rows(__global const float *lower, int row, float right, float up)
-{
-  __global const float *upper = lower + row;
-  const Floats low = ROW(lower) + right * (ROW(lower + 1) - ROW(lower));
-  const Floats high = ROW(upper) + right * (ROW(upper + 1) - ROW(upper));
-  return low + up * (high - low);
-}
+/* What is scattered over what is extinguished, where rays cross a plane: of light that arrives evenly, or the source of this
+   direction, and what came this way before and goes straight on. */
+#if TFM_ORDER_LOBE
+#define LIGHT_OF(number) (light + (size_t)(number) * TFM_ORDER_COLOURS * size)
+#define SCATTERED_OF(c) (between_rows(of_sweep + (size_t)(c) * size + at, row, shift_x.part, shift_y.part) + \
+                         part[c] * ROW(out + (size_t)(c) * size + at))
+#else
+#define LIGHT_OF(number) light
+#define SCATTERED_OF(c) (part[c] * between_rows(of_sweep + (size_t)(c) * size + at, row, shift_x.part, shift_y.part))
+#endif
 
 /* One work-item takes as many rays, in neighbouring columns, as there are lanes.
-   extinction, light  of the points, in the rows that the sweeps have
-   radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way
-   sweeps    the directions of this launch
-   count     of these; size: numbers that one extinction or colour has */
+   extinction  of the points, in the rows that the sweeps have
+   light     in the same rows: what arrives, or of each direction and colour what is scattered
+   radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way;
+             where there is a lobe, holds the same of the order before
+   first     direction of this launch, and the end
+   size      numbers that one extinction or colour has */
 __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *extinction, __global const float *light,
-                          __global float *radiance, int count, int size)
+                          __global float *radiance, int first, int end, int size)
 {
-  const int number = (int)get_global_id(1);
-  if (number >= count)
+  const int number = first + (int)get_global_id(1);
+  if (number >= end)
     return;
   SWEEP sweep = sweeps + number;
   const float slope_x = sweep->slope[0], slope_y = sweep->slope[1], length = 0.5f * sweep->length;
@@ -62,10 +46,11 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
   if (first_y >= along.x + along.y)
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
-  float albedo[TFM_ORDER_COLOURS];
+  __global const float *of_sweep = LIGHT_OF(number);
+  float part[TFM_ORDER_COLOURS];
   Floats radiances[TFM_ORDER_COLOURS], sources[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    albedo[c] = orders->albedo[c];
+    part[c] = TFM_ORDER_LOBE ? orders->straight * orders->albedo[c] : orders->albedo[c];
     radiances[c] = sources[c] = floats(0.0f);
   }
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -93,7 +78,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
       }
       for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
         const int channel = TFM_CHANNELS == 3 ? c : 0;
-        const Floats here = albedo[c] * between_rows(light + (size_t)c * size + at, row, shift_x.part, shift_y.part);
+        const Floats here = SCATTERED_OF(c);
         /* What is scattered over what is extinguished, linear along the step. */
         radiances[c] = radiances[c] * through[channel] + sources[c] * (mean[channel] - through[channel]) +
                        here * (1.0f - mean[channel]);
@@ -101,7 +86,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
       }
     } else
       for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
-        sources[c] = albedo[c] * between_rows(light + (size_t)c * size + at, row, shift_x.part, shift_y.part);
+        sources[c] = SCATTERED_OF(c);
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
       *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
   }
@@ -166,15 +151,4 @@ __kernel void order_turn(ORDERS orders, __global const float *numbers, __global 
   for (int c = 0; c < count; ++c)
     store_floats(turned + (size_t)c * turned_size(orders), points.turned, points.wanted,
                  gather_floats(numbers + (size_t)c * padded_size(orders), points.at));
-}
-
-/* Writes light of points one after the other. */
-__kernel void order_pack(ORDERS orders, __global const float *light, __global float *packed)
-{
-  const Points points = points_of(orders, (int)get_global_id(0));
-  if (!any_lane(points.wanted))
-    return;
-  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
-    store_floats(packed, points.number * TFM_ORDER_COLOURS + c, points.wanted,
-                 gather_floats(light + (size_t)c * padded_size(orders), points.at));
 }

@@ -56,6 +56,12 @@ poles, where float32 has as many cosines, and 0.03° between them."""
 FORWARD_DISK = 5.41e-6
 """sin²(θ/2) at the edge of the disk of the Sun, 0.2665° from its middle: over such a disk a phase function
 that is infinite at θ = 0 is averaged."""
+MOST_DEGREE = 4
+"""Of the spherical harmonics by which the later orders of scattering know light at a point."""
+BEYOND_ANGLES, BEYOND_DEPTHS = 256, 64
+"""Columns and rows of a table of what a lobe has beyond these."""
+BEYOND_HALF = 4.0
+"""Optical depth in the middle of its rows."""
 
 
 def c_definitions() -> str:
@@ -81,6 +87,9 @@ def c_definitions() -> str:
         "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
         "PHASE_CELLS": PHASE_CELLS,
         "FORWARD_DISK": f"{FORWARD_DISK}f",
+        "BEYOND_ANGLES": BEYOND_ANGLES,
+        "BEYOND_DEPTHS": BEYOND_DEPTHS,
+        "BEYOND_HALF": f"{BEYOND_HALF}f",
         **{f"POINT_{name.upper()}": number for name, number in POINT_PROFILES.items()},
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
     }

@@ -28,6 +28,7 @@ typedef struct {
   Ints wanted;
   Ints place[3]; /* along x, y, z */
   Ints at;       /* where their numbers are */
+  int first;     /* the same of the first, where they are neighbours in a row; 0 elsewhere */
   Ints turned;   /* where these are in rows along y */
 } Points;
 
@@ -43,6 +44,10 @@ TFM_INLINE Points points_of(ORDERS orders, int item)
   points.place[1] = y;
   points.place[2] = z;
   points.at = ((z + 1) * (ny + 2) + y + 1) * (nx + 2 * PAD) + x + PAD;
+  const int x0 = item * TFM_LANES % nx, row0 = item * TFM_LANES / nx;
+  points.first = x0 + TFM_LANES <= nx && row0 < ny * nz
+                     ? ((row0 / ny + 1) * (ny + 2) + row0 % ny + 1) * (nx + 2 * PAD) + x0 + PAD
+                     : 0;
   points.turned = ((z + 1) * (nx + 2) + x + 1) * (ny + 2 * PAD) + y + PAD;
   return points;
 }
@@ -52,6 +57,48 @@ TFM_INLINE Vec3 position_of(ORDERS orders, const Points *points)
   return vec3(orders->origin[0] + orders->spacing * TO_FLOATS(points->place[0]),
               orders->origin[1] + orders->spacing * TO_FLOATS(points->place[1]),
               orders->origin[2] + orders->spacing * TO_FLOATS(points->place[2]));
+}
+
+/* Lanes that are neighbours in memory, wherever they begin. */
+typedef Floats FloatRow __attribute__((aligned(4)));
+#define ROW(p) (*(__global const FloatRow *)(p))
+
+/* Of points, one number each. */
+TFM_INLINE Floats numbers_at(__global const float *numbers, const Points *points)
+{
+  return points->first ? ROW(numbers + points->first) : gather_floats(numbers, points->at);
+}
+
+/* From a point to the camera, of length 1. */
+TFM_INLINE Vec3 way_to_camera(VIEW view, Vec3 point)
+{
+  const Vec3 way = vec3(view->position[0] - point.x, view->position[1] - point.y, view->position[2] - point.z);
+  return scale3(reciprocal_sqrt(greatest(dot3(way, way), floats(FLT_MIN))), way);
+}
+
+/* Where the rays of a direction cross a plane. */
+typedef struct {
+  int whole; /* by how many points they are shifted */
+  float part; /* and by which part of a distance more */
+} Shift;
+
+TFM_INLINE Shift shift_of(float slope, int plane)
+{
+  const float shift = slope * (float)plane;
+  Shift found;
+  found.whole = (int)shift;
+  found.whole -= (float)found.whole > shift;
+  found.part = shift - (float)found.whole;
+  return found;
+}
+
+/* Mean of what four neighbours hold: of two rows, from a column on. */
+TFM_INLINE Floats between_rows(__global const float *lower, int row, float right, float up)
+{
+  __global const float *upper = lower + row;
+  const Floats low = ROW(lower) + right * (ROW(lower + 1) - ROW(lower));
+  const Floats high = ROW(upper) + right * (ROW(upper + 1) - ROW(upper));
+  return low + up * (high - low);
 }
 
 /* A camera ray among the points. */

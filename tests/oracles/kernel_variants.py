@@ -285,11 +285,15 @@ def _of_order_media(case: Case) -> Program:
 
 def _of_order_lights(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return orders.lights_variant(of_lights, media, _lattice_colours(case, media))
+    return orders.lights_variant(of_lights, media, _lattice_colours(case, media), case["degree"])
 
 
 def _of_order_sweep(case: Case) -> Program:
-    return orders.sweep_variant(case["channels"], max(case["channels"], case["colours"]))
+    return orders.sweep_variant(case["channels"], max(case["channels"], case["colours"]), case["degree"])
+
+
+def _of_order_moments(case: Case) -> Program:
+    return orders.moments_variant(case["colours"], case["degree"])
 
 
 def _of_order_pass(case: Case) -> Program:
@@ -323,8 +327,9 @@ LATTICE: Choices = {
 APART: Choices = {"apart": (1, 3)}
 ON_LATTICE: Choices = {**LATTICE, **APART, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
 ORDERS: Choices = {**LATTICE, "bodies": (*LATTICE["bodies"], "box", "box, ball", "grid, box, ball")}
-ORDERS_LIT: Choices = {**ORDERS, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
 LAYERS: Choices = {"layers": (0, 1)}
+DEGREE: Choices = {"degree": (0, 2, 3, 4)}
+ORDERS_LIT: Choices = {**ORDERS, **DEGREE, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -338,8 +343,9 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
     "order_media.cl": (_of_order_media, [ORDERS]),
+    "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4)}]),
     "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}]),
-    "order_sweep.cl": (_of_order_sweep, [{"channels": (1, 3), "colours": (1, 3)}]),
+    "order_sweep.cl": (_of_order_sweep, [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4)}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),

@@ -270,7 +270,7 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     "several volumes": lambda r: r.render(_several(_scene())).image,
     "later orders": lambda r: r.render(_map().replace(medium=TWICE)).image,
     "later orders, lobe, solids": lambda r: (
-        r.render(_with_solids(_map()).replace(medium=TWICE.replace(phase="hg:0.4"))).image
+        r.render(_with_solids(_map()).replace(medium=TWICE.replace(sigma_s=0.8, phase="hg:0.4"))).image
     ),
     "fog in a box, solids": lambda r: r.render(_fog("box")).image,
     "fog in a sphere": lambda r: r.render(_fog("sphere")).image,

@@ -15,8 +15,10 @@ BIAS = 1e-2
 """Of the mean: measured up to 0.7 % with 16 orders, besides Mitsuba's own 0.2 %."""
 RMS = 4e-2
 """Root mean square over all pixels, noise taken out: measured up to 2.5 %, of small lumps."""
-BIAS_OF_LOBE = 6e-2
-"""Of a lobe of mean cosine 0.5, which many orders turn nearly as the reduced medium does: measured 3.4 %."""
+BIAS_OF_LOBE = 5e-2
+"""Of a lobe, of which a few moments are known: measured up to 2.1 %, of 8 orders at 0.85."""
+RMS_OF_LOBE = 15e-2
+"""Of all pixels, relative to the mean of a picture most of which is black: measured 12 %."""
 
 
 def scene_of(count, phase="isotropic"):
@@ -51,9 +53,13 @@ def test_orders(renderer, mitsuba, tmp_path, count):
 
 
 @pytest.mark.slow
-def test_many_orders_of_a_lobe(renderer, mitsuba, tmp_path):
-    expected, image = (mitsuba(scene_of, SAMPLES, 64, "hg:0.5"), image_of(renderer, scene_of(64, "hg:0.5")))
+@pytest.mark.parametrize(("count", "phase"), [(2, "hg:0.5"), (8, "hg:0.85"), (64, "hg:0.5")])
+def test_orders_of_a_lobe(renderer, mitsuba, tmp_path, count, phase):
+    expected = mitsuba(scene_of, SAMPLES, count, phase)
+    image = image_of(renderer, scene_of(count, phase))
     found = agreement(image, expected)
-    assert np.abs(found.bias).max() < BIAS_OF_LOBE + 3 * found.standard_error.max(), write_report(
-        tmp_path, found, image, expected
+    report = partial(write_report, tmp_path)
+    assert np.abs(found.bias).max() < BIAS_OF_LOBE + 3 * found.standard_error.max(), report(
+        found, image, expected
     )
+    assert found.rms.max() < RMS_OF_LOBE, report(found, image, expected)

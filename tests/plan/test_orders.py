@@ -8,6 +8,7 @@ from tolerances import ROUNDED
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import orders
+from tfm_cl.plan.lobes import lobe_of
 from tfm_cl.plan.plan import plan
 
 MANY = tfm.Medium(orders=8)
@@ -96,6 +97,27 @@ def test_points_are_never_too_many():
     assert lattice.why == f"as near as {orders.MOST_POINTS:,} points allow"
 
 
+def test_points_of_a_lobe_are_fewer():
+    """They have more numbers, whose memory is bounded."""
+    grid = tfm.Volume(np.ones((64, 64, 64), np.float32)).transformed(np.diag([1e-3, 1e-3, 1e-3, 1]))
+    far = grid.transformed(np.array([[1, 0, 0, 9], [0, 1, 0, 9], [0, 0, 1, 9], [0, 0, 0, 1.0]]))
+    scene = make_scene(volume=[grid, far], medium=MANY.replace(phase="hg:0.85"))
+    lattice, numbers = orders.lattice_of(scene), orders.numbers_of(lobe_of(scene.medium.phase))
+    assert numbers == 2 * 25 + 3 * orders.DIRECTIONS
+    assert (
+        orders.MOST_BYTES / 2
+        < orders.bytes_of(lattice.size, lobe_of(scene.medium.phase))
+        <= orders.MOST_BYTES
+    )
+    assert lattice.why == "as near as 1.5 GiB allow, at 146 numbers a point"
+
+
+def test_the_plan_tells_of_the_lobe():
+    decisions = plan(make_scene(medium=MANY.replace(phase="hg:0.85"))).decisions
+    assert decisions["orders.degree"] == (4, "of the moments; 0.44 of the light goes straight on")
+    assert "orders.degree" not in plan(make_scene(medium=MANY)).decisions
+
+
 def test_directions_are_spread_evenly():
     """Their first moments are small, and their second those of the whole sphere, to a few hundredths."""
     first, second = orders.directions(32, 1), orders.directions(32, 2)
@@ -104,9 +126,3 @@ def test_directions_are_spread_evenly():
         assert np.abs(found.mean(axis=0)).max() < 0.01
         assert np.abs(found.T @ found / 32 - np.eye(3) / 3).max() < 0.02
     assert np.abs(first - second).max() > 0.1  # turned
-
-
-def test_the_reduced_medium():
-    medium = tfm.Medium(sigma_s=(1, 0.8, 0.5), sigma_a=0.2, phase="hg:0.75", orders=3)
-    assert medium.reduced == tfm.Medium(sigma_s=(0.25, 0.2, 0.125), sigma_a=0.2, orders=3)
-    assert MANY.reduced == MANY

@@ -22,7 +22,7 @@ SOLIDS = [tfm.SphereSolid(centre=(0.5, 0.6, 0.3), radius=0.3), tfm.PlaneSolid(po
 CASES = {
     "colours": SCENE,
     "grey": SCENE.replace(medium=GREY),
-    "lobe": make_scene(medium=RGB.replace(phase="hg:0.4")),
+    "lobe": make_scene(medium=RGB.replace(phase="hg:0.8")),
     "grey lobe, a map of depths": make_scene(
         medium=GREY.replace(phase="hg:-0.3"), map=SCENE.map.replace(basis="fourier", coeffs=7)
     ),
@@ -106,10 +106,13 @@ def test_a_light_beside_the_picture_counts(renderer):
 
 
 SUNS = 48
+LESS = 5e-3
+"""By which more orders of a lobe may show less, where all is bright: measured 3.4e-3, of 48 suns."""
 
 
 @pytest.mark.slow
-def test_a_white_furnace(renderer):
+@pytest.mark.parametrize("phase", ["isotropic", "hg:0.8"])
+def test_a_white_furnace(renderer, phase):
     """In light from everywhere, what scatters only is as bright as what is behind it, from below.
 
     Alpha is what it hides of that; the rest is due to suns instead of a sky, to points, and to directions.
@@ -129,10 +132,10 @@ def test_a_white_furnace(renderer):
     )
     shares = []
     for count in (1, 2, 8, 32, 128):
-        image = renderer.render(scene.replace(medium=tfm.Medium(orders=count))).image
+        image = renderer.render(scene.replace(medium=tfm.Medium(phase=phase, orders=count))).image
         hides = image[..., 3] > 0.5
         shares.append(float((image[hides, :3].mean(axis=-1) / image[hides, 3]).mean()))
-    assert (np.diff(shares) > 0).all()
+    assert (np.diff(shares) > (-LESS if phase != "isotropic" else 0)).all()
     assert shares[0] < 0.5
     assert 0.97 < shares[-1] < 1.01
 

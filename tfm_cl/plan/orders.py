@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.plan.lobes import lobe_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from tfm_cl.plan.lobes import Lobe
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
@@ -22,10 +24,14 @@ VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
 """The same, in parts of the shortest edge of a body of constant density."""
-WORK = 1 << 22
+WORK, WORK_OF_LOBE = 1 << 22, 1 << 21
 """Points times orders after the first, from which on points are further apart than voxels."""
 MOST_POINTS = 1 << 22
 """Of a lattice: their distance grows with what is larger."""
+MOST_BYTES = 3 << 29
+"""Of a lattice where scattering has a lobe, if its light has three colours."""
+MOST_PAD = 34
+"""Numbers before and behind each row of points, for 16 lanes."""
 FEWEST_SAMPLES = 4
 """Of the density along an edge of a point's cube, where it is no grid's."""
 MOST_SAMPLES = 4
@@ -98,9 +104,10 @@ def lattice_of(scene: Scene) -> Lattice:
     extent = np.maximum(high - low, 0.0)
     finest = min((grid.detail for grid in scene.grids), default=math.inf)
     spacing, why = finest, "as far apart as voxels"
+    lobe = lobe_of(medium_of(scene).phase)
     if scene.grids:
         work = math.prod(_points(extent, finest)) * (orders_of(scene) - 1)
-        apart = min(max((work / WORK) ** (1 / 3), 1.0), VOXELS_APART)
+        apart = min(max((work / (WORK_OF_LOBE if lobe.degree else WORK)) ** (1 / 3), 1.0), VOXELS_APART)
         if apart > 1:
             spacing, why = apart * finest, f"{apart:.2g} voxels apart: every order takes its time"
     for body in scene.homogeneous:
@@ -112,12 +119,33 @@ def lattice_of(scene: Scene) -> Lattice:
         spacing *= FARTHER
     if spacing > wanted:
         why = f"as near as {MOST_POINTS:,} points allow"
+    wanted = spacing
+    while lobe.degree and bytes_of(_points(extent, spacing), lobe) > MOST_BYTES:
+        spacing *= FARTHER
+    if spacing > wanted:
+        why = f"as near as {MOST_BYTES / 2**30:g} GiB allow, at {numbers_of(lobe)} numbers a point"
     size = _points(extent, spacing)
     first = (low + high) / 2 - spacing * (np.array(size) - 1) / 2
     samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if scene.homogeneous else 1)
     samples = min(samples, MOST_SAMPLES)
     x, y, z = first.tolist()
     return Lattice((x, y, z), spacing, size, samples, why)
+
+
+def numbers_of(lobe: Lobe) -> int:
+    """Return how many numbers a point has of each colour, at most, where scattering has a lobe.
+
+    Moments of lights, and of all orders; of each direction its radiance, and what is scattered, both twice of
+    those along x, which are less than half.
+    """
+    return 2 * lobe.harmonics + 3 * DIRECTIONS
+
+
+def bytes_of(size: tuple[int, int, int], lobe: Lobe) -> int:
+    """Return the bytes that a lattice takes at most, where scattering has a lobe."""
+    x, y, z = size
+    padded = max((x + MOST_PAD) * (y + 2), (y + MOST_PAD) * (x + 2)) * (z + 2)
+    return padded * numbers_of(lobe) * 3 * 4
 
 
 def _points(extent: NDArray[np.float64], spacing: float) -> tuple[int, int, int]:

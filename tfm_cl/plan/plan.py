@@ -17,6 +17,7 @@ from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import lattice, octaves, orders, resolution
+from tfm_cl.plan.lobes import lobe_of
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
@@ -197,7 +198,18 @@ def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
     if orders.orders_of(scene) > 1 and scene.lights:
         points = orders.lattice_of(scene)
         yield "orders.points", Decision("{}x{}x{}".format(*points.size), points.why)
-        yield "orders.directions", Decision(orders.DIRECTIONS, "of each order, turned from one to the next")
+        lobe = lobe_of(orders.medium_of(scene).phase)
+        if lobe.degree:
+            yield "orders.directions", Decision(orders.DIRECTIONS, "of each order")
+            yield (
+                "orders.degree",
+                Decision(lobe.degree, f"of the moments; {lobe.straight:.2g} of the light goes straight on"),
+            )
+        else:
+            yield (
+                "orders.directions",
+                Decision(orders.DIRECTIONS, "of each order, turned from one to the next"),
+            )
 
 
 def _for_thin(scene: Scene) -> Iterator[tuple[str, Decision]]:

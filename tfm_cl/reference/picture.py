@@ -32,7 +32,7 @@ from tfm_cl.reference.march import (
     scattered_light,
     segments,
 )
-from tfm_cl.reference.orders import LaterOrders, between
+from tfm_cl.reference.orders import Brought, LaterOrders, between
 from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -124,7 +124,7 @@ def render_with_aovs(
     ]
     later = None
     if orders_of(scene) > 1 and lit:
-        later = LaterOrders(scene, [partial(_arrives, one, obstacles) for one in lit])
+        later = LaterOrders(scene, [partial(_arrives, one, obstacles, scene) for one in lit])
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), geometry.CHUNK)
     chunks = [
@@ -206,10 +206,11 @@ def _map_depths(
     return [depths_of(light, likes[i * count : (i + 1) * count]) for i, light in enumerate(lights)]
 
 
-def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) -> Floats:
-    """RGB of a light at points ``[n, 3]``, after the bodies of a scene, and solids."""
-    found = light.arrives(points) * obstacles.visibility(light.light, points)[:, None]
-    return found * light.transmittance(scene, points=points)
+def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) -> Brought:
+    """Return what arrives of a light at points ``[n, 3]`` of a scene."""
+    visible = light.arrives(points) * obstacles.visibility(light.light, points)[:, None]
+    transmittance = np.broadcast_to(light.transmittance(scene, points=points), visible.shape)
+    return Brought(visible, transmittance, light.light.arrival(points).direction)
 
 
 def _trace(
@@ -237,7 +238,7 @@ def _trace(
         reached += transmitted
         weight += opacity
     if later is not None:
-        parts["orders"] = _scattered_again(later, rays, crossing, decided(scene.march.steps))
+        parts["orders"] = _scattered_again(later, matter, rays, crossing, decided(scene.march.steps))
     radiance: Floats = np.sum([*parts.values()], axis=0)
     shows_solid = np.isfinite(surfaces.distance) & ~surfaces.holdout
     return {
@@ -344,14 +345,15 @@ def _scattered(
     return radiance, reached, seen
 
 
-def _scattered_again(later: LaterOrders, rays: Rays, crossing: Crossing, steps: int) -> Floats:
+def _scattered_again(
+    later: LaterOrders, matter: Matter, rays: Rays, crossing: Crossing, steps: int
+) -> Floats:
     """RGB that all orders but the first scatter to the camera, ``[rays, 3]``."""
     radiance = np.zeros((len(rays.origins), 3))
-    for scene, source in later.parts:
-        through, parts = np.ones_like(radiance), segments(crossing, crossing.medium, steps)
-        for step in march(Matter(scene), rays, crossing, parts, through):
-            points = rays.part(step.rays).at(step.distance)
-            radiance[step.rays] += step.opacity * between(source, later.lattice, points)
+    through, parts = np.ones_like(radiance), segments(crossing, crossing.medium, steps)
+    for step in march(matter, rays, crossing, parts, through):
+        points = rays.part(step.rays).at(step.distance)
+        radiance[step.rays] += step.opacity * between(later.source, later.lattice, points)
     return radiance
 
 

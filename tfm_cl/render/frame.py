@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from tfm_cl.device.cache import Same
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.margins import camera_margin, grown, light_margin
-from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
@@ -24,7 +23,7 @@ from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.lattice import MOST_APART, Lattice
-from tfm_cl.render.orders import Orders, Seen
+from tfm_cl.render.orders import Orders
 from tfm_cl.render.raster import Crop
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.maps import MapBuilder, Sources
-    from tfm_cl.render.orders import Scattered
+    from tfm_cl.render.orders import Scattered, TowardsCamera
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import Visibility
@@ -101,7 +100,7 @@ class _Shared:
     """Pixels that each light may change, [lights, 4]."""
     batches: Batches | None = None
     lattice: Lattice | None = None
-    orders: tuple[Orders, Scattered] | None = None
+    orders: tuple[Orders, TowardsCamera] | None = None
 
 
 @dataclass(frozen=True)
@@ -305,59 +304,55 @@ class Frame:
 
     def _scatter_again(self, work: _Work, shared: _Shared) -> None:
         """Add the later orders of scattering."""
-        orders, found = shared.orders or self._orders(work)
-        shared.orders = orders, found
+        if shared.orders is None:
+            shared.orders = self._orders(work)
+        orders, towards_camera = shared.orders
         done = _reporter(self.progress, "view pass, later orders")
-        views = self._view(orders.scene, orders.even.media, work.raster), work.view
-        work.seconds += orders.see(views, found, work.raster.bounds, work.frame, done)
+        work.seconds += orders.see(work.view, towards_camera, work.raster.bounds, work.frame, done)
 
-    def _orders(self, work: _Work) -> tuple[Orders, Scattered]:
+    def _orders(self, work: _Work) -> tuple[Orders, TowardsCamera]:
         """Find the later orders of scattering on a lattice; those of the last frames are there."""
-        launcher, scene = self.launcher, self.scene
-        even = scene.replace(
-            medium=medium_of(scene).reduced, volume=[body.with_medium(None) for body in scene.bodies]
-        )
-        media = media_on_device(launcher, even, self.media.bricks)
-        view = self._view(even, media, work.raster)
-        seen = Seen(media, view)
-        mean_cosine = medium_of(scene).phase.mean_cosine
-        orders = Orders(launcher, even, seen, Seen(self.media, work.view), mean_cosine, lattice_of(scene))
+        orders = Orders(self.launcher, self.scene, self.media, work.view, lattice_of(self.scene))
+        told: set[int] = set()
 
         def arrive(add: Callable[[Batch], None]) -> None:
-            for variant, members in work.batches.groups(range(len(scene.lights)), all_of_them=True):
+            for variant, members in work.batches.groups(range(len(self.scene.lights)), all_of_them=True):
                 for indices in work.batches.cut(members):
-                    add(work.batches.at_points(variant, indices, self._maps_again(work, indices)))
+                    add(work.batches.at_points(variant, indices, self._maps_again(work, indices, told)))
 
         tell = _reporter(self.progress, "later orders")
         found = self._kept(work, orders, lambda: orders.scatter(arrive, tell))
+        towards_camera = orders.towards_camera(found, arrive)
         self.stats.seconds["orders"] = orders.seconds
-        return orders, found
+        return orders, towards_camera
 
     def _kept(self, work: _Work, orders: Orders, make: Callable[[], Scattered]) -> Scattered:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
-        even, medium = orders.scene, medium_of(work.scene)
+        scene, medium = work.scene, medium_of(work.scene)
         key = (
-            # Of the phase function no more than its mean cosine, and nothing of what is emitted.
-            (medium.sigma_s, medium.sigma_a, medium.orders, orders.mean_cosine),
+            # Nothing of what is emitted.
+            (medium.sigma_s, medium.sigma_a, medium.orders, medium.phase, medium.phase.content),
             orders.lattice,
-            tuple(body.density_key for body in even.grids),
-            even.homogeneous,
-            light_structs(even, even.lights).tobytes(),
-            tuple((light.map_key(), light.falloff, Same(light.texture_image())) for light in even.lights),
-            even.map,
+            tuple(body.density_key for body in scene.grids),
+            tuple(body.with_medium(None) for body in scene.homogeneous),
+            light_structs(scene, scene.lights).tobytes(),
+            tuple((light.map_key(), light.falloff, Same(light.texture_image())) for light in scene.lights),
+            scene.map,
             work.reads_maps,
-            even.march.voxels,
-            even.solids,
-            even.shadow,
-            world_from_device(even).tobytes(),
+            scene.march.voxels,
+            scene.solids,
+            scene.shadow,
+            world_from_device(scene).tobytes(),
         )
         return self.cache.get("orders", key, make, lambda found: found.nbytes)
 
-    def _maps_again(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
-        """Return the maps of some lights; those that the camera does not see are not counted yet."""
-        if all(work.batches.is_seen(light) for light in indices) and work.sources is not None:
+    def _maps_again(self, work: _Work, indices: list[int], told: set[int]) -> list[TransmittanceMap]:
+        """Return the maps of some lights; those that the camera does not see are not counted before."""
+        new = {light for light in indices if not work.batches.is_seen(light)}.difference(told)
+        told |= new
+        if not new and work.sources is not None:
             return self.maps.of(work.sources, indices, self.progress) if work.reads_maps else []
         return self._maps_of(work, indices)
 

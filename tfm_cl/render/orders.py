@@ -1,44 +1,50 @@
 """The later orders of scattering: light that is scattered again and again on a lattice.
 
-Of what lights bring to a point (their reduced intensity), a part is scattered there, evenly; where that
-arrives it is scattered once more:
+Of what lights bring to a point (their reduced intensity), a part is scattered there; where that arrives it is
+scattered once more:
 
     J₁(x) = Σ I T / 4π,    J_{k+1}(x) = ∫ L_k(x, ω) dω / 4π,    dL_k/ds = σ_t (ϖ J_k - L_k)
 
 Order k of the radiance that the camera sees has ϖ J_k as its source. The first order is found without the
-lattice, at each sample of the camera's rays and with the medium's own phase function. The later ones are
-those of the medium that similarity theory puts in its place (`Medium.reduced`): what a lobe scatters nearly
-straight on counts as not scattered. Where there is a lobe, the first order of that medium takes part, too,
-less what of it the first order of the other shows, which is extinguished sooner.
+lattice, at each sample of the camera's rays.
 
-For each of a few directions that are evenly spread and turned from order to order, light is swept through the
-lattice plane by plane (``kernels/order_sweep.cl``). This is the method of discrete ordinates (Chandrasekhar,
-"Radiative Transfer", 1950), by successive orders.
+Where the phase function has a lobe, light at a point has the moments c_lm = ∫ L Y_lm dω in the place of J,
+and the source towards ω is ϖ (Σ (χ_l - f) c_lm Y_lm(ω) + f L(ω)): see `tfm_cl.plan.lobes`. The part f goes
+straight on. In the directions that are swept it is found at the rays' own places; of a light's own direction
+e^-τ (f ϖ τ)^k / k! went straight on k times. The camera sees Σ χ_l c_lm Y_lm of all orders, and of what the
+moments leave out what a small angle around the way of each light has of it.
+
+For each of a few directions that are evenly spread, light is swept through the lattice plane by plane
+(``kernels/order_sweep.cl``). This is the method of discrete ordinates (Chandrasekhar, "Radiative Transfer",
+1950), by successive orders. Directions are turned from order to order where none goes straight on.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.constants import MOST_DEGREE
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import ORDERS, SWEEP
 from tfm_cl.model import decided
+from tfm_cl.plan.lobes import beyond, harmonics, lobe_of, quadrature
 from tfm_cl.plan.orders import DIRECTIONS, directions, medium_of, orders_of
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import pyopencl as cl
 
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
+    from tfm_cl.plan.lobes import Floats, Lobe
     from tfm_cl.plan.orders import Lattice
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
@@ -69,10 +75,14 @@ def media_variant(media: MediaOnDevice, colours: int) -> Variant:
     }
 
 
-def lights_variant(batch: Batch, media: MediaOnDevice, colours: int) -> Variant:
-    """Return those of the kernel that looks lights up."""
+def lights_variant(batch: Batch, media: MediaOnDevice, colours: int, degree: int) -> Variant:
+    """Return those of the kernels that look lights up; ``degree``: of the lobe, or 0."""
     headers, defines = batch.variant(media)
-    return headers, defines | {"TFM_ORDER_COLOURS": colours, "TFM_CHANNELS": channels_of(media)}
+    return headers, defines | {
+        "TFM_ORDER_COLOURS": colours,
+        "TFM_CHANNELS": channels_of(media),
+        "TFM_ORDER_DEGREE": degree,
+    }
 
 
 def channels_of(media: MediaOnDevice) -> int:
@@ -80,9 +90,18 @@ def channels_of(media: MediaOnDevice) -> int:
     return media.channels(textured=False)["TFM_CHANNELS"]
 
 
-def sweep_variant(channels: int, colours: int) -> Variant:
+def moments_variant(colours: int, degree: int) -> Variant:
+    """Return those of the kernels that scatter what has a lobe of this degree."""
+    return (), {"TFM_CHANNELS": 1, "TFM_ORDER_COLOURS": colours, "TFM_ORDER_DEGREE": degree}
+
+
+def sweep_variant(channels: int, colours: int, degree: int) -> Variant:
     """Return those of the kernels that sweep light through the lattice."""
-    return (), {"TFM_CHANNELS": channels, "TFM_ORDER_COLOURS": colours}
+    return (), {
+        "TFM_CHANNELS": channels,
+        "TFM_ORDER_COLOURS": colours,
+        "TFM_ORDER_LOBE": int(degree > 0),
+    }
 
 
 def pass_variant(media: MediaOnDevice, colours: int, *, has_solids: bool) -> Variant:
@@ -116,14 +135,15 @@ class Rows(NamedTuple):
     """Of all points, and those around them."""
 
 
-def sweeps_of(lattice: Lattice, order: int, pad: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the structs of the directions in which light of an order goes.
+def sweeps_of(lattice: Lattice, ways: Floats, weights: Floats, pad: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the structs of directions ``[n, 3]`` that stand for solid angles ``[n]``.
 
     Those along y and z, whose planes have rows along x; those along x.
     """
     rows = rows_of(lattice.size, pad)
     found: tuple[list[Any], list[Any]] = [], []
-    for direction in directions(DIRECTIONS, order):
+    known = harmonics(ways, MOST_DEGREE)
+    for number, direction in enumerate(ways):
         axis = int(np.abs(direction).argmax())
         turned, along = int(axis == 0), abs(direction[axis])
         strides = rows[turned].strides
@@ -134,6 +154,7 @@ def sweeps_of(lattice: Lattice, order: int, pad: int) -> tuple[NDArray[Any], NDA
         struct["row"], struct["plane"] = strides[across], strides[axis]
         struct["slope"] = direction[columns] / along, direction[across] / along
         struct["length"] = lattice.spacing / along
+        struct["harmonics"], struct["weighted"] = known[number], weights[number] * known[number]
         found[turned].append(struct)
     along_x, along_y = (np.array(some, SWEEP.dtype) for some in found)
     return along_x, along_y
@@ -148,32 +169,35 @@ def rays_of(sweeps: NDArray[Any], lanes: int) -> int:
 
 @dataclass(frozen=True)
 class Scattered:
-    """Light of all later orders, at the points of a lattice.
+    """Light of all later orders, at the points of a lattice, whatever the camera.
 
     Attributes
     ----------
+    numbers
+        Of the points one after the other; the moments, in rows along x, where scattering has a lobe.
+    beyond
+        In that case, the table of what the moments leave out.
     colour
         RGB that it is a multiple of, where a point has one number for three.
     """
 
     numbers: cl.Buffer
-    first: cl.Buffer | None
-    """What arrives unscattered through the medium itself, where it is not its own reduced one."""
+    beyond: cl.Buffer | None
     nbytes: int
     colours: int
     colour: tuple[float, float, float]
 
 
-class Seen(NamedTuple):
-    """A medium on the device, and the struct of the camera that says how maps speak of it."""
+class TowardsCamera(NamedTuple):
+    """What points of a lattice scatter to a camera: as `Scattered`, one number or three for each."""
 
-    media: MediaOnDevice
-    view: cl.Buffer
+    numbers: cl.Buffer
+    colours: int
+    colour: tuple[float, float, float]
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Of kernels, by name."""
-        return {**self.media.arguments, "view": self.view}
+
+Arrive = Callable[[Callable[["Batch"], None]], None]
+"""Calls what it is given with batches of all lights, one after the other."""
 
 
 class _Room(NamedTuple):
@@ -185,6 +209,15 @@ class _Room(NamedTuple):
     """Of rays."""
 
 
+class _Ways(NamedTuple):
+    """A lobe's directions of one kind of rows, and what is known of each."""
+
+    sweeps: NDArray[Any]
+    uploaded: cl.Buffer
+    source: cl.Buffer
+    radiance: cl.Buffer
+
+
 @dataclass
 class Orders:
     """The later orders of a frame.
@@ -192,31 +225,43 @@ class Orders:
     Attributes
     ----------
     scene
-        Of single, fitted lights, and the medium of similarity theory.
-    even
-        That medium.
-    own
-        The medium itself.
-    mean_cosine
-        Of its phase function.
+        Of single, fitted lights.
+    media
+        On the device.
+    view
+        The struct of the camera, which says how maps speak of media, too.
     """
 
     launcher: Launcher
     scene: Scene
-    even: Seen
-    own: Seen
-    mean_cosine: float
+    media: MediaOnDevice
+    view: cl.Buffer
     lattice: Lattice
     seconds: float = 0.0
 
     @cached_property
+    def lobe(self) -> Lobe:
+        """What is known of the phase function."""
+        return lobe_of(medium_of(self.scene).phase)
+
+    @cached_property
     def _struct(self) -> cl.Buffer:
+        return self.launcher.upload(WHAT, self._of_samples(self.lattice.samples))
+
+    @cached_property
+    def _of_middles(self) -> cl.Buffer:
+        """The same, of points whose cubes are looked at in the middle only."""
+        return self.launcher.upload(WHAT, self._of_samples(1))
+
+    def _of_samples(self, samples: int) -> NDArray[Any]:
         struct = np.zeros((), ORDERS.dtype)
         struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
         struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
-        struct["samples"] = self.lattice.samples
-        struct["albedo"] = self._albedo
-        return self.launcher.upload(WHAT, struct)
+        struct["samples"] = samples
+        struct["albedo"], struct["straight"] = self._albedo, self.lobe.straight
+        degrees = slice(self.lobe.degree + 1)
+        struct["bent"][degrees], struct["seen"][degrees] = self.lobe.bent, self.lobe.seen
+        return struct
 
     @property
     def _albedo(self) -> NDArray[np.float64]:
@@ -227,7 +272,7 @@ class Orders:
     def _colour(self) -> NDArray[np.float64] | None:
         """The colour of all that is scattered, at most 1; None where lights or orders differ in theirs."""
         lights, albedo = self.scene.lights, self._albedo
-        is_grey = channels_of(self.even.media) == 1 and np.ptp(albedo) == 0
+        is_grey = channels_of(self.media) == 1 and np.ptp(albedo) == 0
         if not is_grey or any(light.is_textured for light in lights):
             return None
         return common_colour([light.intensity for light in lights])
@@ -236,45 +281,130 @@ class Orders:
     def _colours(self) -> int:
         return RGB if self._colour is None else 1
 
-    def scatter(
-        self, arrive: Callable[[Callable[[Batch], None]], None], done: Callable[[float], None]
-    ) -> Scattered:
-        """Find all later orders.
+    @property
+    def _known(self) -> dict[str, Any]:
+        """Arguments of kernels that look at media."""
+        return {**self.media.arguments, "view": self.view}
 
-        Parameters
-        ----------
-        arrive
-            Calls what it is given with batches of all lights, one after the other.
-        done
-            Called with the part that is done.
-        """
-        lattice, colours, channels = self.lattice, self._colours, channels_of(self.even.media)
-        extinction, light = self._numbers(channels), self._numbers(colours)
-        headers, defines = media_variant(self.even.media, colours)
+    def scatter(self, arrive: Arrive, done: Callable[[float], None]) -> Scattered:
+        """Find all later orders; ``done`` is called with the part that is done."""
+        lattice, channels = self.lattice, channels_of(self.media)
+        extinction = self._numbers(channels)
+        headers, defines = media_variant(self.media, self._colours)
         of_density = self.launcher.kernels.kernel("order_media", "order_media.cl", headers, defines)
-        known = self.even.arguments | {"orders": self._struct}
-        self._over_points(of_density, known | {"extinction": extinction[0]}, lattice.samples**3)
+        known = self._known | {"orders": self._struct, "extinction": extinction[0]}
+        self._over_points(of_density, known, lattice.samples**3)
         self._turn(extinction, channels)
-        nbytes = 4 * lattice.points * colours
-        total, first = self.launcher.zeros(WHAT, nbytes), None
-        if self.mean_cosine:
-            first = self.launcher.empty(WHAT, nbytes, reuse=True)
-            arrive(lambda batch: self._add_lights(batch, self.own, light[0]))
-            self._pack(light[0], first)
-            self.launcher.clear(light[0], 4 * colours * self._rows[0].numbers)
-        arrive(lambda batch: self._add_lights(batch, self.even, light[0]))
-        if first is not None:
-            self._pack(light[0], total)
-            nbytes *= 2
-        room = _Room(self._numbers(colours), self.launcher.empty(WHAT, self._radiance_bytes, reuse=True))
+        colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
+        found = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
+        total, nbytes = found(extinction, arrive, done)
+        table = None
+        if self.lobe.degree:
+            of_lobe = beyond(medium_of(self.scene).phase, self.lobe, orders_of(self.scene))
+            table = self.launcher.upload(WHAT, of_lobe)
+            nbytes += of_lobe.nbytes
+        return Scattered(total, table, nbytes, self._colours, colour)
+
+    def _scatter_evenly(
+        self, extinction: Both, arrive: Arrive, done: Callable[[float], None]
+    ) -> tuple[cl.Buffer, int]:
+        light, nbytes = self._numbers(self._colours), 4 * self.lattice.points * self._colours
+        total = self.launcher.zeros(WHAT, nbytes)
+        arrive(lambda batch: self._add_lights(batch, light[0]))
+        room = _Room(
+            self._numbers(self._colours), self.launcher.empty(WHAT, self._radiance_bytes, reuse=True)
+        )
         # What the last order needs is where light is scattered last but once.
         last = orders_of(self.scene) - 1
         for order in range(1, last + 1):
-            self._turn(light, colours)
+            self._turn(light, self._colours)
             self._sweep(order, extinction, light, room, total)
             done(order / last)
-        colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
-        return Scattered(total, first, nbytes, colours, colour)
+        return total, nbytes
+
+    def _scatter_lobe(
+        self, extinction: Both, arrive: Arrive, done: Callable[[float], None]
+    ) -> tuple[cl.Buffer, int]:
+        count = self.lobe.harmonics * self._colours
+        nbytes = 4 * count * self._rows[0].numbers
+        light, total = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
+        arrive(lambda batch: self._add_lights(batch, light))
+        along_x, along_y = sweeps_of(self.lattice, *quadrature(), self._pad)
+        # All that arrives is summed in rows along x.
+        ways = self._ways(np.concatenate([along_x, along_y]), 0), self._ways(along_y, 1)
+        last = orders_of(self.scene) - 1
+        most = self.lobe.times_straight(last)
+        for order in range(1, last + 1):
+            self._scatter_moments(ways, light, total, arrives=order > 1, scatters=True)
+            self._cross(ways[0].source, ways[1].source, ways, of_x=True)
+            self._sweep_ways(ways[0], 0, len(along_x), extinction[0])
+            self._sweep_ways(ways[1], 1, len(along_y), extinction[1])
+            self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
+            if order <= most:
+                arrive(partial(self._add_lights, light=light, times=order))
+            done(order / last)
+        self._scatter_moments(ways, light, total, arrives=True, scatters=False)
+        return total, nbytes
+
+    def _ways(self, sweeps: NDArray[Any], turned: int) -> _Ways:
+        nbytes = 4 * self._colours * len(sweeps) * self._rows[turned].numbers
+        source, radiance = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
+        return _Ways(sweeps, self.launcher.upload("the directions", sweeps), source, radiance)
+
+    def _scatter_moments(
+        self, ways: tuple[_Ways, _Ways], light: cl.Buffer, total: cl.Buffer, *, arrives: bool, scatters: bool
+    ) -> None:
+        """Sum what arrives at points, and scatter it into all directions."""
+        x, y, z = self.lattice.size
+        count = len(ways[0].sweeps)
+        known = {
+            "orders": self._struct,
+            "sweeps": ways[0].uploaded,
+            "radiance": ways[0].radiance,
+            "source": ways[0].source,
+            "light": light,
+            "total": total,
+            "along": count - len(ways[1].sweeps),
+            "count": count,
+            "arrives": int(arrives),
+            "scatters": int(scatters),
+        }
+        self._run(self._of_moments("order_scatter"), (-(-x // self.launcher.lanes) * y * z,), known)
+
+    def _cross(
+        self, numbers: cl.Buffer, crossed: cl.Buffer, ways: tuple[_Ways, _Ways], *, of_x: bool
+    ) -> None:
+        """Write what is known of the directions along x in the other kind of rows."""
+        x, y, z = self.lattice.size
+        inner, outer = (x, y) if of_x else (y, x)
+        count = len(ways[1].sweeps)
+        known = {
+            "orders": self._struct,
+            "numbers": numbers,
+            "crossed": crossed,
+            "of_x": int(of_x),
+            "skip": self._colours * (len(ways[0].sweeps) - count),
+            "count": self._colours * count,
+        }
+        items = (inner + 1) * -(-outer // self.launcher.lanes) * (z + 1)
+        self._run(self._of_moments("order_cross"), (items,), known)
+
+    def _sweep_ways(self, ways: _Ways, turned: int, count: int, extinction: cl.Buffer) -> None:
+        """Let what was scattered into directions go on, as many at once as a launch of bounded time takes."""
+        numbers = self._rows[turned].numbers
+        known = {
+            "orders": self._struct,
+            "sweeps": ways.uploaded,
+            "extinction": extinction,
+            "light": ways.source,
+            "radiance": ways.radiance,
+            "size": numbers,
+        }
+        together = max(1, POINTS_AT_ONCE // numbers)
+        for first in range(0, count, together):
+            end = min(first + together, count)
+            rays = rays_of(ways.sweeps[first:end], self.launcher.lanes)
+            self._run(self._kernel("order_sweep"), (rays, end - first), known | {"first": first, "end": end})
 
     @property
     def _pad(self) -> int:
@@ -310,39 +440,53 @@ class Orders:
             end = min(first + most, items)
             self._run(kernel, (end - first,), arguments | {"items": (first, end)})
 
-    def _pack(self, light: cl.Buffer, packed: cl.Buffer) -> None:
-        """Write light of the points one after the other."""
-        items = -(-self.lattice.points // self.launcher.lanes)
-        known = {"orders": self._struct, "light": light, "packed": packed}
-        self._run(self._kernel("order_pack"), (items,), known)
+    def _add_lights(self, batch: Batch, light: cl.Buffer, times: int = 0) -> None:
+        """Add what lights bring to points, after being scattered straight on so many times."""
+        # In the middle of the cubes is enough of what is smoother than the lights themselves.
+        points, samples = (self._of_middles, 1) if times else (self._struct, self.lattice.samples)
+        of_lights = {
+            "orders": points,
+            "light": light,
+            "times": times,
+            "log_factorial": math.lgamma(times + 1),
+        }
+        self._over_lights("order_lights", batch, of_lights, samples**3)
 
-    def _add_lights(self, batch: Batch, through: Seen, light: cl.Buffer) -> None:
-        headers, defines = lights_variant(batch, through.media, self._colours)
-        kernel = self.launcher.kernels.kernel("order_lights", "order_lights.cl", headers, defines)
+    def _over_lights(self, name: str, batch: Batch, arguments: dict[str, Any], cost: int) -> None:
+        headers, defines = lights_variant(batch, self.media, self._colours, self.lobe.degree)
+        kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
         steps = decided(self.scene.map.steps) if batch.is_dual else 1
-        arguments = through.arguments | {"orders": self._struct, "light": light}
+        known = self._known | batch.arguments | arguments
         for number in range(len(batch.indices)):
-            of_light = arguments | batch.arguments | {"number": number}
-            self._over_points(kernel, of_light, self.lattice.samples**3 * steps)
+            self._over_points(kernel, known | {"number": number}, cost * steps)
 
     def _kernel(self, name: str) -> Kernel:
-        headers, defines = sweep_variant(channels_of(self.even.media), self._colours)
+        headers, defines = sweep_variant(channels_of(self.media), self._colours, self.lobe.degree)
         return self.launcher.kernels.kernel(name, "order_sweep.cl", headers, defines)
+
+    def _of_moments(self, name: str) -> Kernel:
+        headers, defines = moments_variant(self._colours, self.lobe.degree)
+        return self.launcher.kernels.kernel(name, "order_moments.cl", headers, defines)
 
     def _run(self, kernel: Kernel, size: tuple[int, ...], arguments: dict[str, Any]) -> None:
         self.seconds += self.launcher.run(kernel, size, arguments)
 
+    @property
+    def _items(self) -> int:
+        """Work-items that the points take."""
+        return -(-self.lattice.points // self.launcher.lanes)
+
     def _turn(self, numbers: Both, count: int) -> None:
         """Write numbers in rows along x once more in rows along y."""
         along_x, along_y = numbers
-        items = -(-self.lattice.points // self.launcher.lanes)
         known = {"orders": self._struct, "numbers": along_x, "turned": along_y, "count": count}
-        self._run(self._kernel("order_turn"), (items,), known)
+        self._run(self._kernel("order_turn"), (self._items,), known)
 
     def _sweep(self, order: int, extinction: Both, light: Both, room: _Room, total: cl.Buffer) -> None:
         """Let what was scattered last arrive at all points, and add it to the total."""
         lanes, together = self.launcher.lanes, self._together
-        for turned, sweeps in enumerate(sweeps_of(self.lattice, order, self._pad)):
+        ways, weights = directions(DIRECTIONS, order), np.full(DIRECTIONS, 1 / DIRECTIONS)
+        for turned, sweeps in enumerate(sweeps_of(self.lattice, ways, weights, self._pad)):
             rows = self._rows[turned]
             x, y, z = (self.lattice.size[axis] for axis in rows.axes)
             for first in range(0, len(sweeps), together):
@@ -350,28 +494,28 @@ class Orders:
                 known = {
                     "sweeps": self.launcher.upload("the directions", some),
                     "radiance": room.radiance,
-                    "count": len(some),
                     "size": rows.numbers,
                 }
                 of_points = {
                     "orders": self._struct,
                     "extinction": extinction[turned],
                     "light": light[turned],
+                    "first": 0,
+                    "end": len(some),
                 }
                 self._run(self._kernel("order_sweep"), (rays_of(some, lanes), len(some)), known | of_points)
-                adds = {"next": room.following[turned], "begins": int(first == 0)}
+                adds = {"next": room.following[turned], "begins": int(first == 0), "count": len(some)}
                 self._run(self._kernel("order_gather"), (-(-x // lanes) * y * z,), known | adds)
             if not len(sweeps):
                 self.launcher.clear(room.following[turned], 4 * self._colours * rows.numbers)
-        items = -(-self.lattice.points // lanes)
         means = {"orders": self._struct, "light": light[0], "total": total, "share": 1 / DIRECTIONS}
         means |= {"next": room.following[0], "turned_next": room.following[1]}
-        self._run(self._kernel("order_mean"), (items,), means)
+        self._run(self._kernel("order_mean"), (self._items,), means)
 
     def see(
         self,
-        views: tuple[cl.Buffer, cl.Buffer],
-        found: Scattered,
+        view: cl.Buffer,
+        found: TowardsCamera,
         bounds: Rectangle,
         frame: FrameBuffers,
         done: Callable[[float], None],
@@ -380,32 +524,37 @@ class Orders:
 
         Parameters
         ----------
-        views
-            The structs of the camera, as of the even medium and of its own.
+        view
+            The camera's struct, of the rays.
         bounds
             Pixels x0, y0, x1, y1 of the frame's buffers.
         """
-        passes = [(self.even, views[0], found.numbers, 1.0)]
-        if found.first is not None:
-            passes.append((self.own, views[1], found.first, self.mean_cosine - 1.0))
-        return sum(
-            self.launcher.run_windows(
-                self._pass(through, found.colours),
-                bounds,
-                decided(self.scene.march.steps),
-                through.arguments
-                | frame.arguments("places", "solid", "later")
-                | {
-                    "view": view,
-                    "orders": self._struct,
-                    "scattered": numbers,
-                    "colour": (*(share * part for part in found.colour), 0.0),
-                },
-                done,
-            )
-            for through, view, numbers, share in passes
+        return self.launcher.run_windows(
+            self._pass(found.colours),
+            bounds,
+            decided(self.scene.march.steps),
+            self.media.arguments
+            | frame.arguments("places", "solid", "later")
+            | {
+                "view": view,
+                "orders": self._struct,
+                "scattered": found.numbers,
+                "colour": (*found.colour, 0.0),
+            },
+            done,
         )
 
-    def _pass(self, through: Seen, colours: int) -> Kernel:
-        headers, defines = pass_variant(through.media, colours, has_solids=bool(self.scene.solids))
+    def towards_camera(self, found: Scattered, arrive: Arrive) -> TowardsCamera:
+        """Find what points scatter to the camera, which the pass then takes for the same everywhere."""
+        if found.beyond is None:
+            return TowardsCamera(found.numbers, found.colours, found.colour)
+        numbers = self.launcher.zeros(WHAT, 4 * self.lattice.points * self._colours)
+        of_lights = {"orders": self._of_middles, "beyond": found.beyond, "scattered": numbers}
+        arrive(lambda batch: self._over_lights("order_beyond", batch, of_lights, 1))
+        known = {"view": self.view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
+        self._run(self._of_moments("order_view"), (self._items,), known)
+        return TowardsCamera(numbers, found.colours, found.colour)
+
+    def _pass(self, colours: int) -> Kernel:
+        headers, defines = pass_variant(self.media, colours, has_solids=bool(self.scene.solids))
         return self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)

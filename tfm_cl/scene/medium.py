@@ -80,7 +80,7 @@ class Medium(Model):
         ge=1,
         le=MOST_ORDERS,
         description="how often light is scattered, at most, on its way to the camera; 1: single scattering; "
-        "more: the first order as before, the others from a lattice, without noise",
+        "more: the first order as before, the others from a lattice, without noise, of any phase function",
     )
     octaves: int = Field(
         1,
@@ -163,16 +163,6 @@ class Medium(Model):
             value = getattr(self, unused[0])
             raise ValueError(f"{unused[0]} = {value:g} does nothing without temperature, the name of a grid")
         return self
-
-    @property
-    def reduced(self) -> Self:
-        """What scatters evenly, and after many times nearly as this medium does: σ_s (1 - g), isotropic.
-
-        Source: H. C. van de Hulst, "Multiple Light Scattering" (1980), ch. 14, similarity relations.
-        """
-        share = 1.0 - self.phase.mean_cosine
-        sigma_s = tuple(share * sigma for sigma in self.sigma_s)
-        return self.replace(sigma_s=sigma_s, phase="isotropic")
 
 
 def parse_medium(value: Any) -> Medium | None:

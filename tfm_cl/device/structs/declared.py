@@ -1,6 +1,6 @@
 """All structs that kernels are told: one for each owner, which the module of its name fills."""
 
-from tfm_cl.constants import MOST_OCTAVES
+from tfm_cl.constants import MOST_DEGREE, MOST_OCTAVES
 from tfm_cl.device.structs.base import Field, Struct
 
 VIEW = Struct(
@@ -176,6 +176,14 @@ ORDERS = Struct(
         Field("int", "size", 3, "points along x, y, z"),
         Field("int", "samples", 1, "of the density, along each edge of the cube around a point"),
         Field("float", "albedo", 3, "of what scatters, RGB"),
+        Field(
+            "float",
+            "bent",
+            MOST_DEGREE + 1,
+            "moments of its phase function, less what goes straight on",
+        ),
+        Field("float", "seen", MOST_DEGREE + 1, "the same with that, as far as the camera sees by them"),
+        Field("float", "straight", 1, "part of what it scatters that goes straight on"),
     ),
 )
 
@@ -191,5 +199,9 @@ SWEEP = Struct(
         Field("int", "backwards", 1, "1: from the last plane to the first"),
         Field("float", "slope", 2, "columns and rows that it moves by from plane to plane"),
         Field("float", "length", 1, "world, of the way from plane to plane"),
+        Field("float", "harmonics", (MOST_DEGREE + 1) ** 2, "spherical, of the direction"),
+        Field(
+            "float", "weighted", (MOST_DEGREE + 1) ** 2, "the same, times the solid angle that it stands for"
+        ),
     ),
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.polynomial.legendre import legval, legvander
+from numpy.polynomial.legendre import legval
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
@@ -15,7 +15,7 @@ from tfm_cl.errors import unknown_key
 from tfm_cl.model import Model
 
 ANGLES = 4096
-"""At which a phase function is looked at for its mean cosine, which is then right to 1e-5."""
+"""At which a phase function is looked at for its moments, the first of which are then right to 1e-5."""
 OVERLAP = 0.6
 """Variance of the directions around a light's, over the square of its spread: equal parts of the sky add up
 to an even sky within a tenth (half the width leaves ripples of half of it)."""
@@ -56,11 +56,22 @@ class Phase(Model):
     @property
     def mean_cosine(self) -> float:
         """Mean of μ over the directions into which light is scattered; 0 where it is even."""
+        return float(self.legendre_moments(2)[1])
+
+    def legendre_moments(self, count: int) -> NDArray[np.float64]:
+        """Means of P_0(μ), P_1(μ), … over the directions into which light is scattered, ``[count]``."""
         # Midpoints in the cube root of the angle: half of them within 23° of a peak forwards.
         root = (np.arange(ANGLES) + 0.5) / ANGLES
         angle = np.pi * root**3
-        scattered = self.evaluate(np.cos(angle)) * np.sin(angle) * root**2
-        return float((scattered * np.cos(angle)).sum() / scattered.sum())
+        mu = np.cos(angle)
+        scattered = self.evaluate(mu) * np.sin(angle) * root**2
+        scattered /= scattered.sum()
+        before, now = np.zeros_like(mu), np.ones_like(mu)
+        found = np.empty(count)
+        for n in range(count):
+            found[n] = (scattered * now).sum()
+            before, now = now, ((2 * n + 1) * mu * now - n * before) / (n + 1)
+        return found
 
     @abstractmethod
     def evaluate(self, mu: ArrayLike) -> NDArray[np.float64]:
@@ -135,13 +146,8 @@ def _widened(phase: Phase, _content: Hashable, spread: float) -> Phase:
     variance = OVERLAP * spread**2  # along each axis
     count = int(np.sqrt(-2 * np.log(LEAST) / variance)) + 2
     order = np.arange(count)
-    # Midpoints as of `Phase.mean_cosine`.
-    root = (np.arange(ANGLES) + 0.5) / ANGLES
-    angle = np.pi * root**3
-    weights = 2 * np.pi * phase.evaluate(np.cos(angle)) * np.sin(angle) * 3 * np.pi * root**2 / ANGLES
-    moments = weights @ legvander(np.cos(angle), count - 1)
     # A Gaussian on the sphere multiplies each moment.
-    moments *= np.exp(-order * (order + 1) * variance / 2) / moments[0]
+    moments = phase.legendre_moments(count) * np.exp(-order * (order + 1) * variance / 2)
     cosines = np.cos(np.linspace(np.pi, 0, COSINES))
     values = np.maximum(legval(cosines, (2 * order + 1) / (4 * np.pi) * moments), 0)
     if np.allclose(values, phase.evaluate(cosines), rtol=ALIKE, atol=0):

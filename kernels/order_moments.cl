@@ -1,0 +1,134 @@
+/* Light on a lattice (view/orders.h) where scattering has a lobe: the radiance at a point is known by its moments, the
+   integrals of it times spherical harmonics, which scattering multiplies by those of the phase function. What of a lobe is
+   narrower goes straight on (order_sweep.cl).
+   Requires: what view/orders.h and view/harmonics.h do. */
+#include "core/store.h"
+#include "view/harmonics.h"
+#include "view/orders.h"
+
+/* Directions that are taken together, so that few numbers are read again for each; as many as there are is a multiple. */
+#define BUNDLE 8
+
+/* What of some directions arrives at the points of a row, a lane each, from the rays on either side of them.
+   radiance  in rows along x; turned: of a direction along x
+   row, layer  numbers from a row along x to the next, and from a layer */
+TFM_INLINE Floats arriving(SWEEP sweep, __global const float *radiance, int turned, int x, int y, int z, int row, int layer)
+{
+  if (!turned) {
+    const int plane = sweep->plane == layer ? z : y, m = sweep->backwards ? sweep->planes - 1 - plane : plane;
+    const float part_x = shift_of(sweep->slope[0], m).part, part_y = shift_of(sweep->slope[1], m).part;
+    /* The rays before a point lie a part of a distance after the point before it. */
+    return between_rows(radiance - sweep->row - 1, sweep->row, 1.0f - part_x, 1.0f - part_y);
+  }
+  const Ints plane = x + LANE_Y * TILE_WIDTH + LANE_X;
+  const Floats m = TO_FLOATS(sweep->backwards ? sweep->planes - 1 - plane : plane);
+  const Floats along_y = sweep->slope[0] * m, along_z = sweep->slope[1] * m;
+  const Floats part_y = along_y - TO_FLOATS(rounded_down(along_y)), part_z = along_z - TO_FLOATS(rounded_down(along_z));
+  const Floats low = lerp(ROW(radiance - layer - row), ROW(radiance - layer), 1.0f - part_y);
+  return lerp(low, lerp(ROW(radiance - row), ROW(radiance), 1.0f - part_y), 1.0f - part_z);
+}
+
+/* Sums what arrives at points, and scatters it into all directions. All is in rows along x.
+   sweeps    those along y and z, of which there are `along`, then those along x
+   radiance  of each direction and colour, what arrives; looked at where `arrives` is 1
+   light     what arrives of lights by themselves, moments; out: 0
+   total     moments; to which what arrives is added where `arrives` is 1
+   source    out where `scatters` is 1, of each direction and colour, over what is extinguished; 0 around the points stays */
+__kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *radiance, __global float *light,
+                            __global float *total, __global float *source, int along, int count, int arrives, int scatters)
+{
+  const int nx = orders->size[0], ny = orders->size[1], nz = orders->size[2], chunks = (nx + TFM_LANES - 1) / TFM_LANES;
+  const int item = (int)get_global_id(0), x = item % chunks * TFM_LANES, y = item / chunks % ny, z = item / chunks / ny;
+  if (z >= nz)
+    return;
+  const int row = nx + 2 * PAD, layer = row * (ny + 2), size = padded_size(orders);
+  const int at = (z + 1) * layer + (y + 1) * row + x + PAD;
+  const Ints inside = LANE_Y * TILE_WIDTH + LANE_X < nx - x;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    Floats moments[HARMONICS];
+    for (int n = 0; n < HARMONICS; ++n) {
+      __global float *of_light = light + (size_t)(n * TFM_ORDER_COLOURS + c) * size + at;
+      moments[n] = ROW(of_light);
+      *(__global FloatRow *)of_light = floats(0.0f);
+    }
+    if (arrives) {
+      for (int first = 0; first < count; first += BUNDLE) {
+        Floats here[BUNDLE];
+        for (int k = 0; k < BUNDLE; ++k)
+          here[k] = arriving(sweeps + first + k, radiance + (size_t)((first + k) * TFM_ORDER_COLOURS + c) * size + at,
+                             first + k >= along, x, y, z, row, layer);
+#pragma unroll
+        for (int n = 0; n < HARMONICS; ++n) {
+          Floats sum = moments[n];
+          for (int k = 0; k < BUNDLE; ++k)
+            sum += sweeps[first + k].weighted[n] * here[k];
+          moments[n] = sum;
+        }
+      }
+      for (int n = 0; n < HARMONICS; ++n) {
+        __global float *all = total + (size_t)(n * TFM_ORDER_COLOURS + c) * size + at;
+        *(__global FloatRow *)all = ROW(all) + moments[n];
+      }
+    }
+    if (!scatters)
+      continue;
+    EACH_HARMONIC
+      moments[n] = inside ? orders->albedo[c] * orders->bent[l] * moments[n] : floats(0.0f);
+    for (int first = 0; first < count; first += BUNDLE) {
+      Floats sum[BUNDLE];
+      for (int k = 0; k < BUNDLE; ++k)
+        sum[k] = floats(0.0f);
+#pragma unroll
+      for (int n = 0; n < HARMONICS; ++n)
+        for (int k = 0; k < BUNDLE; ++k)
+          sum[k] += sweeps[first + k].harmonics[n] * moments[n];
+      for (int k = 0; k < BUNDLE; ++k)
+        *(__global FloatRow *)(source + (size_t)((first + k) * TFM_ORDER_COLOURS + c) * size + at) = sum[k];
+    }
+  }
+}
+
+/* Writes numbers of points, and of those before the first, in the other kind of rows.
+   of_x   0: they are in rows along y
+   skip   numbers of each point along x that have none along y; count: those that have */
+__kernel void order_cross(ORDERS orders, __global const float *numbers, __global float *crossed, int of_x, int skip,
+                          int count)
+{
+  const int nz = orders->size[2];
+  /* Points along the rows that numbers are in, and along those that they are written to. */
+  const int n = orders->size[of_x ? 0 : 1], m = orders->size[of_x ? 1 : 0];
+  /* Neighbours read the same rows. */
+  const int item = (int)get_global_id(0), chunks = (m + TFM_LANES - 1) / TFM_LANES;
+  const int i = item % (n + 1) - 1, j = item / (n + 1) % chunks * TFM_LANES, z = item / (n + 1) / chunks - 1;
+  if (z >= nz)
+    return;
+  const Ints place = j + LANE_Y * TILE_WIDTH + LANE_X, inside = place < m;
+  const Ints from = ((z + 1) * (m + 2) + (inside ? place : ints(0)) + 1) * (n + 2 * PAD) + i + PAD;
+  const int to = ((z + 1) * (n + 2) + i + 1) * (m + 2 * PAD) + j + PAD;
+  const int from_size = of_x ? padded_size(orders) : turned_size(orders);
+  const int to_size = of_x ? turned_size(orders) : padded_size(orders);
+  for (int k = 0; k < count; ++k)
+    *(__global FloatRow *)(crossed + (size_t)(of_x ? k : skip + k) * to_size + to) =
+        inside ? gather_floats(numbers + (size_t)(of_x ? skip + k : k) * from_size, from) : floats(0.0f);
+}
+
+/* What all later orders scatter to the camera, over albedo and opacity.
+   total     moments of the points, in rows along x
+   scattered of the points one after the other: holds what order_beyond found, which is added */
+__kernel void order_view(VIEW view, ORDERS orders, __global const float *total, __global float *scattered)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  if (!any_lane(points.wanted))
+    return;
+  Floats y[HARMONICS];
+  harmonics_of(way_to_camera(view, position_of(orders, &points)), y);
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const Ints number = points.number * TFM_ORDER_COLOURS + c;
+    Floats sum = gather_floats(scattered, number);
+    EACH_HARMONIC
+      sum += orders->seen[l] * y[n] *
+             numbers_at(total + (size_t)(n * TFM_ORDER_COLOURS + c) * padded_size(orders), &points);
+    /* Moments that end somewhere may leave less than nothing. */
+    store_floats(scattered, number, points.wanted, greatest(sum, floats(0.0f)));
+  }
+}
