@@ -41,7 +41,7 @@ Program = tuple[tuple[str, ...], dict[str, int | str]]
 
 GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
-COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2)
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2, contribution=0.5)
 PHASED = [COLD.replace(phase=phase) for phase in ONE_OF_EACH_PHASE]
 GLOWING = GREY.replace(emission=(1.0, 0.5, 0.1))
 FLAME = tfm.Medium(sigma_s=0, sigma_a=0, emission=1.0)
@@ -98,7 +98,7 @@ BODIES: dict[str, list[Any]] = {
     "grid in fog": [_grid(), _fog()],
     "coloured grid, box": [_coloured(), _box(WARM)],
     "box": [_box()],
-    "ball": [_ball(WARM.replace(octaves=3))],
+    "ball": [_ball(WARM.replace(octaves=3, contribution=0.5))],
     "fog": [_fog()],
     "box, ball": [_box(), _ball()],
     "grid, box, ball": [_grid(), _box(), _ball()],
