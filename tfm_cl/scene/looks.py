@@ -37,6 +37,8 @@ class Look:
     """Of the camera above what it looks at, over its distance in front of it."""
     daylight: float = 1.0
     """Intensity of sky and sun."""
+    samples: int = 16
+    """Of a pixel, where it shows edges."""
     medium: Values | None = None
     """In the place of the preset's."""
 
@@ -51,6 +53,7 @@ LOOKS = {
     "hair": Look(
         "hair|fur|curl|tuft",
         elevation=35.0,
+        samples=4,
         medium={
             "phase": {"type": "kajiya-kay"},
             "sigma_s": [0.55, 0.4, 0.25],
@@ -63,8 +66,8 @@ HOT = ("temperature", "flame", "flames", "heat")
 """Names of grids that glow, the first that a file has."""
 FILLED = 0.8
 """Part of the frame's height or width that what is seen fills."""
-GROUND = 0.25
-"""Albedo, of earth and dry grass."""
+GROUND = 0.1
+"""Albedo, of dark earth or asphalt: what stands on it is brighter."""
 PARTS = 16
 """Of the sky, each with a map of its own."""
 OCTAVES = 4
@@ -162,7 +165,7 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
     values["light"] = [{"type": "sky", **sky}]
     if "solid" not in values and stage.has_ground:
         values["solid"] = [{"shape": "ground", "albedo": GROUND}]
-    shown = {"background": "environment", "view": "agx", "exposure": "auto"}
+    shown = {"background": "environment", "samples": stage.samples, "view": "filmic", "exposure": "auto"}
     values["image"] = shown | values.get("image", {})
 
 
