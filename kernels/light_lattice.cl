@@ -103,7 +103,7 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
 #if TFM_TANGENTS
   const FibreAngles fibres = no_strands(); /* voxels have none */
 #endif
-  const Floats phase = PHASE_OF(media + light->first_phase, -dot3(sample.direction, in_light.direction), &fibres);
+  const Floats phase = PHASE_OF(media + TFM_MEDIA * light->spread, -dot3(sample.direction, in_light.direction), &fibres);
   LatticeValue sum;
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sum.of[LATTICE_RADIANCES + c] = transmittance_of(depth[c]);

@@ -26,6 +26,11 @@ __kernel void order_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGU
   const OrdersOnRay lattice = orders_on_ray(orders, scattered, ray);
   LightSums sums = light_sums_begin();
   see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets, &lattice, &sums);
-  add_float4(later, pixel_index(view, pixels), pixels.wanted, media->albedo[0] * colour.x * sums.colour[0],
-             media->albedo[1] * colour.y * sums.colour[1], media->albedo[2] * colour.z * sums.colour[2], floats(0.0f));
+#if TFM_ORDER_MEDIA
+  const float4 scale = colour; /* each medium's share is known */
+#else
+  const float4 scale = (float4)(media->albedo[0], media->albedo[1], media->albedo[2], 0.0f) * colour;
+#endif
+  add_float4(later, pixel_index(view, pixels), pixels.wanted, scale.x * sums.colour[0], scale.y * sums.colour[1],
+             scale.z * sums.colour[2], floats(0.0f));
 }

@@ -1,6 +1,6 @@
 /* How light arrives at a point, for every kind of light. Light space is world space translated and rotated, so angles
    and distances are the same in both.
-   Requires: TFM_INVERSE_SQUARE 0 or 1. */
+   Requires: TFM_INVERSE_SQUARE, 0, 1, or 2 where what shines are balls. */
 #ifndef TFM_LIGHT_SAMPLE_H
 #define TFM_LIGHT_SAMPLE_H
 
@@ -69,7 +69,15 @@ TFM_INLINE float chart_slope(LIGHT light)
 
 TFM_INLINE Floats light_falloff(LIGHT light, Floats inverse_distance)
 {
-#if TFM_INVERSE_SQUARE
+#if TFM_INVERSE_SQUARE == 2
+  /* The mean over an even ball, whose radius is the inverse of nearest_inverse (tfm_cl/scene/lights/base.py). */
+  const float core = light->nearest_inverse;
+  const Floats ratio = inverse_distance * (1.0f / core), outside = least(ratio * ratio, floats(1.0f));
+  const Floats inside = 1.0f / greatest(ratio * ratio, floats(1.0f));
+  const Floats beyond = outside * (1.0f + outside * (0.2f + 0.3f * outside * outside));
+  const Floats within = 3.0f - inside * (1.0f + inside * (0.2f + 0.3f * inside * inside));
+  return core * core * (ratio < 1.0f ? beyond : within);
+#elif TFM_INVERSE_SQUARE
   const Floats nearest = least(inverse_distance, floats(light->nearest_inverse));
   return nearest * nearest;
 #else

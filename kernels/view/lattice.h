@@ -17,6 +17,7 @@
 
 #define LATTICE __global const float *
 #define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, walk, steps, k, t)
+#define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, opacity, weight)
 
 #if TFM_LIGHT_LAYERS
 #define PART_OF_LIGHT(sums, i) (sums)->apart[i]

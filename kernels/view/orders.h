@@ -1,12 +1,17 @@
 /* The lattice on which light is scattered again and again: points in equal distances along the world's axes. What all
    later orders scatter is read from it along camera rays, in the place of lattice.h.
    Requires: TFM_CHANNELS, the extinctions that it knows, and TFM_ORDER_COLOURS, those of light: 1 or 3; what frame.h and
-   walk.h do, the latter where there are grids. */
+   walk.h do, the latter where there are grids.
+   With TFM_ORDER_MEDIA, which is 0 else, each of the first so many media has three colours of its own: of light that was
+   not scattered evenly. */
 #ifndef TFM_ORDERS_H
 #define TFM_ORDERS_H
 
 #include "core/ray.h"
 #include "view/frame.h"
+#ifndef TFM_ORDER_MEDIA
+#define TFM_ORDER_MEDIA 0
+#endif
 
 /* Numbers of points lie in memory with some 0 around them, so that what passes by the lattice reads them: row by row,
    and, for light that goes mainly along x, once more in rows along y. Each extinction and colour is by itself. */
@@ -165,12 +170,28 @@ TFM_INLINE LatticeValue lattice_at(LATTICE lattice, Floats t)
   return value;
 }
 
-/* A step took its opacity from the ray; colours are then over albedo. */
-TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
+#if TFM_ORDER_MEDIA
+/* A step took its opacity from the ray: each medium scatters its part of that. */
+#define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity)
+TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, MEDIUM media, const Amounts *step,
+                             const Floats *opacity)
 {
-  (void)weight;
+  for (int c = 0; c < 3; ++c) {
+    Floats scattered = floats(0.0f);
+    for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
+      scattered += media[m].sigma_s[c] * step->of[m][AMOUNT_OF(c)] * value->of[3 * m + c];
+    const Floats extinct = extinguished(media, step, c);
+    sums->colour[c] += extinct > 0.0f ? opacity[TFM_CHANNELS == 3 ? c : 0] * scattered / extinct : floats(0.0f);
+  }
+}
+#else
+#define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, opacity)
+/* A step took its opacity from the ray; colours are then over albedo. */
+TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity)
+{
   for (int c = 0; c < 3; ++c)
     sums->colour[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * value->of[TFM_ORDER_COLOURS == 3 ? c : 0];
 }
+#endif
 
 #endif

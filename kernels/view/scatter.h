@@ -61,13 +61,13 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   (void)tangents;
 #endif
 #if TFM_MEDIA == 1
-  arrival.phase = PHASE_OF(scene->media + light->first_phase, mu, &fibres);
+  arrival.phase = PHASE_OF(scene->media + TFM_MEDIA * light->spread, mu, &fibres);
 #else
 #if TFM_TANGENTS
   arrival.fibres = fibres;
 #endif
   arrival.mu = mu;
-  arrival.media = scene->media + light->first_phase;
+  arrival.media = scene->media + TFM_MEDIA * light->spread;
 #endif
   arrival.strength = sample.strength;
   arrival.visible = is_lit ? floats(1.0f) : light_visibility(light, buffers->shadow, sample);

@@ -1,7 +1,7 @@
 /* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, eq. 7's ambient light,
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
-   requires, 2 where it is what later orders scatter, with what orders.h requires. */
+   requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
 
@@ -58,7 +58,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       Floats opacity[TFM_CHANNELS];
       const Floats weight = camera_ray_step(media, &sums->ray, &step[k], opacity);
 #if TFM_LATTICE
-      lattice_step(lit, &light[k], opacity, weight);
+      LATTICE_STEP(lit, &light[k], media, &step[k], opacity, weight);
 #endif
       camera_sums_step(media, sums, &sums->ray, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
     }
@@ -90,7 +90,7 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
       mean += opacity[c] * mean_distance(depth[c], length) * (1.0f / TFM_CHANNELS);
 #if TFM_LATTICE
     const LatticeValue light = LATTICE_AT(lattice, 0, 0, 0, begin + 0.5f * length);
-    lattice_step(lit, &light, opacity, weight);
+    LATTICE_STEP(lit, &light, media, &step, opacity, weight);
 #endif
     camera_sums_step(media, sums, &sums->ray, &step, begin, opacity, weight);
     sums->distance_sum += mean;

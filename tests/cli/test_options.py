@@ -145,6 +145,7 @@ KEYS = [
     ("medium.temperature_offset", "0.5", 0.5),
     ("medium.temperature_scale", "0.25", 0.25),
     ("medium.Le_scale", "3", 3),
+    ("medium.emission_lights", "64", 64),
     ("medium.emission", "[1, 0.5, 0.2]", [1, 0.5, 0.2]),
     ("medium.phase", '{type = "hg", g = 0.2}', {"type": "hg", "g": 0.2}),
     ("medium.orders", "3", 3),

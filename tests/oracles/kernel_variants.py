@@ -22,7 +22,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.render import orders
+from tfm_cl.render import emission, orders
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.render.scatter import scatter_variant
@@ -166,7 +166,7 @@ LIGHT: Choices = {
     # A sun has none of its own, and takes no notice of one.
     "chart": [chart.HEADER for chart in (Perspective, Hemisphere, Octahedron)],
     "light": list(dict.fromkeys(light.HEADER for light in LIGHTS.values())),
-    "inverse_square": (0, 1),
+    "inverse_square": (0, 1, 2),
 }
 EVERY_BASIS = {name: MapSettings(basis=name) for name in BASES} | {
     "dct 1": MapSettings(basis="dct", coeffs=1, target="optical-depth", fit="visibility"),
@@ -278,6 +278,15 @@ def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
     return max(case["colours"], media.channels(textured=False)["TFM_CHANNELS"])
 
 
+def _of_emission_lights(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return emission.lights_variant(of_lights, media, _scattering(case))
+
+
+def _scattering(case: Case) -> int:
+    return len({body.own_medium for body in BODIES[case["bodies"]]})
+
+
 def _of_order_media(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
     return orders.media_variant(media, _lattice_colours(case, media))
@@ -298,6 +307,8 @@ def _of_order_moments(case: Case) -> Program:
 
 def _of_order_pass(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    if "colours" not in case:
+        return emission.pass_variant(media, _scattering(case), has_solids=bool(case["shadow"]))
     return orders.pass_variant(media, _lattice_colours(case, media), has_solids=bool(case["shadow"]))
 
 
@@ -330,6 +341,19 @@ ORDERS: Choices = {**LATTICE, "bodies": (*LATTICE["bodies"], "box", "box, ball",
 LAYERS: Choices = {"layers": (0, 1)}
 DEGREE: Choices = {"degree": (0, 2, 3, 4)}
 ORDERS_LIT: Choices = {**ORDERS, **DEGREE, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
+EMISSION: Choices = {
+    "bodies": ("glowing grid", "glowing ball", "fire", "2 tints", "coloured grid, box", "every phase"),
+    **GRIDS,
+}
+EMISSION_LIT: Choices = {
+    **EMISSION,
+    "basis": (*EVALUATED, "dual"),
+    **STORED,
+    **LIGHT,
+    "shadow": (0, 1, 2),
+    "texture": (0,),
+    "shared": (0,),
+}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -339,12 +363,13 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS}]),
     "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART}]),
+    "emission_lights.cl": (_of_emission_lights, [EMISSION_LIT]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
     "order_media.cl": (_of_order_media, [ORDERS]),
     "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4)}]),
-    "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}]),
+    "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}, {**EMISSION, "shadow": (0, 1)}]),
     "order_sweep.cl": (_of_order_sweep, [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4)}]),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),

@@ -42,6 +42,7 @@ CASES = {
         volume=tfm.BoxVolume(from_=(-0.9, -0.5, -0.6), to=(0.4, 0.7, 0.3), density=0.7),
         medium=GREY.replace(emission=(0.2, 0.1, 0.0)),
     ),
+    "fire and solids": SCENE.replace(medium=GREY.replace(emission=(3, 2, 1), emission_lights=3)),
     "points": make_scene(
         volume=tfm.Points([(0, 0, 0), (0.5, 0.3, 0.2)], radius=0.4, density=1.5), lights=[SPOT]
     ),

@@ -69,7 +69,7 @@ def rays(monkeypatch):
 def all_shaded(monkeypatch):
     """Make the tracer expect shadows everywhere."""
     monkeypatch.setattr(
-        Tracer, "may_shade", lambda _, regions, __=None: np.ones(len(regions.apex), dtype=bool)
+        Tracer, "may_shade", lambda _, regions, *__, **___: np.ones(len(regions.apex), dtype=bool)
     )
 
 
@@ -166,7 +166,8 @@ def test_lit_pixels_are_those_that_each_light_sees(rng, monkeypatch, crop, chunk
     touched = bounds_of_lights(lights, scene.camera, np.array([[-50.0, 0, -50], [50, 3, 50]]))
     touched = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4)
     lists = raster.lists_of_buffers(touched, gbuffer.EDGE)
-    found = lit_pixels(tracer, gbuffer, LitRegions.of(lights), lists, len(lights))
+    shaded = np.ones(len(lights), bool)
+    found = lit_pixels(tracer, gbuffer, LitRegions.of(lights), lists, len(lights), shaded)
 
     points, surfaces = gbuffer.points, gbuffer.solid[gbuffer.shown].astype(np.float64)
     at = tracer.lifted(points, surfaces[:, :3], surfaces[:, 3])

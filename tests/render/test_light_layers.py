@@ -45,6 +45,7 @@ CASES = {
         ),
         "tfm",
     ),
+    "what media emit lights others": (SCENE.replace(medium=GLOWING.replace(emission_lights=3)), "tfm"),
     "later orders": (SCENE.replace(medium=GLOWING.replace(orders=3)), "tfm"),
 }
 
@@ -84,8 +85,8 @@ def test_they_cost_no_sample_and_change_nothing(renderer, monkeypatch, what):
     assert "ambient" not in plain.aovs
     np.testing.assert_array_equal(result.image, plain.image)
     np.testing.assert_array_equal(result.aovs["samples"], plain.aovs["samples"])
-    later = ("orders",) if "orders" in result.aovs else ()
-    names = (*OF_LIGHTS, "ambient", "emission", *later)
+    others = [name for name in ("emission_light", "orders") if name in result.aovs]
+    names = (*OF_LIGHTS, "ambient", "emission", *others)
     assert_adds_up(result, *names)
     assert_equals_reference(result, scene, method, names)
 

@@ -124,3 +124,12 @@ def test_triangles_that_lie_together_have_a_box_of_their_own(rng):
     met = tracer.may_shade(LitRegions.of(lights), np.array([0.0, 0, 5]))
     assert not met[:50].any()
     assert met[50:].all()
+
+
+def test_a_plane_shades_nothing_in_a_box_on_the_light_s_side():
+    tracer = Tracer([PlaneSolid(point=(0, -1, 0))])
+    regions = LitRegions.of([PointLight(from_=(0, 2, 0)), PointLight(from_=(0, -3, 0))])
+    for low, high, shaded in ((-1, 1, [False, True]), (-2, 1, [True, True]), (-9, -1, [True, False])):
+        box = np.array([[-4.0, low, -4.0], [4.0, high, 4.0]])
+        assert tracer.may_shade(regions, within=box).tolist() == shaded
+    assert tracer.may_shade(regions, within=np.array([[-np.inf] * 3, [np.inf] * 3])).all()

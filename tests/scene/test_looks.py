@@ -67,6 +67,7 @@ def test_a_look_sets_a_stage(tmp_path, look):
 def test_a_fire_is_as_hot_as_fires_are(tmp_path, hottest, kelvin):
     medium = dressed(bare(tmp_path, temperature=hottest * (DENSITY / DENSITY.max())))[1].medium
     assert (medium.preset, medium.temperature) == ("fire", "temperature")
+    assert medium.emission_lights > 1
     assert hottest * medium.temperature_scale == pytest.approx(kelvin, rel=0.01)
 
 

@@ -54,6 +54,7 @@ temperature = "fire"
 temperature_offset = 0.5
 temperature_scale = 900.0
 Le_scale = 2.5
+emission_lights = 64
 
 [camera]
 from = [0, 0, 5]
@@ -173,6 +174,7 @@ def test_every_key_arrives(folder):
         "temperature_offset": 0.5,
         "temperature_scale": 900.0,
         "Le_scale": 2.5,
+        "emission_lights": 64,
     }
     assert scene.bodies[0].medium == scene.medium.replace(  # what it does not name is the scene's
         sigma_s=0.5, sigma_a=(0.1, 0.2, 0.3), phase=tfm.HenyeyGreenstein(-0.2), emission=0

@@ -26,7 +26,8 @@ def light_margin(scene: Scene) -> float:
     widest = 0.0
     for light in scene.lights:
         far = _farthest(bounds, light.frame().world_from_light[:3, 3])
-        widest = max(widest, light.footprint(far) / scene.map.res)
+        texels = min(scene.map.res, light.most_texels or scene.map.res)
+        widest = max(widest, light.footprint(far) / texels)
     return _beyond(scene, widest)
 
 

@@ -22,6 +22,8 @@ VISIBLE_DEPTH = 8.0
 12 it gave the least error of T at 8 numbers on six volumes; beyond it τ goes on with its mean slope."""
 RAYS = 640
 """Light rays that a data-driven basis learns from."""
+TEXELS_OF_RAY = 32
+"""Of maps that are small because their light is soft: for so many texels there is one of these rays."""
 SEED = 20110218
 """Of their choice: the same scene gives the same map."""
 
@@ -159,7 +161,8 @@ class LightProbe:
         launcher = self._launcher
         size = len(probe.begin)
         y, x = np.nonzero(probe.optical_depth > 0)
-        some = np.random.default_rng(SEED).permutation(len(x))[:RAYS]
+        most = RAYS if light.most_texels is None else min(RAYS, light.most_texels**2 // TEXELS_OF_RAY)
+        some = np.random.default_rng(SEED).permutation(len(x))[:most]
         x, y = x[some], y[some]
         ranges = np.broadcast_to(np.array([0, np.inf], np.float32), (len(x), 2))
         if field is not None:
@@ -191,7 +194,8 @@ class LightProbe:
 
 def light_defines(light: Light) -> dict[str, int | str]:
     """Return macros of every kernel that knows of a light."""
-    return {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")}
+    falls_off = light.falloff == "inverse-square"
+    return {"TFM_INVERSE_SQUARE": 2 if falls_off and light.core > 0 else int(falls_off)}
 
 
 def _over_neighbours(values: NDArray[np.floating], choose: np.ufunc) -> NDArray[np.floating]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,6 +12,9 @@ from tfm_cl.maps.bases import BASES, BEST, Basis
 from tfm_cl.maps.bases.base import Fit, Lookup, Range, Target
 from tfm_cl.model import Model, decided
 from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
+
+if TYPE_CHECKING:
+    from tfm_cl.scene.lights.base import Light
 
 MOST_WEIGHTED = 32
 """Most numbers that the fit ``visibility`` finds: a ray sums n (n + 1) / 2 products for it."""
@@ -54,6 +57,11 @@ class ResolvedMap(Model):
     def is_linear(self) -> bool:
         """Whether the coefficients are linear in the density."""
         return self.target != "transmittance" and self.fit == "l2" and BASES[self.basis].lerps
+
+    def of_light(self, light: Light) -> ResolvedMap:
+        """Return the settings of a light's own map, which may be smaller than others."""
+        most = light.most_texels
+        return self if most is None or most >= self.res else self.replace(res=most)
 
     def request(self) -> MapSettings:
         """Return the settings that ask for exactly this."""

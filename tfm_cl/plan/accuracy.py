@@ -126,7 +126,7 @@ class Chooser:
         self._render, self._scene, self._method, self._crop = render, scene, method, crop
         self._progress, self._trials = progress, 0
         self._error = float(scene.map.max_error or 0)
-        self._marches_to_lights = bool(scene.marched and scene.lights)
+        self._marches_to_lights = bool(scene.marched and scene.is_lit)
         self._has_maps = method == "tfm" and self._marches_to_lights
         plain = resolution.resolved(scene.replace(map=scene.map.replace(max_error=None)))
         # The reference resolves the medium, whatever steps are given.

@@ -101,28 +101,32 @@ class Planner:
 
         has_ranges = settings.range != "box"
         cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
-        fine = field_res(settings.res), cut, max(settings.steps, RANGE_STEPS)
+        fine_steps = max(settings.steps, RANGE_STEPS)
+
+        def fine(number: int) -> tuple[int, float, int]:
+            return field_res(settings.of_light(scene.lights[number]).res), cut, fine_steps
+
         # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
-        first = (
-            fine if has_ranges and settings.target != "transmittance" else (PROBE_RES, np.inf, settings.steps)
-        )
-        probes = [probed(number, *first) for number in range(len(lights))]
+        is_enough = has_ranges and settings.target != "transmittance"
+        coarse = PROBE_RES, np.inf, settings.steps
+        probes = [probed(number, *(fine(number) if is_enough else coarse)) for number in range(len(lights))]
         deepest = max((float(probe.optical_depth.max()) for probe in probes), default=0.0)
         alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
         settings = settings.replace(density_weighting=alpha)
-        if has_ranges and first != fine:
-            probes = [probed(number, *fine) for number in range(len(lights))]
+        if has_ranges and not is_enough:
+            probes = [probed(number, *fine(number)) for number in range(len(lights))]
         unit = 1.0
         if settings.storage == "f16" and settings.target != "transmittance":
             unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
         plans = []
         for number, ((light, of_light), probe) in enumerate(zip(lights, probes, strict=True)):
-            fit = partial(self._fit, settings, light, of_light, medium, probe)
+            of_map = settings.of_light(light)
+            fit = partial(self._fit, of_map, light, of_light, medium, probe)
             before = self._launcher.seconds
             if BASES[settings.basis].learns(settings):  # learning takes longer than all else here
                 fitted = self._cache.get(
                     "functions",
-                    (key, light.map_key(), shadow_res, settings, cut, extinction),
+                    (key, light.map_key(), shadow_res, of_map, cut, extinction),
                     fit,
                     lambda made: made.nbytes,
                 )
@@ -131,13 +135,13 @@ class Planner:
             spent[number] += self._launcher.seconds - before
             plans.append(
                 Planned(
-                    settings=settings,
+                    settings=of_map,
                     field=fitted.field,
                     functions=fitted.functions,
                     number_unit=unit,
                     density_weighting=alpha,
                     extinction=extinction,
-                    clip=clip(light, settings.res),
+                    clip=clip(light, of_map.res),
                     deepest=deepest,
                     seconds=float(spent[number]),
                 )

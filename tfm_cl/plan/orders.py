@@ -106,7 +106,7 @@ def lattice_of(scene: Scene) -> Lattice:
     spacing, why = finest, "as far apart as voxels"
     lobe = lobe_of(medium_of(scene).phase)
     if scene.grids:
-        work = math.prod(_points(extent, finest)) * (orders_of(scene) - 1)
+        work = math.prod(points_along(extent, finest)) * (orders_of(scene) - 1)
         apart = min(max((work / (WORK_OF_LOBE if lobe.degree else WORK)) ** (1 / 3), 1.0), VOXELS_APART)
         if apart > 1:
             spacing, why = apart * finest, f"{apart:.2g} voxels apart: every order takes its time"
@@ -115,16 +115,16 @@ def lattice_of(scene: Scene) -> Lattice:
         if OF_SMALLEST_BODY * edge < spacing:
             spacing, why = OF_SMALLEST_BODY * edge, f"{1 / OF_SMALLEST_BODY:g} along the thinnest body"
     wanted = spacing
-    while math.prod(_points(extent, spacing)) > MOST_POINTS:
+    while math.prod(points_along(extent, spacing)) > MOST_POINTS:
         spacing *= FARTHER
     if spacing > wanted:
         why = f"as near as {MOST_POINTS:,} points allow"
     wanted = spacing
-    while lobe.degree and bytes_of(_points(extent, spacing), lobe) > MOST_BYTES:
+    while lobe.degree and bytes_of(points_along(extent, spacing), lobe) > MOST_BYTES:
         spacing *= FARTHER
     if spacing > wanted:
         why = f"as near as {MOST_BYTES / 2**30:g} GiB allow, at {numbers_of(lobe)} numbers a point"
-    size = _points(extent, spacing)
+    size = points_along(extent, spacing)
     first = (low + high) / 2 - spacing * (np.array(size) - 1) / 2
     samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if scene.homogeneous else 1)
     samples = min(samples, MOST_SAMPLES)
@@ -148,7 +148,8 @@ def bytes_of(size: tuple[int, int, int], lobe: Lobe) -> int:
     return padded * numbers_of(lobe) * 3 * 4
 
 
-def _points(extent: NDArray[np.float64], spacing: float) -> tuple[int, int, int]:
+def points_along(extent: NDArray[np.float64], spacing: float) -> tuple[int, int, int]:
+    """Count the points of a lattice around a box along x, y, z."""
     # The cubes of the outermost points are empty.
     x, y, z = (math.ceil(edge / spacing + SAME) + 2 for edge in extent.tolist())
     return x, y, z

@@ -16,7 +16,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.plan import lattice, octaves, orders, resolution
+from tfm_cl.plan import emission, lattice, octaves, orders, resolution
 from tfm_cl.plan.lobes import lobe_of
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
@@ -79,7 +79,7 @@ class Plan:
     def told(self) -> dict[str, Any]:
         """What was placed, scaled or counted, by dotted key, to be fixed by hand."""
         counts = ("map.res", "map.steps", "march.steps")
-        found = ("map", "march", "orders")
+        found = ("map", "march", "orders", "emission")
         return {
             key: decision.value
             for key, decision in self.decisions.items()
@@ -155,13 +155,13 @@ def plan(
     """
     orders.check(scene)
     decisions = {} if file is None else dict(_placed(scene, file))
-    decisions |= dict(_of_orders(scene))
+    decisions |= dict(_of_orders(scene)) | dict(_of_emission(scene))
     decisions |= {
         f"{found.section}.contribution": Decision(found.number, found.why)
         for found in octaves.contributions(scene)
     }
     scene = octaves.resolved(scene)
-    has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.lights)
+    has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.is_lit)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(
             "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "
@@ -195,7 +195,7 @@ def plan(
 
 def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
     """Yield what later orders of scattering are found with."""
-    if orders.orders_of(scene) > 1 and scene.lights:
+    if orders.orders_of(scene) > 1 and scene.is_lit:
         points = orders.lattice_of(scene)
         yield "orders.points", Decision("{}x{}x{}".format(*points.size), points.why)
         lobe = lobe_of(orders.medium_of(scene).phase)
@@ -210,6 +210,16 @@ def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
                 "orders.directions",
                 Decision(orders.DIRECTIONS, "of each order, turned from one to the next"),
             )
+
+
+def _of_emission(scene: Scene) -> Iterator[tuple[str, Decision]]:
+    """Yield how what media emit lights their surroundings."""
+    if lights := scene.emission_lights:
+        yield "emission.lights", Decision(len(lights), "clusters of what media emit, all of its energy")
+        lattice, why = emission.lattice_of(scene)
+        yield "emission.res", Decision(*emission.texels_of(scene))
+        points = "every sample" if lattice is None else "{}x{}x{}".format(*lattice.size)
+        yield "emission.points", Decision(points, why)
 
 
 def _for_thin(scene: Scene) -> Iterator[tuple[str, Decision]]:
@@ -321,7 +331,7 @@ def _to_measure(scene: Scene, *, has_maps: bool) -> Iterator[tuple[str, Decision
     """Yield what ``max_error`` chooses."""
     why = f"the cheapest found that keeps map.max_error = {scene.map.max_error:g}"
     of_map = {"map.res": scene.map.res, "map.coeffs": scene.map.coeffs} if has_maps else {}
-    of_light = {"map.steps": scene.map.steps} if scene.marched and scene.lights else {}
+    of_light = {"map.steps": scene.map.steps} if scene.marched and scene.is_lit else {}
     for key, asked in (of_map | of_light | {"march.steps": scene.march.steps}).items():
         if asked == "auto":
             yield key, Decision(None, why)

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tfm_cl.model import decided
-from tfm_cl.plan import lattice, octaves
+from tfm_cl.plan import emission, lattice, octaves
 from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds, voxel_depth
 from tfm_cl.scene.bodies.base import around
 
@@ -136,7 +136,7 @@ def wanted(
             if asked_for == "auto":
                 number = decided(getattr(maps, key))
                 found[f"map.{key}"] = Wanted(number, number, "that of the maps that are there")
-    elif scene.lights:
+    elif scene.is_lit:
         if scene.map.res == "auto":
             found["map.res"] = _wanted_res(scene, grids, on_lattice=on_lattice)
         if scene.map.steps == "auto":
@@ -193,6 +193,9 @@ def _why_steps(grids: Sequence[Marched]) -> str:
 
 
 def _wanted_res(scene: Scene, grids: Sequence[Marched], *, on_lattice: bool | None) -> Wanted:
+    if not scene.lights:
+        number, why = emission.texels_of(scene)
+        return Wanted(number, number, f"of lights of what media emit: {why}")
     bounds = occupied_bounds(grids)
     singles = [(number, part) for number, light in enumerate(scene.lights, 1) for part in light.parts()]
     parts = [part for _, part in singles]

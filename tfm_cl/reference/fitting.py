@@ -8,7 +8,7 @@ import numpy as np
 
 from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.errors import SceneError
-from tfm_cl.plan import resolution
+from tfm_cl.plan import emission, resolution
 from tfm_cl.reference.geometry import Floats, Interval, Rays
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.lights.base import texel_positions
@@ -54,11 +54,12 @@ def _fitted_to(scene: Scene, margin: float) -> Scene:
     """Fit all parts of the lights to what their maps look at and a margin."""
     box = grown(map_bounds(scene), margin)
     parts = [part.fitted(box) for light in scene.lights for part in light.parts()]
+    parts += emission.lights_of(scene)
     return with_numbers(scene).replace(lights=parts)
 
 
 def lights_of(scene: Scene) -> list[Light]:
-    """Lights with maps of their own: the parts of those that have several, fitted to the scene.
+    """Lights with maps of their own: parts of those that have several, fitted, and what media emit.
 
     Raises
     ------
@@ -72,7 +73,8 @@ def lights_of(scene: Scene) -> list[Light]:
                 f"light {index + 1} ({light.type}) comes from infinitely far away: nothing of it is left "
                 'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
             )
-    return [fitted(scene, part) for light in scene.lights for part in light.parts()]
+    parts = [fitted(scene, part) for light in scene.lights for part in light.parts()]
+    return [*parts, *emission.lights_of(scene)]
 
 
 def cone_interval(light: SpotLight, origins: Floats, directions: Floats) -> Interval:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tfm_cl.plan.orders import Lattice
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -128,3 +132,15 @@ def corners(size: int, positions: Floats) -> list[tuple[Integers, Integers, Floa
         (x0, y1, (1 - x) * y),
         (x1, y1, x * y),
     ]
+
+
+def between(values: Floats, lattice: Lattice, points: Floats) -> Floats:
+    """Interpolate ``[x, y, z, RGB]`` at world points ``[n, 3]``."""
+    at = np.clip((points - lattice.origin) / lattice.spacing, 0, np.subtract(lattice.size, 1))
+    low = np.minimum(at.astype(np.intp), np.subtract(lattice.size, 2))
+    part = at - low
+    total = np.zeros(points.shape)
+    for corner in product((0, 1), repeat=3):
+        weight = np.where(corner, part, 1 - part).prod(axis=-1)
+        total += weight[:, None] * values[tuple((low + corner).T)]
+    return total

@@ -60,6 +60,10 @@ class MapModel(NamedTuple):
     weights: Floats
     """``[bodies, 3, 1]`` of the field of densities, of all that is marched."""
 
+    def of_light(self, light: Light) -> MapModel:
+        """Return the model of a light's own map."""
+        return self._replace(settings=self.settings.of_light(light))
+
 
 def map_model(scene: Scene, like: TransmittanceMap | None = None, field: int | None = None) -> MapModel:
     """Take ranges and functions of a map, or, for bases that need no light rays, those of the scene.
@@ -189,7 +193,8 @@ def build_map(
     Behind the step in which solids end what is lit, the transmittance stays as it is there. ``like`` and
     ``field`` as of `map_model`.
     """
-    model, light = map_model(scene, like, field), fitted(scene, light, like)
+    light = fitted(scene, light, like)
+    model = map_model(scene, like, field).of_light(light)
     res, positions = model.settings.res, texel_positions(model.settings.res)
     numbers = np.zeros((res * res, model.settings.coeffs))
     counts = _steps_of_rays(model, positions)
@@ -226,7 +231,7 @@ def map_optical_depth(
     """Look the optical depth ``[points]`` up in a map, over the range of the point's own light ray."""
     if like is None:
         scene = scene.replace(map=scene.map.replace(coeffs=coefficients.shape[-1]))
-    model = map_model(scene, like, field)
+    model = map_model(scene, like, field).of_light(light)
     rays, (_, distance, positions, *_) = light_rays(fitted(scene, light, like), points)
     begin, end = march_bounds(scene.marched, *rays, margin=margin_of(scene, like))
     hit, beyond = end > begin, np.zeros(len(points))

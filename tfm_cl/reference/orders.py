@@ -256,15 +256,3 @@ def _shifted(plane: Floats, shift: Floats) -> Floats:
         part = distance - whole
         plane = (1 - part) * np.roll(plane, whole, axis) + part * np.roll(plane, whole + 1, axis)
     return plane
-
-
-def between(values: Floats, lattice: Lattice, points: Floats) -> Floats:
-    """Interpolate ``[x, y, z, RGB]`` at world points ``[n, 3]``."""
-    at = np.clip((points - lattice.origin) / lattice.spacing, 0, np.subtract(lattice.size, 1))
-    low = np.minimum(at.astype(np.intp), np.subtract(lattice.size, 2))
-    part = at - low
-    total = np.zeros(points.shape)
-    for corner in product((0, 1), repeat=3):
-        weight = np.where(corner, part, 1 - part).prod(axis=-1)
-        total += weight[:, None] * values[tuple((low + corner).T)]
-    return total

@@ -13,11 +13,13 @@ from tfm_cl.errors import SceneError
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import grain_of
 from tfm_cl.model import decided
+from tfm_cl.plan import emission
 from tfm_cl.plan.orders import check, orders_of
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
+from tfm_cl.reference.emission import EmittedLight
 from tfm_cl.reference.fitting import lights_of, margin_of, with_numbers
-from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
+from tfm_cl.reference.geometry import FAR, Floats, Rays, between, intersection
 from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
@@ -32,7 +34,7 @@ from tfm_cl.reference.march import (
     scattered_light,
     segments,
 )
-from tfm_cl.reference.orders import Brought, LaterOrders, between
+from tfm_cl.reference.orders import Brought, LaterOrders
 from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -47,6 +49,8 @@ if TYPE_CHECKING:
 
 Method = Literal["tfm", "dual"]
 Crop = tuple[int, int, int, int]
+BY_EMISSION = "emission_light"
+"""The layer of what media scatter and solids reflect of what media emit."""
 
 
 def camera_rays(camera: Camera, crop: Crop | None = None) -> Rays:
@@ -74,8 +78,8 @@ def render_with_aovs(
 ) -> tuple[Floats, dict[str, Floats]]:
     """Render the image, and the layers ``depth``, ``transmittance`` and ``light_transmittance``.
 
-    Parts of the picture are ``ambient``, ``light.NAME`` of each light and, where media emit light or scatter
-    it again and again, ``emission`` and ``orders``.
+    Parts of the picture are ``ambient``, ``light.NAME`` of each light and, where media emit light, light
+    their surroundings by it, or scatter again and again, ``emission``, ``emission_light`` and ``orders``.
 
     Parameters
     ----------
@@ -103,6 +107,7 @@ def render_with_aovs(
     lights = lights_of(scene)
     names = zip(names_of(scene.lights), scene.lights, strict=True)
     layers_of_lights = [f"light.{name}" for name, light in names for _ in light.parts()]
+    layers_of_lights += [BY_EMISSION] * len(emission.numbers_of(lights))
     depths: Sequence[Callable[[Floats], Floats]]
     if (method or scene.march.method) == "dual":
         weights = fields_of(scene).weights
@@ -125,10 +130,24 @@ def render_with_aovs(
     later = None
     if orders_of(scene) > 1 and lit:
         later = LaterOrders(scene, [partial(_arrives, one, obstacles, scene) for one in lit])
+    at_samples, emitted_light = lit, None
+    lattice = emission.lattice_of(scene).lattice if scene.emission_lights else None
+    if lattice is not None:
+        soft = set(emission.numbers_of(lights))
+        at_samples = [one for i, one in enumerate(lit) if i not in soft]
+        brought = [partial(_arrives, lit[i], obstacles, scene) for i in sorted(soft)]
+        emitted_light = EmittedLight(scene.dark, lattice, brought)
     rays = camera_rays(scene.camera, crop)
     starts = range(0, len(rays.origins), geometry.CHUNK)
     chunks = [
-        _trace(scene, matter, lit, obstacles, later, rays.part(slice(first, first + geometry.CHUNK)))
+        _trace(
+            scene,
+            matter,
+            (lit, at_samples),
+            obstacles,
+            (later, emitted_light),
+            rays.part(slice(first, first + geometry.CHUNK)),
+        )
         for first in starts
     ]
     width, height = scene.camera.res if crop is None else (crop[2] - crop[0], crop[3] - crop[1])
@@ -216,12 +235,13 @@ def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) 
 def _trace(
     scene: Scene,
     matter: Matter,
-    lights: list[_Light],
+    of_lights: tuple[list[_Light], list[_Light]],
     obstacles: Obstacles,
-    later: LaterOrders | None,
+    on_lattices: tuple[LaterOrders | None, EmittedLight | None],
     rays: Rays,
 ) -> dict[str, Floats]:
-    """All layers of some camera rays."""
+    """All layers of some camera rays; ``of_lights``: all, and those that samples look up."""
+    (lights, at_samples), (later, emitted_light) = of_lights, on_lattices
     surfaces = obstacles.surfaces(rays)
     crossing = crossing_of(matter, rays, surfaces.distance, scene.march.cutoff)
     seen = _seen(scene, matter, rays, crossing, lights)
@@ -233,10 +253,18 @@ def _trace(
     reached, weight = np.zeros_like(seen.emitted), np.zeros((len(seen.emitted), 1))
     for light in lights:
         parts[light.layer] += _reflected(scene, matter, light, obstacles, rays, crossing, surfaces, seen)
-        from_bodies, transmitted, opacity = _scattered(scene, matter, light, obstacles, rays, crossing)
+    dark, of_dark, dark_crossing = scene, matter, crossing
+    if scene.flames and not scene.primitives:  # which the product's samples of lights do not meet
+        dark = scene.dark
+        of_dark = Matter(dark, margin_of(dark))
+        dark_crossing = crossing_of(of_dark, rays, surfaces.distance, scene.march.cutoff)
+    for light in at_samples:
+        from_bodies, transmitted, opacity = _scattered(dark, of_dark, light, obstacles, rays, dark_crossing)
         parts[light.layer] += from_bodies
         reached += transmitted
         weight += opacity
+    if emitted_light is not None:
+        parts[BY_EMISSION] += _lit_by_emission(scene.dark, emitted_light, rays, surfaces.distance)
     if later is not None:
         parts["orders"] = _scattered_again(later, matter, rays, crossing, decided(scene.march.steps))
     radiance: Floats = np.sum([*parts.values()], axis=0)
@@ -343,6 +371,17 @@ def _scattered(
         reached[pixels] += opacity * transmitted * visible
         seen[pixels] += opacity
     return radiance, reached, seen
+
+
+def _lit_by_emission(scene: Scene, light: EmittedLight, rays: Rays, limit: Floats) -> Floats:
+    """RGB that bodies scatter to the camera, up to solids, of what media emit, ``[rays, 3]``."""
+    matter, radiance = Matter(scene, margin_of(scene)), np.zeros((len(rays.origins), 3))
+    crossing = crossing_of(matter, rays, limit, scene.march.cutoff)
+    through, parts = np.ones_like(radiance), segments(crossing, crossing.medium, decided(scene.march.steps))
+    for step in march(matter, rays, crossing, parts, through):
+        points = rays.part(step.rays).at(step.distance)
+        radiance[step.rays] += step.opacity * light.source(matter, step, points)
+    return radiance
 
 
 def _scattered_again(

@@ -158,6 +158,7 @@ class Antialiasing:
             of_errors=made.get("errors"),
             of_lattice=made.get("lattice"),
             of_orders=made.get("orders"),
+            of_emission_light=made.get("emission_light"),
             added=None if sums.added is None else _layers(made["added"]),
             shows_through=made["shows_through"],
         )
@@ -257,6 +258,7 @@ def _parts(sums: Sums) -> dict[str, Floats]:
         "errors": sums.of_errors,
         "lattice": sums.of_lattice,
         "orders": sums.of_orders,
+        "emission_light": sums.of_emission_light,
     }
     if sums.added is not None:
         others["added"] = np.moveaxis(sums.added, 0, -2).reshape(*opacity.shape[:-1], -1)

@@ -24,6 +24,7 @@ from tfm_cl.model import decided
 from tfm_cl.render.raster import BLOCK
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.shadow_pyramid import bounds_res, bounds_size, shadow_bounds
+from tfm_cl.render.visibility import shadow_res
 from tfm_cl.scene.bodies.thin import thickness_of
 from tfm_cl.scene.settings import SHADOW_FILTERS
 
@@ -72,12 +73,15 @@ class LightVariant:
     is_textured: bool
     shares_samples: bool
     """They reach all of a camera ray, and are sampled in the world: one march serves them and the camera."""
+    most_texels: int | None = None
+    """Along a side of their maps: those of a launch have one size."""
 
     @classmethod
     def of(cls, light: Light, scene: Scene) -> LightVariant:
         """Return the one of a light."""
         shares = light.is_unbounded and (light.has_even_depth or scene.march.sampling == "world")
-        return cls(light.headers, tuple(light_defines(light).items()), light.is_textured, shares)
+        falloff = tuple(light_defines(light).items())
+        return cls(light.headers, falloff, light.is_textured, shares, light.most_texels)
 
 
 @dataclass(frozen=True)
@@ -172,19 +176,26 @@ class Batches:
         x0, y0, x1, y1 = touched.T
         width, height = x1 - x0, y1 - y0
         self._areas = np.maximum(width, 0) * np.maximum(height, 0)
-        sizes = np.full(len(touched), scene.shadow.res)
+        sizes = np.array([shadow_res(scene, light) for light in scene.lights], dtype=np.int64)
         if settings is None and not is_dual:
             wanted = TEXELS_PER_PIXEL * np.maximum(np.maximum(width, height), 1)
             fine = np.maximum(2 ** np.ceil(np.log2(wanted)).astype(np.int64), SMALLEST_SHADOW)
             sizes = np.minimum(fine, sizes)
         self._sizes = sizes
+        self._map_bytes = np.zeros(len(touched), dtype=np.int64)
+        if settings is not None:
+            of_maps = [map_bytes(settings.of_light(light)) for light in scene.lights]
+            self._map_bytes += media.fields.count * np.array(of_maps, dtype=np.int64)
         self._regions: LitRegions | None = None
         self._is_shadowed = self._shades_points = np.zeros(len(touched), dtype=bool)
+        self.shadowed_in_media = self._is_shadowed
+        """[lights]: those that solids keep from what has density."""
         if (tracer := visibility.tracer(scene)) is not None:
             self._regions = LitRegions.of(scene.lights)
             looked_up = self._regions.with_texels(structs["chart"], sizes)
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
             self._shades_points = tracer.may_shade(looked_up)
+            self.shadowed_in_media = tracer.may_shade(looked_up, within=scene.occupied_bounds)
         self._costs = self._costs_on(raster)
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
@@ -204,9 +215,7 @@ class Batches:
         """Bytes that each light takes."""
         x0, y0, x1, y1 = raster.spans(self._touched).T
         blocks = (-(-x1 // BLOCK) - x0 // BLOCK) * (-(-y1 // BLOCK) - y0 // BLOCK)
-        costs = self._structs.itemsize + 16 * np.maximum(blocks, 0)
-        if self._settings is not None:
-            costs = costs + self._media.fields.count * map_bytes(self._settings)
+        costs = self._structs.itemsize + 16 * np.maximum(blocks, 0) + self._map_bytes
         if self._gbuffer is not None:
             of_shadows = 4 * (self._sizes**2 + bounds_size(self._sizes))
             areas = np.maximum(x1 - x0, 0) * np.maximum(y1 - y0, 0)
@@ -300,10 +309,11 @@ class Batches:
         self._structs["first_map"][indices] = self._media.fields.count * np.arange(len(indices))
         lists_of_lights = self._primitives(indices)
         self._structs["bias"][indices] = self._biases(indices, maps)
+        lights = [self._scene.lights[index] for index in indices]
         return Batch(
             of=variant,
             indices=indices,
-            settings=self._settings,
+            settings=None if self._settings is None else self._settings.of_light(lights[0]),
             shadow_filter=0 if self._gbuffer is None else SHADOW_FILTERS[self._scene.shadow.filter],
             is_dual=self._is_dual,
             arguments={
@@ -435,7 +445,12 @@ class Batches:
             return np.zeros(1, np.uint8)
         corner = np.tile(self._raster.bounds[:2], 2)
         found = self._visibility.lit_pixels(
-            self._scene, self._raster, self._gbuffer, self._regions[batch], self._touched[batch]
+            self._scene,
+            self._raster,
+            self._gbuffer,
+            self._regions[batch],
+            self._touched[batch],
+            self._is_shadowed[batch],
         )
         if found is None:
             return np.zeros(1, np.uint8)

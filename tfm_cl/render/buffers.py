@@ -46,6 +46,8 @@ class FrameBuffers:
     """float4: its RGB albedo, and 1 on holdouts."""
     later: Output | None = None
     """float4: RGB of the later orders of scattering, where there are any."""
+    emission_light: Output | None = None
+    """float4: RGB that media scatter and solids reflect of what media emit, where that lights anything."""
 
     def arguments(self, *names: str) -> dict[str, cl.Buffer]:
         """Return kernel arguments, by name."""
@@ -69,6 +71,17 @@ class FrameBuffers:
         """What kernels must know of it when they are compiled."""
         return {"TFM_LIGHT_LAYERS": 1} if self.layers else {}
 
+    def without_emission(self) -> FrameBuffers:
+        """Return the same for kernels whose media emit nothing."""
+        return replace(self, sums={name: sum_ for name, sum_ in self.sums.items() if name not in EMISSION})
+
+    def of_emission_light(self) -> FrameBuffers:
+        """Return the same for kernels that add light of what media emit: by itself, whichever they add."""
+        own = self.emission_light
+        assert own is not None  # noqa: S101 - there is such light
+        sums = {name: sum_ for name, sum_ in self.sums.items() if name != "added"}
+        return replace(self, sums=sums | {"radiance": own}, later=own)
+
 
 @dataclass(frozen=True)
 class Sums:
@@ -85,6 +98,7 @@ class Sums:
     of_lattice: NDArray[np.float32] | None
     added: NDArray[np.float32] | None
     of_orders: NDArray[np.float32] | None
+    of_emission_light: NDArray[np.float32] | None = None
     shows_through: NDArray[np.float32] | None = None
     """[h, w, 3], of what lies behind everything; None: the transmittance where no solid is shown."""
 
@@ -116,6 +130,11 @@ class Sums:
     def later(self) -> NDArray[np.float32]:
         """RGB, and 0."""
         return np.zeros_like(self.radiance) if self.of_orders is None else self.of_orders
+
+    @property
+    def emission_light(self) -> NDArray[np.float32]:
+        """RGB, and 0."""
+        return np.zeros_like(self.radiance) if self.of_emission_light is None else self.of_emission_light
 
     @property
     def lights(self) -> NDArray[np.float32]:
@@ -159,6 +178,7 @@ def allocate(
     clear: bool = False,
     layers: int = 0,
     later: bool = False,
+    emission_light: bool = False,
 ) -> FrameBuffers:
     """Make buffers for the rays of a frame, with the solids that they show.
 
@@ -172,6 +192,8 @@ def allocate(
         That hold what ambient light and each light add; 0 where that is not asked for.
     later
         Whether later orders of scattering are added.
+    emission_light
+        Whether what media emit lights anything.
 
     Raises
     ------
@@ -187,14 +209,17 @@ def allocate(
     if layers:
         sums["added"] = _layers(launcher, (layers, *shape, 4))
         zero.append(sums["added"])
-    of_orders = launcher.output("the image", (*shape, 4), np.float32) if later else None
-    if of_orders is not None:
-        zero.append(of_orders)
+    of_orders, of_emission = (
+        launcher.output("the image", (*shape, 4), np.float32) if wanted else None
+        for wanted in (later, emission_light)
+    )
+    zero += [output for output in (of_orders, of_emission) if output is not None]
     for output in zero:
         launcher.clear(output.buffer, output.nbytes)
     return FrameBuffers(
         sums,
         later=of_orders,
+        emission_light=of_emission,
         places=launcher.upload("where rays pass", raster.places),
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
         albedo=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.albedo),
@@ -227,9 +252,12 @@ def read(
 ) -> Sums:
     """Return the sums on the host; the frame's buffers are then of no more use."""
     sums = {name: launcher.read(output) for name, output in frame.sums.items()}
-    of_orders = None if frame.later is None else launcher.read(frame.later)
-    if of_orders is not None:
-        sums["radiance"] += of_orders
+    of_orders, of_emission_light = (
+        None if output is None else launcher.read(output) for output in (frame.later, frame.emission_light)
+    )
+    for part in (of_emission_light, of_orders):
+        if part is not None:
+            sums["radiance"] += part
     return Sums(
         **{name: sums[name] for name in SUMS},
         emitted=sums.get("emission"),
@@ -239,4 +267,5 @@ def read(
         of_lattice=of_lattice,
         added=sums.get("added"),
         of_orders=of_orders,
+        of_emission_light=of_emission_light,
     )

@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.cache import Same
+from tfm_cl.device.field import Met
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.margins import camera_margin, grown, light_margin
+from tfm_cl.device.media import media_on_device
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
+from tfm_cl.plan import emission
 from tfm_cl.plan.lattice import smooth_lights
 from tfm_cl.plan.orders import lattice_of, medium_of, orders_of
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
+from tfm_cl.render.emission import EmissionLattice
 from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.orders import Orders
 from tfm_cl.render.raster import Crop
@@ -35,7 +39,6 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
     from tfm_cl.device.cache import Cache
-    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -72,7 +75,9 @@ class _Work:
     """For its lights, looked up at every sample."""
     sources: Sources | None
     layers: list[int] | None
-    """Number, from 1, of the layer that each light belongs to; None where none are asked for."""
+    """Number, from 1, of the layer that each light belongs to; None where none are asked for.
+
+    Of what media emit there are none: these lights come last."""
     builds: bool
     """Whether maps are built where they are not known."""
     batches: Batches
@@ -100,6 +105,7 @@ class _Shared:
     """Pixels that each light may change, [lights, 4]."""
     batches: Batches | None = None
     lattice: Lattice | None = None
+    emitted: EmissionLattice | None = None
     orders: tuple[Orders, TowardsCamera] | None = None
 
 
@@ -151,8 +157,8 @@ class Frame:
         wanted
             Pixels x0, y0, x1, y1 of the crop that are returned.
         layers
-            Number, from 1, of the layer that each light belongs to: what ambient light and each of these add
-            is then kept by itself.
+            Number, from 1, of the layer that each light but those of emission belongs to: what ambient light
+            and each of these add is then kept by itself.
 
         Returns
         -------
@@ -194,7 +200,7 @@ class Frame:
         has_orders = orders_of(scene) > 1 and len(scene.lights) > 0
         structs = light_structs(scene, scene.lights)
         if layers:
-            structs["layer"] = layers
+            structs["layer"][: len(layers)] = layers
         count = 0 if layers is None else 1 + max(layers, default=0)
         allocate = partial(buffers.allocate, launcher, raster, gbuffer, emits=scene.emits)
         return _Work(
@@ -203,7 +209,9 @@ class Frame:
             raster=raster,
             view=self._view(scene, self.media, raster),
             gbuffer=gbuffer,
-            frame=allocate(layers=count, later=has_orders),
+            frame=allocate(
+                layers=count, later=has_orders, emission_light=bool(emission.numbers_of(scene.lights))
+            ),
             errors=allocate(clear=True) if "map_error" in asked else None,
             without_lattice=allocate() if "lattice_error" in asked else None,
             sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
@@ -237,14 +245,20 @@ class Frame:
         launcher, scene = self.launcher, self.scene
         if work.is_first:
             shared.lattice = self._lattice(work) if work.reads_maps else None
+            shared.emitted = self._emission_lattice(work)
         lattice = shared.lattice
         on_lattice: list[int] = []
         if lattice is not None:
             on_lattice = lattice.lights
             self._light_lattice(work, lattice)
-        self._scatter(work, sorted({*range(len(scene.lights))}.difference(on_lattice)))
+        of_emission = emission.numbers_of(scene.lights)
+        others = {*range(len(scene.lights))}.difference(on_lattice, of_emission)
+        self._scatter(work, sorted(others), work.frame)
         if not work.camera_is_seen:
             work.seconds += self._see(work, work.frame, has_solids=work.gbuffer is not None)
+            work.camera_is_seen = True
+        if of_emission:
+            self._light_by_emission(work, shared.emitted, of_emission)
         if orders_of(scene) > 1 and scene.lights:
             self._scatter_again(work, shared)
         self.stats.seconds["view_pass"] += work.seconds
@@ -273,9 +287,17 @@ class Frame:
             so_far = (buffers.rgb_so_far(self.launcher, frame) for frame in (work.frame, without))
             work.lattice_change = np.subtract(*so_far)
 
-    def _scatter(self, work: _Work, lights: Sequence[int]) -> None:
+    def _scatter(self, work: _Work, lights: Sequence[int], frame: buffers.FrameBuffers) -> None:
         """Look lights up at every sample of the camera's rays."""
-        launcher, media, view, frame = self.launcher, self.media, work.view, work.frame
+        launcher, media, view = self.launcher, self.media, work.view
+        scatters, met = media, work.met
+        if self.scene.flames and not self.scene.primitives and lights:
+            # Flames only emit: the camera meets them once, and what is taken for lights need not read them.
+            if not work.camera_is_seen:
+                work.seconds += self._see(work, frame, has_solids=work.gbuffer is not None)
+                work.camera_is_seen = True
+            scatters = media_on_device(launcher, self.scene.dark, media.bricks)
+            met, frame = Met(scatters.arguments), frame.without_emission()
         samples = decided(self.scene.march.steps) * work.light_steps
         serves_camera = self._one_light_reaches_all()
         for variant, members in work.batches.groups(lights):
@@ -285,8 +307,8 @@ class Frame:
                 done = _reporter(self.progress, f"view pass, {batch.name}")
                 work.seconds += scatter(
                     launcher,
-                    media,
-                    work.met,
+                    scatters,
+                    met,
                     view,
                     batch,
                     samples,
@@ -301,6 +323,40 @@ class Frame:
                         launcher, media, work.met, view, batch, work.light_steps, frame, done
                     )
                 self._sum_errors(work, batch, maps)
+
+    def _emission_lattice(self, work: _Work) -> EmissionLattice | None:
+        """Return the lattice of what media emit and others scatter; None where all is found at samples."""
+        if not emission.numbers_of(self.scene.lights):
+            return None
+        lattice, _ = emission.lattice_of(self.scene)
+        if lattice is None:
+            return None
+        # Flames only emit, and would take most of the time.
+        dark = self.scene.dark
+        media = media_on_device(self.launcher, dark, self.media.bricks)
+        return EmissionLattice(self.launcher, dark, media, work.view, lattice)
+
+    def _light_by_emission(self, work: _Work, lattice: EmissionLattice | None, lights: Sequence[int]) -> None:
+        """Add what media scatter, and solids reflect, of what media emit."""
+        frame, tell = work.frame.of_emission_light(), _reporter(self.progress, "view pass, emission")
+        if lattice is None:
+            self._scatter(work, lights, frame)
+            return
+        fills, reflects = work.is_first, work.gbuffer is not None
+        for variant, members in work.batches.groups(lights) if fills or reflects else ():
+            for indices in work.batches.cut(members):
+                maps = self._maps_of(work, indices)
+                if fills:
+                    shadowed = work.batches.shadowed_in_media
+                    at_points = work.batches.at_points(variant, indices, maps, shadowed=shadowed)
+                    work.seconds += lattice.add(at_points, work.light_steps)
+                if reflects:
+                    batch = work.batches.batch(variant, indices, maps, whole=False)
+                    work.seconds += reflect(
+                        self.launcher, self.media, work.met, work.view, batch, work.light_steps, frame, tell
+                    )
+        steps = decided(self.scene.march.steps)
+        work.seconds += lattice.see(work.view, work.raster.bounds, steps, frame, tell)
 
     def _scatter_again(self, work: _Work, shared: _Shared) -> None:
         """Add the later orders of scattering."""

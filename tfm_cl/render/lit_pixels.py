@@ -38,7 +38,12 @@ class LitPixels:
 
 
 def lit_pixels(
-    tracer: Tracer, gbuffer: GBuffer, regions: LitRegions, lists: BlockLists, count: int
+    tracer: Tracer,
+    gbuffer: GBuffer,
+    regions: LitRegions,
+    lists: BlockLists,
+    count: int,
+    shaded: NDArray[np.bool_],
 ) -> LitPixels:
     """Trace what lights see of the solids that pixels show.
 
@@ -50,6 +55,8 @@ def lit_pixels(
         Which of them may change the pixels of each block, of `GBuffer.EDGE`.
     count
         Number of lights.
+    shaded
+        [lights]: which of them solids may keep from what is seen; of the others no ray is traced.
     """
     height, width = gbuffer.shown.shape
     edge = gbuffer.EDGE
@@ -72,13 +79,16 @@ def lit_pixels(
     def trace(part: slice) -> None:
         pair, within = np.nonzero(gbuffer.pixels[block[part]] >= 0)
         of, pixel = light[part][pair], gbuffer.pixels[block[part][pair], within]
-        found, rays = _shadow_rays(gbuffer, regions, of, pixel)
-        if not len(found):
-            return
-        of, pixel = of[found], pixel[found]
         y, x = np.divmod(pixel, width)
         place = first[of] + (y - low[of, 1]) * sizes[of, 0] + x - low[of, 0]
-        lit[place] = ~tracer.occluded(*rays)
+        asks = shaded[of]
+        lit[place[~asks]] = 1
+        if not asks.any():
+            return
+        place = place[asks]
+        found, rays = _shadow_rays(gbuffer, regions, of[asks], pixel[asks])
+        if len(found):
+            lit[place[found]] = ~tracer.occluded(*rays)
 
     in_chunks(len(light), trace, CHUNK // edge**2)
     return LitPixels(np.concatenate([low, high], axis=1), first, lit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -43,17 +44,20 @@ class Sources:
 
 
 class _Rooms:
-    """Room for the maps of a batch, in one buffer; none is allocated before the first is asked for."""
+    """Room for the maps of a batch, those of one size in one buffer.
 
-    def __init__(self, light_pass: LightPass, settings: ResolvedMap, count: int) -> None:
-        self._make = partial(light_pass.room, settings, count)
-        self._rooms: Iterator[Numbers] | None = None
+    None is allocated before the first of its size is asked for.
+    """
 
-    def next(self) -> Numbers:
-        """Return the next one."""
-        if self._rooms is None:
-            self._rooms = iter(self._make())
-        return next(self._rooms)
+    def __init__(self, light_pass: LightPass, plans: Sequence[Planned]) -> None:
+        self._light_pass, self._counts = light_pass, Counter(plan.settings for plan in plans)
+        self._rooms: dict[ResolvedMap, Iterator[Numbers]] = {}
+
+    def next(self, settings: ResolvedMap) -> Numbers:
+        """Return the next one for a map of such settings."""
+        if settings not in self._rooms:
+            self._rooms[settings] = iter(self._light_pass.room(settings, self._counts[settings]))
+        return next(self._rooms[settings])
 
 
 class MapBuilder:
@@ -106,13 +110,14 @@ class MapBuilder:
         places = [count * light + field for light in lights for field in range(count)]
         if sources.maps or not places:
             return [sources.maps[place] for place in places]
-        rooms = _Rooms(self._light_pass, sources.plans[places[0]].settings, len(places))
+        rooms = _Rooms(self._light_pass, [sources.plans[place] for place in places])
 
         self.built = set()
 
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)
-            built = self._build(sources, number, field, sources.plans[place], rooms.next(), progress)
+            plan = sources.plans[place]
+            built = self._build(sources, number, field, plan, rooms.next(plan.settings), progress)
             self.built.add(id(built))
             return built
 

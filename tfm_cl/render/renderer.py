@@ -21,7 +21,7 @@ from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.errors import SceneError
-from tfm_cl.plan import lattice, resolution
+from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
@@ -359,6 +359,7 @@ class Renderer:
             "always": True,
             "solids": bool(scene.solids),
             "emission": scene.emits,
+            "emission_light": bool(emission.numbers_of(points.lights)),
             "orders": orders_of(scene) > 1,
             "asked": False,
         }
@@ -388,7 +389,10 @@ class Renderer:
 
 
 def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:
-    """Return the number, from 1, of the layer of each single light; None where none are asked for."""
+    """Return the number, from 1, of the layer of each single light; None where none are asked for.
+
+    What media emit has a layer of its own.
+    """
     if "lights" in asked:
         return [number for number, light in enumerate(scene.lights, 1) for _ in light.parts()]
     # One for all keeps the lights out of the ambient light's.
@@ -417,6 +421,7 @@ def _single_lights(scene: Scene) -> Scene:
                     'in a medium that is everywhere; use volume.shape = "box" or "sphere", or a spot or point'
                 )
     lights = list(chain.from_iterable(light.parts() for light in scene.lights))
+    lights += emission.lights_of(scene)
     # Maps show where what is marched has density; what shadows solids cast is asked for in all media. Bodies
     # of constant density need neither, and may have thousands of lights.
     bounds = occupied = scene.occupied_bounds

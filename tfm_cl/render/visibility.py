@@ -38,6 +38,9 @@ class Sized(Protocol):
 
 T = TypeVar("T", bound=Sized)
 
+SHADOW_TEXELS = 2
+"""Along a side of a shadow map, for each of a map that is small because its light is soft."""
+
 LIGHTS = 8
 """Number of lights whose shadow maps a thread traces at a time; a large map is traced by all cores anyway."""
 
@@ -116,6 +119,7 @@ class Visibility:
         gbuffer: GBuffer | None,
         regions: LitRegions,
         touched: NDArray[np.int64],
+        shaded: NDArray[np.bool_],
     ) -> LitPixels | None:
         """Trace what lights see of the solids that pixels show; None without solids.
 
@@ -127,16 +131,19 @@ class Visibility:
             Of the lights.
         touched
             [lights, 4], the pixels x0, y0, x1, y1 of the frame that each may change.
+        shaded
+            [lights]: which of them solids may keep from what is seen.
         """
         tracer = self.tracer(scene)
         if tracer is None or gbuffer is None:
             return None
         rays = raster.key
-        key = None if rays is None else (scene.solids, scene.camera, rays, regions.key, touched.tobytes())
+        seen = scene.solids, scene.camera, rays, regions.key
+        key = None if rays is None else (*seen, touched.tobytes(), shaded.tobytes())
 
         def trace() -> LitPixels:
             lists = raster.lists_of_buffers(touched, gbuffer.EDGE)
-            return lit_pixels(tracer, gbuffer, regions, lists, len(touched))
+            return lit_pixels(tracer, gbuffer, regions, lists, len(touched), shaded)
 
         return self._keep("lit pixels", key, trace)
 
@@ -174,9 +181,11 @@ class Visibility:
 
         def make() -> NDArray[np.float32]:
             region = LitRegions.of_map(light)
-            if not tracer.may_shade(region).any():
+            # What primitives are widened by is in no bounds.
+            within = None if scene.primitives else scene.occupied_bounds
+            if not tracer.may_shade(region, within=within).any():
                 return np.full((size, size), region.reach[0], np.float32)
-            distances = self.shadow_maps(scene, [light], [scene.shadow.res])[0]
+            distances = self.shadow_maps(scene, [light], [shadow_res(scene, light)])[0]
             with self.timed():
                 return clip_of(distances, size)
 
@@ -189,6 +198,12 @@ class Visibility:
                 return make()
 
         return timed() if key is None else self._cache.get(kind, key, timed, lambda value: value.nbytes)
+
+
+def shadow_res(scene: Scene, light: Light) -> int:
+    """Return the texels along a side of a light's shadow map: of small maps a few for each of theirs."""
+    most = light.most_texels
+    return scene.shadow.res if most is None else min(scene.shadow.res, SHADOW_TEXELS * most)
 
 
 def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:

@@ -59,6 +59,10 @@ class Seen(Protocol):
         """[…, 4]: RGB of all orders of scattering after the first, and 0."""
 
     @property
+    def emission_light(self) -> Array:
+        """[…, 4]: RGB that media scatter and solids reflect of what media emit, the first order, and 0."""
+
+    @property
     def lights(self) -> Array:
         """[lights, …, 4]: RGB that media scatter and solids reflect of each, the first order, and 0."""
 
@@ -78,9 +82,9 @@ class Layer:
     channels: Literal[1, 3]
     meaning: str
     resolve: Callable[[Seen], Array]
-    made: Literal["always", "solids", "emission", "orders", "asked"] = "always"
-    """When: in every picture, where there are solids, media that emit light, or later orders of scattering,
-    or it is asked for, or only where it is asked for."""
+    made: Literal["always", "solids", "emission", "emission_light", "orders", "asked"] = "always"
+    """When: in every picture, where there are solids, media that emit light, media that light their
+    surroundings, or later orders of scattering, or it is asked for, or only where it is asked for."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,13 @@ LAYERS = {
         "RGB radiance that the media emit towards the camera, part of the picture; 0 where none does",
         lambda seen: seen.emission[..., :3].copy(),
         "emission",
+    ),
+    "emission_light": Layer(
+        3,
+        "RGB radiance that media scatter and solids reflect of what media emit, part of the picture, but for "
+        "later orders of scattering; 0 where that lights nothing",
+        lambda seen: seen.emission_light[..., :3].copy(),
+        "emission_light",
     ),
     "ambient": Layer(
         3,

@@ -76,6 +76,8 @@ KELVIN = 400.0
 """Values of a hot grid beyond it are kelvin; others are relative to the hottest."""
 FLAME = 1900.0
 """Kelvin of the hottest of those: flames of wood and oil glow at 1500 to 2000 K."""
+FIRE_LIGHTS = 48
+"""Of a fire."""
 FLAME_DEPTH = 60.0
 """Radiance of a black body's peak that a flame as deep as the volume would have."""
 
@@ -195,5 +197,6 @@ def _flame(values: Values, path: Path) -> Values:
     return {
         "temperature": hot,
         "temperature_scale": float(f"{scale:.3g}"),
+        "emission_lights": FIRE_LIGHTS,
         "Le_scale": float(f"{FLAME_DEPTH / float(np.linalg.norm(edges)):.3g}"),
     }

@@ -29,6 +29,8 @@ def _preset(value: Any) -> str | None:
     return value
 
 
+MOST_EMISSION_LIGHTS = 1024
+"""Of a body; each has a map of its own."""
 MOST_ORDERS = 1000
 """Of scattering, of which a deep cloud of albedo 1 still shows the last."""
 
@@ -73,6 +75,13 @@ class Medium(Model):
         le=LARGEST_COLOUR,
         description="radiance per world unit where that grid is hot: Le_scale times a black body's, relative "
         "to its peak",
+    )
+    emission_lights: int = Field(
+        0,
+        ge=0,
+        le=MOST_EMISSION_LIGHTS,
+        description="what the medium emits lights its surroundings, too: as so many point lights, at most, "
+        "for each volume, box or sphere; 0: only the camera sees it",
     )
 
     orders: int = Field(
@@ -162,7 +171,18 @@ class Medium(Model):
         if self.temperature is None and unused:
             value = getattr(self, unused[0])
             raise ValueError(f"{unused[0]} = {value:g} does nothing without temperature, the name of a grid")
+        if self.emission_lights and self.temperature is None and not self.emits:
+            raise ValueError(
+                f"emission_lights = {self.emission_lights} does nothing where nothing is emitted; set "
+                "emission, or temperature, the name of a grid"
+            )
         return self
+
+    @property
+    def dark(self) -> Self:
+        """The same, but it emits nothing."""
+        neutral = {"temperature": None, "temperature_offset": 0.0, "temperature_scale": 1.0, "Le_scale": 1.0}
+        return self.replace(emission=0.0, emission_lights=0, **neutral)
 
 
 def parse_medium(value: Any) -> Medium | None:

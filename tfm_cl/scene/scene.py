@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +20,14 @@ from tfm_cl.scene.bodies.flame import flame_of
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
+from tfm_cl.scene.emission_lights import emission_lights_of
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
 
 if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
+    from tfm_cl.scene.emission_lights import EmissionLight
     from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.solids.base import Solid
 
@@ -124,6 +127,14 @@ class Scene:
                     f"{key}.emission = {list(medium.emission)}: a medium everywhere that emits a colour and "
                     "extinguishes none of it is infinitely bright; give it a sigma_a > 0 in that channel"
                 )
+        unlit = [("a medium everywhere", self.medium_of(body)) for body in endless]
+        unlit += [("points, curves or polygons", self.medium_of(body)) for body in self.primitives]
+        for what, medium in unlit:
+            if medium.emission_lights and medium.emits:
+                raise SceneError(
+                    f"medium.emission_lights = {medium.emission_lights}: the emission of {what} lights "
+                    "nothing; use volumes, boxes or spheres, or emission_lights = 0"
+                )
 
     @property
     def volume(self) -> Body:
@@ -171,6 +182,34 @@ class Scene:
     def medium_of(self, body: Body) -> Medium:
         """Return what a body is made of: its own medium, or the scene's."""
         return body.own_medium or self.medium
+
+    @cached_property
+    def emission_lights(self) -> tuple[EmissionLight, ...]:
+        """What media emit, as lights on their surroundings: of each body in turn (`medium.emission_lights`).
+
+        Raises
+        ------
+        SceneError
+            More light than float32 holds.
+        """
+        found: list[EmissionLight] = []
+        for body in self.bodies:
+            medium = self.medium_of(body)
+            if medium.emission_lights:
+                found += emission_lights_of(body, medium, flame_of(body, medium))
+        return tuple(found)
+
+    @property
+    def dark(self) -> Scene:
+        """The same, but no medium emits anything."""
+        own = [(body, body.own_medium) for body in self.bodies]
+        bodies = [body if medium is None else body.with_medium(medium.dark) for body, medium in own]
+        return self.replace(volume=bodies, medium=self.medium.dark)
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether any light, or what media emit, lights it."""
+        return bool(self.lights or self.emission_lights)
 
     @property
     def media(self) -> tuple[Medium, ...]:

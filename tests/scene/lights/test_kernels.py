@@ -11,6 +11,8 @@ from tolerances import DEVICE_FUNCTION, FLOAT32, GRAZING
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device.structs.light import light_structs
+from tfm_cl.maps.probe import light_defines
+from tfm_cl.scene.emission_lights import EmissionLight
 from tfm_cl.scene.lights import LIGHTS, PointLight, SunLight
 from tfm_cl.scene.lights.charts import Hemisphere, Octahedron, Perspective
 from tfm_cl.scene.lights.texels import look_up
@@ -48,6 +50,7 @@ def many_lights():
     lights |= {f"{name}, fitted": light.fitted(bounds) for name, light in lights.items()}
     lights["spot all but flat"] = tfm.SpotLight(from_=CENTRE, to=CENTRE + SIZE, cone=89.9, blend=0.1)
     lights["sun straight down"] = SunLight(from_=(0, 1, 0), to=(0, 0, 0)).fitted(SCENE.volume.bounds)
+    lights["ball"] = EmissionLight(from_=CENTRE, core_radius=SIZE)
     return lights
 
 
@@ -64,9 +67,8 @@ def test_no_kind_is_forgotten():
 
 def device(launcher, light):
     """``light_functions.cl`` for one light."""
-    falloff = {"TFM_INVERSE_SQUARE": int(light.falloff == "inverse-square")}
     structs = light_structs(SCENE.replace(lights=(light,)), [light])
-    return Calls(launcher, KERNELS, light.headers, falloff, {"light": structs})
+    return Calls(launcher, KERNELS, light.headers, light_defines(light), {"light": structs})
 
 
 def points_for(light, rng):

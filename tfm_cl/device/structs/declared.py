@@ -88,10 +88,13 @@ LIGHT = Struct(
         Field("float", "shape", 4, "parameters of the light's kind"),
         Field("float", "chart", 4, "scale and offset from the plane of the light's chart to u and v"),
         Field("float", "intensity", 3, "RGB"),
+        Field("int", "spread", 1, "number of its spread: media have a phase function for each"),
         Field(
-            "int", "first_phase", 1, "number of the first of the media that have the phase functions for it"
+            "float",
+            "nearest_inverse",
+            1,
+            "1 / distance where inverse-square falloff ends, or of a ball 1 / radius",
         ),
-        Field("float", "nearest_inverse", 1, "inverse-square falloff stops growing at this 1 / distance"),
         Field("int", "inside_bodies", 1, "bits of the bodies of constant density that it lies in"),
         Field("int", "first_map", 1, "number of its first field's map"),
         Field("float", "bias", 1, "world, by which what is thin is looked up nearer to the light"),

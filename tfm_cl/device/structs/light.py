@@ -31,8 +31,7 @@ def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
     structs["chart"] = [frame.chart for frame in frames]
     structs["cone_from_light"] = [_rotation(frame.cone_from_light) for frame in frames]
     structs["intensity"] = [light.intensity for light in lights]
-    which = np.searchsorted(scene.spreads, [light.spread for light in lights])
-    structs["first_phase"] = len(scene.media) * which
+    structs["spread"] = np.searchsorted(scene.spreads, [light.spread for light in lights])
     structs["texture_size"] = 1
     # A sun is in no medium, wherever its map begins.
     placed = np.array([light.lit_cone() is not None for light in lights])
@@ -45,7 +44,8 @@ def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
         sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)
     else:
         sizes = np.full(len(lights), np.linalg.norm(np.diff(bounds, axis=0)))
-    structs["nearest_inverse"] = 1e6 / np.maximum(sizes, SMALLEST_SIZE)
+    cores = np.array([light.core for light in lights])
+    structs["nearest_inverse"] = 1 / np.maximum(1e-6 * np.maximum(sizes, SMALLEST_SIZE), cores)
     return structs
 
 

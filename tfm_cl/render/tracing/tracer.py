@@ -13,6 +13,7 @@ from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.mesh import MeshSolid
+from tfm_cl.scene.transform import corners_of
 
 if TYPE_CHECKING:
     from tfm_cl.render.regions import LitRegions
@@ -105,7 +106,12 @@ class Tracer:
         if self._meshes is not None:
             self._boxes.append(self._meshes.boxes)
 
-    def may_shade(self, regions: LitRegions, eye: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
+    def may_shade(
+        self,
+        regions: LitRegions,
+        eye: NDArray[np.float64] | None = None,
+        within: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.bool_]:
         """Tell in which lights' regions [n] there may be shadows; the others need no rays.
 
         Parameters
@@ -113,11 +119,18 @@ class Tracer:
         eye
             [3]: only shadows that are seen from there count. A plane hides what it shades where the eye and
             the light are on the same side of it.
+        within
+            Box [2, 3]: only shadows in there count. A plane shades nothing on the light's side of it.
         """
         met = np.zeros(len(regions.apex), dtype=bool)
         for point, normal, visible in self._planes:
             height = 0.0 if eye is None or not visible else float((eye - point) @ normal)
-            met |= regions.touch_plane(point, normal) & (regions.sides(point, normal) * height <= 0)
+            sides = regions.sides(point, normal)
+            may = regions.touch_plane(point, normal) & (sides * height <= 0)
+            if within is not None and np.isfinite(within).all():
+                heights = (corners_of(within) - point) @ normal
+                may &= (sides * heights.min() < 0) | (sides * heights.max() < 0) | (sides == 0)
+            met |= may
         for boxes in self._boxes:
             whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
             left = np.flatnonzero(~met)

@@ -30,6 +30,12 @@ class BoxVolume(Homogeneous):
         """The box."""
         return np.array([self.from_, self.to])
 
+    @property
+    def content(self) -> float:
+        """As `Homogeneous.content`."""
+        low, high = self.bounds
+        return float((high - low).prod())
+
     def kernel_shape(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Its middle, and half of its edges."""
         low, high = self.bounds

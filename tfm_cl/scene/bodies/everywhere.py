@@ -20,6 +20,11 @@ class EverywhereVolume(Homogeneous):
         """Infinite."""
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
+    @property
+    def content(self) -> float:
+        """Infinite."""
+        return np.inf
+
     def kernel_shape(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Nothing: it has no middle and no size."""
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

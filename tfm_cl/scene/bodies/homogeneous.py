@@ -53,6 +53,11 @@ class Homogeneous(Model, Body):
         """Return what its kernel header finds in ``body->centre``, world, and ``body->size``."""
 
     @property
+    @abstractmethod
+    def content(self) -> float:
+        """Its volume, world units³; infinite where it is everywhere."""
+
+    @property
     def largest_density(self) -> NDArray[np.float64]:
         """The density that it has everywhere, [3]: the same for red, green and blue."""
         return np.full(3, self.density)

@@ -1,5 +1,6 @@
 """A ball of constant density."""
 
+import math
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -25,6 +26,11 @@ class SphereVolume(Homogeneous):
         """The box around the ball."""
         centre = np.array(self.centre)
         return np.stack([centre - self.radius, centre + self.radius])
+
+    @property
+    def content(self) -> float:
+        """As `Homogeneous.content`."""
+        return 4 / 3 * math.pi * self.radius**3
 
     def kernel_shape(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Its centre, and its radius first."""

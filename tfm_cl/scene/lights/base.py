@@ -200,6 +200,16 @@ class Light(Model):
         return 0.0
 
     @property
+    def core(self) -> float:
+        """Radius, world units, of a ball that shines evenly, whose falloff it has; 0: that of a point."""
+        return 0.0
+
+    @property
+    def most_texels(self) -> int | None:
+        """Texels along a side of its map, at most; None: as many as the scene's maps have."""
+        return None
+
+    @property
     def has_even_depth(self) -> bool:
         """Whether even steps of its projective space are even in the world: constant `projective_depth`."""
         return True
@@ -251,10 +261,21 @@ class Light(Model):
         return intensity if image is None else intensity * look_up(image, positions)
 
     def falloff_at(self, distance: Floats, nearest: float) -> Floats:
-        """1, or 1 / distance², which does not grow further below the distance ``nearest``."""
+        """1, or 1 / distance², which does not grow further below the distance ``nearest``.
+
+        Of a ball of the radius R, see `core`, the mean of that over its points, where x = distance / R:
+        3/2 (1 + (1 - x²) / 2x ln |(1 + x) / (1 - x)|) / R². Within 4 %, at the surface, that is
+        (3 - x² - x⁴/5 - 3x⁸/10) / R² inside, and (1 + x⁻²/5 + 3x⁻⁶/10) / distance² outside.
+        """
         gain = np.ones(len(distance))
         if self.falloff == "inverse-square":
-            gain /= np.maximum(distance, max(nearest, TINY)) ** 2
+            squares = np.maximum(distance, max(nearest, TINY)) ** 2
+            gain /= squares
+            if self.core > 0:
+                part = np.minimum(self.core**2 / squares, 1)
+                inside = np.minimum(squares / self.core**2, 1)
+                ball = (3 - inside * (1 + inside / 5 + 0.3 * inside**3)) / self.core**2
+                gain = np.where(inside < 1, ball, gain * (1 + part / 5 + 0.3 * part**3))
         return gain
 
     def window_at(self, distance: Floats) -> Floats:
