@@ -255,9 +255,11 @@ def read(
     of_orders, of_emission_light = (
         None if output is None else launcher.read(output) for output in (frame.later, frame.emission_light)
     )
-    for part in (of_emission_light, of_orders):
-        if part is not None:
-            sums["radiance"] += part
+    # Where listed rays leave room, no pass stores anything, and any bits may lie there.
+    with np.errstate(invalid="ignore"):
+        for part in (of_emission_light, of_orders):
+            if part is not None:
+                sums["radiance"] += part
     return Sums(
         **{name: sums[name] for name in SUMS},
         emitted=sums.get("emission"),
