@@ -123,7 +123,7 @@ def expected(scene, nodes=300):
             points = rays.origins[lit, None] + t[..., None] * directions
             arrival, direction, distance, way = arriving(volume, light, points)
             visible = ~hidden(solids, points, direction, distance)
-            phase = medium.phase.evaluate(-(direction * directions).sum(axis=-1))
+            phase = medium.phase.widened(light.spread).evaluate(-(direction * directions).sum(axis=-1))
             strength = (arrival.strength.reshape(t.shape) * phase * visible)[..., None]
             strength = strength * light.intensity_at(arrival.position).reshape(*t.shape, 3)
             decay = np.exp(-(way + t - first[lit, None])[..., None] * sigma_t)
