@@ -6,9 +6,9 @@ INSTALLED := $(VENV)/.installed
 
 .PHONY: demo test test-slow test-all lint format oracles gallery bench clean
 
-demo: $(INSTALLED)  ## render a sample volume to out/cumulus.exr and out/cumulus.png
+demo: $(INSTALLED)  ## render a cloud at sunset to out/sky.exr and out/sky.png
 	mkdir -p out
-	$(BIN)/tfm render volumes/cumulus.toml -o out/cumulus.exr -o out/cumulus.png --stats
+	$(BIN)/tfm render volumes/sky.toml -o out/sky.exr -o out/sky.png --stats
 
 test: lint  ## the tests a change must pass: five minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"

@@ -7,24 +7,24 @@ from tfm_cl.cli import main
 
 VOLUMES = Path(__file__).resolve().parents[1] / "volumes"
 SIZES = {
-    "cumulus": "960x540",
+    "sky": "1280x720",
+    "cumulus": "640x360",
     "plume": "480x600",
     "figure": "480x480",
-    "fire": "480x600",
+    "fire": "1280x720",
     "smoke_and_solids": "640x480",
-    "shafts": "640x360",
+    "shafts": "1280x720",
     "two_clouds": "640x360",
     "lamps": "640x360",
     "projector": "480x480",
     "ambient": "640x360",
-    "foggy_room": "640x360",
-    "brown_and_white": "640x360",
-    "particles": "640x360",
+    "foggy_room": "1280x720",
+    "brown_and_white": "1280x720",
+    "particles": "1280x720",
     "spirals": "640x360",
     "mixed": "640x360",
-    "hair": "640x360",
+    "hair": "1280x720",
     "tree": "640x360",
-    "sky": "640x360",
 }
 
 
@@ -32,7 +32,8 @@ def render_all() -> int:
     """Render each sample scene; returns the first exit code that is not 0."""
     for name, size in SIZES.items():
         out = VOLUMES / "gallery" / f"{name}.png"
-        code = main(["render", str(VOLUMES / f"{name}.toml"), "-o", str(out), "--res", size])
+        scene = str(VOLUMES / f"{name}.toml")
+        code = main(["render", scene, "-o", str(out), "--res", size, "--samples", "16"])
         if code:
             return code
         print(out)
