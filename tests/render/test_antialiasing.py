@@ -38,6 +38,13 @@ CASES = {
         medium=GREY, lights=[SUN, SPOT.replace(cone=60)], map=SCENE.map.replace(lookup="lattice", res=64)
     ),
     "orders": make_scene(medium=GREY.replace(orders=3, phase="hg:0.3")),
+    # The plane hides from the camera what it shades, but for the lattice there are shadows.
+    "orders above a plane": make_scene(
+        medium=GREY.replace(orders=2),
+        lights=[SUN, SUN.replace(from_=(-1, 2, 0))],
+        solids=SOLIDS[:1],
+        shadow=SCENE.shadow,
+    ),
     "fog that emits": SCENE.replace(
         volume=tfm.BoxVolume(from_=(-0.9, -0.5, -0.6), to=(0.4, 0.7, 0.3), density=0.7),
         medium=GREY.replace(emission=(0.2, 0.1, 0.0)),

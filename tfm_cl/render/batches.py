@@ -420,7 +420,9 @@ class Batches:
 
         Before them come those of all other lights.
         """
+        # A batch of the same lights before may have had other ones shadowed.
         self._structs["shadow_res"][batch] = 1
+        self._structs["first_shadow"][batch] = 0
         cast = [index for index in batch if shadowed[index]]
         sizes = self._sizes[cast]
         ends, bounds_ends = 1 + (sizes**2).cumsum(), bounds_size(sizes).cumsum()
