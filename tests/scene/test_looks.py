@@ -71,6 +71,47 @@ def test_a_fire_is_as_hot_as_fires_are(tmp_path, hottest, kelvin):
     assert hottest * medium.temperature_scale == pytest.approx(kelvin, rel=0.01)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_impossible_temperatures_are_told_by_their_reader(tmp_path, value):
+    hot = np.where(DENSITY > 1, value, 0).astype(np.float32)
+    medium = SceneFile.read(bare(tmp_path, temperature=hot), (("volume.sanitize", True),), "auto").medium
+    assert medium.temperature_scale > 0
+
+
+@pytest.mark.parametrize(
+    "placed",
+    [
+        ("volume.voxel_size", 1e-4),
+        ("volume.transform", np.diag([1e-4, 1e-4, 1e-4, 1]).ravel().tolist()),
+    ],
+)
+def test_a_fire_is_as_bright_in_any_unit(tmp_path, placed):
+    path = tmp_path / "fire.npz"
+    np.savez(path, density=DENSITY, temperature=DENSITY)
+    small, large = (SceneFile.read(path, overrides, "auto").medium for overrides in ([placed], []))
+    assert small.Le_scale == pytest.approx(1e4 * large.Le_scale, rel=0.01)
+    for key in ("volume.voxel_size", "volume.transform"):
+        with pytest.raises(SceneError, match=key):
+            SceneFile.read(path, ((key, [[1], ["a", 2]]),), "auto")
+
+
+def test_a_fire_without_a_hot_grid_says_what_to_do(tmp_path):
+    with pytest.raises(tfm.errors.VolumeError, match=r"medium\.temperature.*no grid named.*preset 'smoke'"):
+        dressed(bare(tmp_path), look="fire")
+
+
+def test_there_is_no_level_ground_where_up_is_no_axis(tmp_path):
+    assert dressed(bare(tmp_path), ("camera.up", (0, 1, 1)), look="smoke")[1].solids == ()
+
+
+@pytest.mark.parametrize("section", ["camera", "image"])
+def test_what_is_no_table_is_refused(tmp_path, section):
+    bare(tmp_path)
+    (tmp_path / "scene.toml").write_text(f'{section} = 3\n[volume]\nfile = "cloud.npz"\n')
+    with pytest.raises(SceneError, match=rf"{section} should be a table"):
+        SceneFile.read(tmp_path / "scene.toml", (), "smoke")
+
+
 def test_plain_is_what_scenes_and_the_library_have(tmp_path):
     path = bare(tmp_path)
     plain, library = dressed(path, look="plain")[1], tfm.Scene.load(path)

@@ -6,16 +6,22 @@ where it helps, a camera that what is seen fills, and how the picture is shown. 
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError, VolumeError, unknown_key
 from tfm_cl.files import volume_io
+from tfm_cl.files.volume_io.grid import Grid
+from tfm_cl.files.volume_io.leaves import Leaves
+from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.lights.base import LIGHTS
+from tfm_cl.scene.solids.base import UPWARDS
 
 PLAIN, AUTO = "plain", "auto"
 Values = dict[str, Any]
@@ -158,17 +164,38 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
         if stage.medium is None and "medium.orders" not in given:  # which octaves do not go with
             values["medium"]["octaves"] = OCTAVES
         if look == "fire":
-            values["medium"] |= _flame(values, path)
+            values["medium"] |= _flame(values, path, given)
     if "light" in values or not _keys("light", given) <= set(LIGHTS["sky"].keys()) - {"type"}:
         return
     sky = {"elevation": stage.elevation, "azimuth": stage.azimuth, "turbidity": stage.turbidity}
-    up = given.get("camera.up", values.get("camera", {}).get("up", (0, 1, 0)))
+    # What is no table is refused with the rest of the file.
+    camera = values["camera"] if isinstance(values.get("camera"), dict) else {}
+    up = given.get("camera.up", camera.get("up", (0, 1, 0)))
     sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "samples": PARTS, "up": up}
     values["light"] = [{"type": "sky", **sky}]
-    if "solid" not in values and stage.has_ground:
+    if "solid" not in values and stage.has_ground and _is_level(up):
         values["solid"] = [{"shape": "ground", "albedo": GROUND}]
     shown = {"background": "environment", "samples": stage.samples, "view": "filmic", "exposure": "auto"}
-    values["image"] = shown | values.get("image", {})
+    if isinstance(values.setdefault("image", {}), dict):
+        values["image"] = shown | values["image"]
+
+
+def _is_level(up: Any) -> bool:
+    """Tell whether a ground is level where that is up: it is one of the world's axes."""
+    vector = _numbers(up, (3,))
+    return vector is None or float(np.abs(vector).max()) >= UPWARDS * float(np.linalg.norm(vector))
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Return an array of that shape; None for what the scene will refuse."""
+    try:
+        numbers = np.asarray(value, np.float64)
+        numbers = (
+            numbers.reshape(shape) if numbers.size == math.prod(shape) else np.broadcast_to(numbers, shape)
+        )
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return numbers if bool((np.abs(numbers) <= LARGEST_COORDINATE).all()) else None
 
 
 def _keys(section: str, given: Values) -> set[str]:
@@ -182,21 +209,38 @@ def framing(look: str) -> Values:
     return {} if look == PLAIN else {"filled": FILLED, "height": LOOKS[look].height}
 
 
-def _flame(values: Values, path: Path) -> Values:
+def _flame(values: Values, path: Path, given: Values) -> Values:
     """Return what glows, and how brightly, of the file of the only volume."""
     body = values["volume"] if isinstance(values.get("volume"), dict) else {}
+    body = body | {key: given[f"volume.{key}"] for key in _keys("volume", given) if f"volume.{key}" in given}
     name = body.get("file")
     source = path.parent / name if isinstance(name, str) else path
     hot = hot_grid(source)
     if hot is None:
         return {}
     grid = volume_io.choose_grid(source, hot)
-    hottest = float(volume_io.read_stored(source, grid).max())
-    edges = grid.world_from_index[:3, :3] @ np.array(grid.shape[::-1])
-    scale = 1.0 if hottest > KELVIN else FLAME / max(hottest, 1e-6)
+    hottest = _hottest(volume_io.read_stored(source, grid))
+    scale = 1.0 if hottest > KELVIN else FLAME / hottest
+    deep = max(float(np.linalg.norm(_axes(grid, body) @ np.array(grid.shape[::-1]))), 1 / LARGEST_COORDINATE)
     return {
         "temperature": hot,
-        "temperature_scale": float(f"{scale:.3g}"),
+        "temperature_scale": float(f"{min(scale, LARGEST_COLOUR):.3g}"),
         "emission_lights": FIRE_LIGHTS,
-        "Le_scale": float(f"{FLAME_DEPTH / float(np.linalg.norm(edges)):.3g}"),
+        "Le_scale": float(f"{min(FLAME_DEPTH / deep, LARGEST_COLOUR):.3g}"),
     }
+
+
+def _hottest(stored: NDArray[np.float32] | Leaves) -> float:
+    """Return the largest finite value, if it is more than none: its reader says what is not."""
+    values = stored.values if isinstance(stored, Leaves) else stored
+    hottest = float(values.max(initial=0.0, where=np.isfinite(values)))
+    return hottest if hottest > 0 else FLAME
+
+
+def _axes(grid: Grid, body: Values) -> NDArray[np.float64]:
+    """3×3: edges of a voxel in the world, where the scene puts it."""
+    axes = grid.world_from_index[:3, :3]
+    if not grid.has_transform and (edges := _numbers(body.get("voxel_size", 1.0), (3,))) is not None:
+        axes = np.diag(edges)
+    moved = _numbers(body.get("transform", np.eye(4)), (4, 4))
+    return axes if moved is None else moved[:3, :3] @ axes

@@ -19,6 +19,7 @@ from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.scene.blackbody import COLDEST, HOTTEST, Table
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.medium import Medium
+from tfm_cl.scene.presets import PRESETS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,7 +65,12 @@ def flame_of(body: Body, medium: Medium) -> Volume | None:
 
 def _read(volume: Volume, path: Path, medium: Medium, name: str) -> Volume:
     """Read the flame of a volume of ``path``, placed in the volume's indices."""
-    grid = volume_io.choose_grid(path, name)
+    try:
+        grid = volume_io.choose_grid(path, name)
+    except VolumeError as error:
+        of_preset = medium.preset is not None and "temperature" in PRESETS[medium.preset].medium
+        advice = "; name the grid that is hot, or take the preset 'smoke'" if of_preset else ""
+        raise VolumeError(f"medium.temperature = {shown(name)}: {error}{advice}") from None
     label = f"{path}: grid {shown(grid.name)}"
     if grid.read_colour is not None:
         raise VolumeError(f"{label} has three values per voxel; a temperature is one")
@@ -98,7 +104,7 @@ def _read(volume: Volume, path: Path, medium: Medium, name: str) -> Volume:
     flame = Volume.of_channels(channels, world_from_index=place, name=grid.name, source=path)
     flame.notes = grid.notes
     if hottest <= COLDEST:
-        cold = f"medium.temperature: {label} is at most {max(hottest, 0):.4g} K hot"
+        cold = f"medium.temperature: {label} is at most {max(hottest, 0.0) + 0.0:.4g} K hot"
         flame.notes += (f"{cold}, and up to {COLDEST:g} K nothing glows: raise medium.temperature_scale",)
     return flame
 
