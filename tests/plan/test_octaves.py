@@ -56,6 +56,12 @@ def test_each_medium_has_its_own_and_a_number_that_is_given_stays():
     assert [medium.contribution for medium in media] == [*decided.values(), 0.125]
 
 
+def test_a_medium_without_extinction_has_one():
+    nothing = WHITE.replace(sigma_s=0.0, emission=1.0)
+    ((_, number, _),) = octaves.contributions(make_scene(volume=SLAB, medium=nothing))
+    assert 0 <= number <= 1
+
+
 def test_single_scattering_needs_none():
     scene = make_scene(volume=SLAB)
     assert not list(octaves.contributions(scene))

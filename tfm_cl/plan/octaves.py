@@ -112,7 +112,8 @@ _DEPTHS: WeakKeyDictionary[MarchedBody, dict[float, float]] = WeakKeyDictionary(
 def _of_lines(body: MarchedBody, extinction: float) -> float:
     found = []
     for lines in body.line_depths():
-        depths = lines[lines > 0] * extinction
+        depths = lines * extinction
+        depths = depths[depths > 0]  # none of a medium that only emits
         if depths.size:
             found.append(
                 float(np.exp(np.average(np.log(depths), weights=np.maximum(-np.expm1(-depths), TINY))))
