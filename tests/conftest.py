@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
@@ -46,13 +47,29 @@ that is quick, and modules beside it have the device's own number. Most device f
 both."""
 
 
-def pytest_collection_modifyitems(items):
+EVERY = 3
+"""Of the cases of a test that differ from others in the rays a work-item only, and that no CPU chooses, each
+third is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
+
+
+def pytest_collection_modifyitems(config, items):
     """Mark as slow what differs in the rays a work-item only, and all but the `quick` cases of a test."""
+    asked_for = any("::" in argument for argument in config.args)
+    counts, left_out = Counter(), []
     for item in items:
         slow = SLOW_LANES.get(item.path.stem, SLOW_LANES.get(item.path.parent.name, ONE))
         quick = item.get_closest_marker("quick")
-        if any(lanes in item.name for lanes in slow) or (quick and case_of(item) not in quick.args):
+        is_slow = any(lanes in item.name for lanes in slow)
+        if is_slow or (quick and case_of(item) not in quick.args):
             item.add_marker(pytest.mark.slow)
+        if is_slow and slow is ONE and not asked_for:
+            test = item.path, item.originalname
+            if counts[test] % EVERY:
+                left_out.append(item)
+            counts[test] += 1
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in set(left_out)]
 
 
 def case_of(item):
