@@ -53,6 +53,12 @@ def test_strands_are_hair(tmp_path):
     assert scene.medium.phase.type == "kajiya-kay"
 
 
+def test_what_one_scene_changes_no_other_has(tmp_path):
+    np.savez(tmp_path / "a.npz", positions=np.eye(3), counts=[3], width=0.1)
+    dressed(tmp_path / "a.npz", ("medium.octaves", 2))
+    assert dressed(tmp_path / "a.npz")[1].medium.octaves == 1
+
+
 @pytest.mark.parametrize("look", [look for look in LOOKS if look not in {"fire", "hair"}])
 def test_a_look_sets_a_stage(tmp_path, look):
     file, scene = dressed(bare(tmp_path), look=look)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -82,6 +83,8 @@ KELVIN = 400.0
 """Values of a hot grid beyond it are kelvin; others are relative to the hottest."""
 FLAME = 1900.0
 """Kelvin of the hottest of those: flames of wood and oil glow at 1500 to 2000 K."""
+BESIDE_PRESETS = frozenset({"preset", "octaves", "orders", "emission_lights"})
+"""Keys of a medium that do not say what it is made of."""
 FIRE_LIGHTS = 48
 """Of a fire."""
 FLAME_DEPTH = 60.0
@@ -154,13 +157,8 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
         By dotted key, what will be set besides.
     """
     stage = LOOKS[look]
-    if "medium" not in values and _keys("medium", given) <= {
-        "preset",
-        "octaves",
-        "orders",
-        "emission_lights",
-    }:
-        values["medium"] = stage.medium or {"preset": look}
+    if "medium" not in values and _keys("medium", given) <= BESIDE_PRESETS:
+        values["medium"] = {"preset": look} if stage.medium is None else deepcopy(stage.medium)
         if stage.medium is None and "medium.orders" not in given:  # which octaves do not go with
             values["medium"]["octaves"] = OCTAVES
         if look == "fire":
