@@ -961,6 +961,7 @@ def test_no_ray_no_curves(volume, out, monkeypatch):
         (["--set", "map.basis=klt"], "map.basis is what the sweep goes through: give its values to --bases"),
         (["--set", "map.max_error=0.1"], "map.max_error chooses coeffs, which the sweep goes through"),
         (["--set", "map.colour=1"], "unknown key 'colour' in [map]"),
+        (["--set", "image.samples=4"], "image.samples: a sweep compares what passes make of whole frames"),
     ],
 )
 def test_wrong_options(volume, out, capsys, options, message):

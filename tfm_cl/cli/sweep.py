@@ -104,6 +104,7 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--filter",
         "--exposure",
         "--view",
+        "--background",
         "--transparent",
         "--png-bits",
         "--dither",
@@ -136,6 +137,9 @@ def command(
     """  # noqa: D301 - click wants the character \b, not its escape
     axes = {parameter: given.pop(parameter) for parameter in AXES}
     changes = overrides(given, settings)
+    for key, _ in changes:
+        if key.startswith("image."):
+            raise click.UsageError(f"{key}: a sweep compares what passes make of whole frames; leave it out")
     _check_apart(axes, [key for key, _ in changes])
     if converged_steps is not None and not converged:
         raise click.UsageError("--converged-steps: there is nothing converged with --no-converged")
