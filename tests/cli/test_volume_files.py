@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 SEVERAL = Path(__file__).resolve().parents[1] / "files" / "volume_io" / "data" / "several.vdb"
 
@@ -23,6 +24,7 @@ def test_a_shared_name_means_the_first_grid_and_a_warning_says_so(cli, tiny):
     assert [renders == "yes" for renders in grids.values()] == [True, True, True, True, False, False]
 
 
+@pytest.mark.slow
 def test_vectors_colour_a_density(cli, tiny):
     refused = cli("render", SEVERAL, "-o", "a.npy", *tiny, "--grid", "velocity")
     assert refused.code == 2

@@ -189,7 +189,7 @@ def test_the_choice_is_kept_for_the_next_frame(renderer, monkeypatch):
         renderer.render(scene_of())
 
 
-@pytest.mark.quick("black")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene",
     [

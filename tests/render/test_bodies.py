@@ -206,7 +206,7 @@ SOLIDS = (
 )
 
 
-@pytest.mark.quick("two boxes-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("mixture", ["a grid in fog", "white beside brown", "two boxes", "all kinds"])
 def test_among_solids(renderer, save_on_failure, mixture, method):

@@ -80,7 +80,7 @@ def test_beer_lambert(renderer):
     assert pixel[3] == pytest.approx(1 - expected.mean(), rel=QUADRATURE)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_an_opaque_white_medium_returns_albedo_over_2_of_collimated_light(renderer, method):
     # Half space lit and seen along its normal: L = albedo p I / 2 for any density (TFM eq. 4 integrated).

@@ -194,6 +194,7 @@ def test_the_picture_is_linear_in_emission(renderer):
     np.testing.assert_array_equal(thrice[..., 3], once[..., 3])
 
 
+@pytest.mark.slow
 def test_emission_may_change_without_a_new_map(new_renderer):
     with new_renderer() as session:
         session.render(SCENE.replace(volume=[GRID, GRID.with_medium(SCENE.medium)]))

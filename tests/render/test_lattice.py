@@ -375,6 +375,7 @@ def test_what_the_camera_does_not_see(renderer):
     assert (part.image == renderer.render(on_lattice(scene_of())).image[3:19, 5:21]).all()
 
 
+@pytest.mark.slow
 def test_an_empty_grid_is_black(renderer):
     found, truth = both(renderer, scene_of(volume=a_blob(density_scale=0.0)))
     assert (found.image == truth.image).all()

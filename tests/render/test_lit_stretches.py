@@ -80,7 +80,7 @@ def check_same(renderer, monkeypatch, scene):
     return expected.image
 
 
-@pytest.mark.quick("pcf-spot", "nearest-sun")
+@pytest.mark.quick("pcf-spot")
 @pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
 @pytest.mark.parametrize("filtering", ["pcf", "nearest"])
 def test_pictures_are_those_of_every_sample(renderer, monkeypatch, filtering, light):
@@ -108,12 +108,13 @@ CASES = {
 }
 
 
-@pytest.mark.quick("several bodies", "many lights")
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", CASES.values(), ids=CASES)
 def test_other_scenes_are_those_of_every_sample(renderer, monkeypatch, scene):
     check_same(renderer, monkeypatch, scene)
 
 
+@pytest.mark.slow
 def test_textures_are_those_of_every_sample(renderer, monkeypatch, tmp_path, rng):
     pixels = np.ones((6, 9, 4), np.float32)
     pixels[..., :3] = rng.random((6, 9, 3))

@@ -76,6 +76,7 @@ def test_without_extinction_on_the_way_they_add_up(renderer):
     assert np.abs(found - expected).max() < 1e-3 * expected.max() + PASS
 
 
+@pytest.mark.slow
 def test_no_map_knows_of_them(renderer):
     scene = make_scene(volume=CLOUD)
     maps = renderer.build_maps(scene)

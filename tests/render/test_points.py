@@ -202,7 +202,7 @@ def assert_gathers_all(found, points, rays):
     np.testing.assert_allclose(found, exact, rtol=50 * PASS, atol=50 * PASS)
 
 
-@pytest.mark.quick("point light inside-50")
+@pytest.mark.slow
 @pytest.mark.parametrize("res", [50, 160])
 @pytest.mark.parametrize("light", AMONG)
 def test_light_rays_gather_all_points_that_they_cross(renderer, rng, light, res):

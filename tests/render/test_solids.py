@@ -640,7 +640,7 @@ def test_the_sky_does_not_shine_through_the_ground(renderer):
     assert image[..., :3].mean() == pytest.approx(exact[..., :3].mean(), rel=1e-3)
 
 
-@pytest.mark.quick("dual")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_large_ground_costs_no_digits(renderer, method):
     sun = SunLight(from_=(1, 1, 0.3), to=(0, 0, 0), **BRIGHT)
@@ -730,6 +730,7 @@ def test_a_texture_colours_medium_and_solids_alike(renderer, tmp_path, save_on_f
         check_equal(renderer, save_on_failure, scene, method)
 
 
+@pytest.mark.slow
 def test_a_medium_far_from_the_origin_among_solids(renderer, save_on_failure):
     away = np.array([1e4, -2e4, 1e4])
     placed = turned(25, (1, 2, 0.5), (0.15, 0.2, 0.14), np.add(away, (-1.1, -1.0, -0.9)))
