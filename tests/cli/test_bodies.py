@@ -126,7 +126,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.quick("volume.2.density=0.03")
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_set_does_what_the_file_would(picture, scene, change):
     before, changed = picture(scene()), picture(scene(), "--set", change)

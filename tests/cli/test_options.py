@@ -440,6 +440,7 @@ def test_a_configuration_needs_no_opencl(scene):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_print_config_writes_what_json_writes(cli, scene, tiny):
     done = cli("render", scene, "-o", "a.npy", "--print-config", "--json", "b.json", *tiny)
     options = json.loads((scene.parent / "b.json").read_text())["options"]

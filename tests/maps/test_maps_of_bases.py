@@ -197,6 +197,7 @@ def test_blur_needs_numbers_that_are_linear_in_density(settings):
         resolve(tfm.MapSettings(blur=3.0, **settings))
 
 
+@pytest.mark.slow
 def test_blurred_numbers_are_those_of_blurred_density(renderer):
     """FOM section 6, in one range for all rays: the blur of the numbers is the number of the blurred
     density."""

@@ -324,7 +324,7 @@ def test_homogeneous_bodies_against_midpoints(renderer, bodies, light):
         assert np.abs(result.image[..., 3] - (1 - transmittance.mean(axis=-1))).max() < CHORD + MARCHED
 
 
-@pytest.mark.quick("box")
+@pytest.mark.slow
 @pytest.mark.parametrize("body", [BOX, BALL, ROOM], ids=["box", "ball", "room"])
 def test_a_body_and_itself_are_a_denser_one(renderer, body):
     march = tfm.MarchSettings(steps=200, cutoff=0)

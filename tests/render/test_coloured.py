@@ -739,7 +739,7 @@ def test_print_config_and_set(folder, capsys):
 
 @pytest.mark.slow
 def test_a_bare_archive_renders_in_its_colours(folder, capsys):
-    tiny = ("--res", "16x9", "--method", "dual", "--steps", "8", "--light-steps", "8")
+    tiny = ("--look", "plain", "--res", "16x9", "--method", "dual", "--steps", "8", "--light-steps", "8")
     images = []
     for number, setting in enumerate(((), ("--set", "volume.colour=false"))):
         out = folder / f"{number}.npy"

@@ -292,6 +292,7 @@ def noisy(tmp_path, rng):
     return make_folder(tmp_path / "out", rows, noise)
 
 
+@pytest.mark.quick("7-True")
 @pytest.mark.parametrize(("megabytes", "some_left_out"), [(12, False), (7, True)])
 def test_the_file_keeps_to_its_limit(noisy, megabytes, some_left_out):
     text = page(grouped(read_rows(noisy)), noisy, limit=megabytes * 10**6)

@@ -285,7 +285,8 @@ class Frame:
         work.camera_is_seen = True
         if without is not None:
             so_far = (buffers.rgb_so_far(self.launcher, frame) for frame in (work.frame, without))
-            work.lattice_change = np.subtract(*so_far)
+            with np.errstate(invalid="ignore"):  # any bits may lie where listed rays leave room
+                work.lattice_change = np.subtract(*so_far)
 
     def _scatter(self, work: _Work, lights: Sequence[int], frame: buffers.FrameBuffers) -> None:
         """Look lights up at every sample of the camera's rays."""

@@ -110,6 +110,7 @@ def peak_of(function, *arguments):
     return result, peak
 
 
+@pytest.mark.quick("shape0")
 @pytest.mark.parametrize("shape", [(256, 256, 256), (1, 4096, 4096), (4001, 4001, 1), (1, 1, 1 << 24)])
 def test_no_second_dense_array(shape, monkeypatch):
     array = np.zeros(shape, np.float32)
