@@ -21,10 +21,7 @@ __kernel void emission_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMEN
   if (!any_lane(points.wanted))
     return;
   const Vec3 point = position_of(orders, &points);
-  const Vec3 from_camera = vec3(point.x - view->position[0], point.y - view->position[1], point.z - view->position[2]);
-  Ray ray;
-  ray.origin = point;
-  ray.direction = scale3(reciprocal_sqrt(greatest(dot3(from_camera, from_camera), floats(FLT_MIN))), from_camera);
+  const Ray ray = rays_beyond(view, point);
   SCENE(scene, ints(-1), ints(-1));
   LIGHT_BUFFERS(buffers);
 

@@ -86,10 +86,7 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
                                      vec3(TO_FLOATS(voxels.x + block[0] * BLOCK_EDGE),
                                           TO_FLOATS(voxels.y + block[1] * BLOCK_EDGE),
                                           TO_FLOATS(voxels.z + block[2] * BLOCK_EDGE)));
-  const Vec3 from_camera = vec3(point.x - view->position[0], point.y - view->position[1], point.z - view->position[2]);
-  Ray ray;
-  ray.origin = point;
-  ray.direction = scale3(reciprocal_sqrt(dot3(from_camera, from_camera)), from_camera);
+  const Ray ray = rays_beyond(view, point);
   SCENE(scene, ints(-1), ints(-1));
   LIGHT_BUFFERS(buffers);
 

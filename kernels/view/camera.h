@@ -58,6 +58,16 @@ TFM_INLINE Ray camera_rays(VIEW view, Pixels pixels)
   return ray;
 }
 
+/* From points on, straight away from the camera. */
+TFM_INLINE Ray rays_beyond(VIEW view, Vec3 point)
+{
+  const Vec3 away = vec3(point.x - view->position[0], point.y - view->position[1], point.z - view->position[2]);
+  Ray ray;
+  ray.origin = point;
+  ray.direction = scale3(reciprocal_sqrt(greatest(dot3(away, away), floats(FLT_MIN))), away);
+  return ray;
+}
+
 /* Bounds, in pixels, of where the image shows a ball. */
 TFM_INLINE void image_bounds(VIEW view, Vec3 centre, Floats reach, Floats *low, Floats *high)
 {

@@ -64,6 +64,6 @@ def test_a_medium_without_extinction_has_one():
 
 def test_single_scattering_needs_none():
     scene = make_scene(volume=SLAB)
-    assert not list(octaves.contributions(scene))
-    assert octaves.resolved(scene) is scene
+    assert octaves.contributions(scene) == []
+    assert octaves.resolved(scene, []) is scene
     assert scene.medium.octave_terms.shape == (3, 1)

@@ -16,7 +16,7 @@ import numpy as np
 from tfm_cl.scene.bodies.base import MarchedBody
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Sequence
 
     from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.medium import Medium
@@ -31,6 +31,8 @@ TIMES_SCATTERED = 1.1
 """Of one octave more, at an optical depth of 1; it grows with its root."""
 SHALLOWEST = 1e-9
 """Optical depth that counts as none."""
+SHARED = "medium"
+"""Section of the medium of bodies that have none of their own."""
 TINY = 1e-300
 """Least opacity, with which a mean has weights."""
 
@@ -44,42 +46,43 @@ class Contribution(NamedTuple):
     why: str
 
 
-def contributions(scene: Scene) -> Iterator[Contribution]:
-    """Yield what is left open."""
-    several = len(scene.bodies) > 1
-    sections = [
-        "medium" if body.own_medium is None else f"volume{f'.{i}' if several else ''}.medium"
-        for i, body in enumerate(scene.bodies)
-    ]
+def contributions(scene: Scene) -> list[Contribution]:
+    """Decide what is left open."""
+    sections, found = _sections(scene), []
     for section in dict.fromkeys(sections):
         bodies = [body for body, own in zip(scene.bodies, sections, strict=True) if own == section]
         medium = scene.medium_of(bodies[0])
         if medium.octaves > 1 and medium.contribution == "auto":
             depth = max(_depth(body, medium) for body in bodies)
-            yield Contribution(
-                section,
-                _contribution(depth, medium),
-                f"as bright as all orders, at an optical depth of {depth:.2g} in the mean",
-            )
+            why = f"as bright as all orders, at an optical depth of {depth:.2g} in the mean"
+            found.append(Contribution(section, _contribution(depth, medium), why))
+    return found
 
 
-def resolved(scene: Scene) -> Scene:
-    """Return the scene with a number wherever octaves need one."""
-    found = {decided.section: decided.number for decided in contributions(scene)}
-    if not found:
+def resolved(scene: Scene, decided: Sequence[Contribution]) -> Scene:
+    """Return the scene with the numbers that were decided."""
+    if not decided:
         return scene
-    several = len(scene.bodies) > 1
-    bodies = []
-    for i, body in enumerate(scene.bodies):
-        number = found.get(f"volume{f'.{i}' if several else ''}.medium")
-        own = body.own_medium
-        bodies.append(
-            body if number is None or own is None else body.with_medium(own.replace(contribution=number))
-        )
+    numbers = {one.section: one.number for one in decided}
+    bodies = [
+        body.with_medium(scene.medium_of(body).replace(contribution=numbers[section]))
+        if section in numbers and body.own_medium is not None
+        else body
+        for body, section in zip(scene.bodies, _sections(scene), strict=True)
+    ]
     medium = scene.medium
-    if "medium" in found:
-        medium = medium.replace(contribution=found["medium"])
+    if SHARED in numbers:
+        medium = medium.replace(contribution=numbers[SHARED])
     return scene.replace(volume=bodies, medium=medium)
+
+
+def _sections(scene: Scene) -> list[str]:
+    """Where the medium of each body stands in a scene file."""
+    several = len(scene.bodies) > 1
+    return [
+        SHARED if body.own_medium is None else f"volume{f'.{i}' if several else ''}.medium"
+        for i, body in enumerate(scene.bodies)
+    ]
 
 
 def _contribution(depth: float, medium: Medium) -> float:

@@ -25,7 +25,7 @@ def warnings(file: SceneFile, scene: Scene) -> tuple[str, ...]:
         for number, settings, volume in grids(file, scene)
         if "density_scale" not in settings.model_fields_set
         and _is_far_from_one(
-            sensible := density_scale_for(volume, scene.medium_of(volume).optical_depth),
+            sensible := density_scale_for(volume, scene.medium_of(volume).typical_depth),
             float(scene.medium_of(volume).sigma_t.max()),
         )
     )

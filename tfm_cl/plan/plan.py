@@ -156,11 +156,11 @@ def plan(
     orders.check(scene)
     decisions = {} if file is None else dict(_placed(scene, file))
     decisions |= dict(_of_orders(scene)) | dict(_of_emission(scene))
+    contributions = octaves.contributions(scene)
     decisions |= {
-        f"{found.section}.contribution": Decision(found.number, found.why)
-        for found in octaves.contributions(scene)
+        f"{found.section}.contribution": Decision(found.number, found.why) for found in contributions
     }
-    scene = octaves.resolved(scene)
+    scene = octaves.resolved(scene, contributions)
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.is_lit)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(
@@ -275,7 +275,7 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
         if settings.density_scale == "auto":
             yield (
                 f"volume.{number}density_scale",
-                Decision(volume.density_scale, why_density(scene.medium_of(volume).optical_depth)),
+                Decision(volume.density_scale, why_density(scene.medium_of(volume).typical_depth)),
             )
     yield from _chosen(scene)
     camera = scene.camera.to_dict()

@@ -100,8 +100,7 @@ def why_unseen(result: RenderResult, visibility: Visibility) -> str:
     """Tell why a whole frame shows nothing of the medium, though other things; empty where it shows some."""
     scene = result.scene
     whole = result.crop == (0, 0, *scene.camera.res)
-    seen = (row.min() < 1 for row in rows_from_the_middle(result.aovs["transmittance"]))
-    if not whole or any(seen) or (scene.emits and result.aovs["emission"].any()):
+    if not whole or result.meets_medium:
         return ""
     reason = _Finder(result, visibility, visibility.gbuffer(scene, Crop(result.crop))).why_unseen()
     return f"the picture shows nothing of the medium: {reason}" if reason else ""

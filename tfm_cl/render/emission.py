@@ -15,6 +15,7 @@ import numpy as np
 
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import ORDERS
+from tfm_cl.render.lattice_points import TowardsCamera, see_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -141,17 +142,6 @@ class EmissionLattice:
             return 0.0
         headers, defines = pass_variant(self.media, self._scattering, has_solids=bool(self.scene.solids))
         kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
-        return self.launcher.run_windows(
-            kernel,
-            bounds,
-            steps,
-            self.media.arguments
-            | frame.arguments("places", "solid", "later")
-            | {
-                "view": view,
-                "orders": self._struct,
-                "scattered": self._numbers,
-                "colour": (1.0, 1.0, 1.0, 0.0),
-            },
-            done,
-        )
+        known = self.media.arguments | {"view": view, "orders": self._struct}
+        found = TowardsCamera(self._numbers, RGB * self._scattering, (1.0, 1.0, 1.0))
+        return see_points(self.launcher, kernel, known, found, bounds, steps, frame, done)

@@ -47,8 +47,9 @@ if TYPE_CHECKING:
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
+    from tfm_cl.render.lattice_points import TowardsCamera
     from tfm_cl.render.maps import MapBuilder, Sources
-    from tfm_cl.render.orders import Scattered, TowardsCamera
+    from tfm_cl.render.orders import Scattered
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import Visibility
@@ -297,7 +298,7 @@ class Frame:
             if not work.camera_is_seen:
                 work.seconds += self._see(work, frame, has_solids=work.gbuffer is not None)
                 work.camera_is_seen = True
-            scatters = media_on_device(launcher, self.scene.dark, media.bricks)
+            scatters = self._dark
             met, frame = Met(scatters.arguments), frame.without_emission()
         samples = decided(self.scene.march.steps) * work.light_steps
         serves_camera = self._one_light_reaches_all()
@@ -325,6 +326,11 @@ class Frame:
                     )
                 self._sum_errors(work, batch, maps)
 
+    @cached_property
+    def _dark(self) -> MediaOnDevice:
+        """Its media as if they emitted nothing: flames only emit, and would take most of the time."""
+        return media_on_device(self.launcher, self.scene.dark, self.media.bricks)
+
     def _emission_lattice(self, work: _Work) -> EmissionLattice | None:
         """Return the lattice of what media emit and others scatter; None where all is found at samples."""
         if not emission.numbers_of(self.scene.lights):
@@ -332,10 +338,7 @@ class Frame:
         lattice, _ = emission.lattice_of(self.scene)
         if lattice is None:
             return None
-        # Flames only emit, and would take most of the time.
-        dark = self.scene.dark
-        media = media_on_device(self.launcher, dark, self.media.bricks)
-        return EmissionLattice(self.launcher, dark, media, work.view, lattice)
+        return EmissionLattice(self.launcher, self.scene.dark, self._dark, work.view, lattice)
 
     def _light_by_emission(self, work: _Work, lattice: EmissionLattice | None, lights: Sequence[int]) -> None:
         """Add what media scatter, and solids reflect, of what media emit."""

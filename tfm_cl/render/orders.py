@@ -36,6 +36,7 @@ from tfm_cl.device.structs.declared import ORDERS, SWEEP
 from tfm_cl.model import decided
 from tfm_cl.plan.lobes import beyond, harmonics, lobe_of, quadrature
 from tfm_cl.plan.orders import DIRECTIONS, directions, medium_of, orders_of
+from tfm_cl.render.lattice_points import TowardsCamera, see_points
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
@@ -184,14 +185,6 @@ class Scattered:
     numbers: cl.Buffer
     beyond: cl.Buffer | None
     nbytes: int
-    colours: int
-    colour: tuple[float, float, float]
-
-
-class TowardsCamera(NamedTuple):
-    """What points of a lattice scatter to a camera: as `Scattered`, one number or three for each."""
-
-    numbers: cl.Buffer
     colours: int
     colour: tuple[float, float, float]
 
@@ -529,20 +522,11 @@ class Orders:
         bounds
             Pixels x0, y0, x1, y1 of the frame's buffers.
         """
-        return self.launcher.run_windows(
-            self._pass(found.colours),
-            bounds,
-            decided(self.scene.march.steps),
-            self.media.arguments
-            | frame.arguments("places", "solid", "later")
-            | {
-                "view": view,
-                "orders": self._struct,
-                "scattered": found.numbers,
-                "colour": (*found.colour, 0.0),
-            },
-            done,
-        )
+        headers, defines = pass_variant(self.media, found.colours, has_solids=bool(self.scene.solids))
+        kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
+        known = self.media.arguments | {"view": view, "orders": self._struct}
+        steps = decided(self.scene.march.steps)
+        return see_points(self.launcher, kernel, known, found, bounds, steps, frame, done)
 
     def towards_camera(self, found: Scattered, arrive: Arrive) -> TowardsCamera:
         """Find what points scatter to the camera, which the pass then takes for the same everywhere."""
@@ -554,7 +538,3 @@ class Orders:
         known = {"view": self.view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
         self._run(self._of_moments("order_view"), (self._items,), known)
         return TowardsCamera(numbers, found.colours, found.colour)
-
-    def _pass(self, colours: int) -> Kernel:
-        headers, defines = pass_variant(self.media, colours, has_solids=bool(self.scene.solids))
-        return self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid, VoxelType
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.transmittance_map import TransmittanceMap
+    from tfm_cl.render.buffers import Sums
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene
 
@@ -384,8 +385,15 @@ class Renderer:
             crop,
             (*notes, *warnings),
             lit,
+            _meets_medium(sums, emits=scene.emits),
             shows_through=sums.shows_through,
         )
+
+
+def _meets_medium(sums: Sums, *, emits: bool) -> bool:
+    """Tell whether any ray meets media; at once where the rays in the middle do."""
+    rows = diagnosis.rows_from_the_middle(sums.transmittance)
+    return any((row[:, :3] < 1).any() for row in rows) or (emits and bool(sums.emission[..., :3].any()))
 
 
 def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:

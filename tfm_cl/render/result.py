@@ -92,6 +92,8 @@ class RenderResult:
     """Things a user should know: one line each."""
     lit: bool = True
     """Whether the camera sees any of the medium where lights reach, were nothing in their way."""
+    meets_medium: bool = True
+    """Whether media extinguish or emit anything on any of the rays."""
     background: Background = (0.0, 0.0, 0.0)
     """RGB radiance behind all that ``image`` shows, or ``"environment"``."""
     foreground: NDArray[np.float32] | None = None

@@ -137,8 +137,8 @@ class Medium(Model):
         return np.add(self.sigma_s, self.sigma_a)
 
     @property
-    def optical_depth(self) -> float:
-        """Along typical lines of sight, where the density may be scaled to it."""
+    def typical_depth(self) -> float:
+        """Optical depth along typical lines of sight, where the density may be scaled to it."""
         return OPTICAL_DEPTH if self.preset is None else PRESETS[self.preset].optical_depth
 
     def replace(self, **changes: Any) -> Self:

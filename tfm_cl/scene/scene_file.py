@@ -314,7 +314,7 @@ class SceneFile:
     def _bodies(self) -> tuple[Body, ...]:
         folder = self.path.parent
         return tuple(
-            settings.load(folder, (settings.medium or self.medium).optical_depth) for settings in self.volumes
+            settings.load(folder, (settings.medium or self.medium).typical_depth) for settings in self.volumes
         )
 
     def files(self) -> list[Path]:
