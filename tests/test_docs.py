@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from keys import every_key, example_of, examples
 
 from tfm_cl.cli import COMMANDS, main
 from tfm_cl.files.image_io import load_image
@@ -55,6 +56,30 @@ def test_programs_run(checkout):
 
     assert len(programs) == 1
     assert np.isfinite(load_image(checkout / "out" / "plume.exr")).all()
+
+
+@pytest.mark.parametrize(("model", "table"), examples(), ids=lambda one: getattr(one, "__name__", "table"))
+def test_examples_of_the_reference_are_right(model, table):
+    model.from_table(table)
+
+
+def test_every_key_has_an_example():
+    for model, key in every_key():
+        assert example_of(model, key).startswith(f"{key} = ")
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    command = re.search(r"^docs:.*\n\t\$\(BIN\)/python (.*) docs out/docs$", makefile, re.MULTILINE)
+    assert command
+
+    build = [sys.executable, *command[1].split(), "docs", str(tmp_path / "site")]
+    run = subprocess.run(build, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+
+    assert run.returncode == 0, run.stderr
+    reference = (tmp_path / "site" / "reference" / "scene-file.html").read_text(encoding="utf-8")
+    assert 'id="light-spot-cone"' in reference
 
 
 def test_make_targets_exist():
