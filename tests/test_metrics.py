@@ -2,7 +2,6 @@
 
 import json
 import sys
-from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from tfm_cl.errors import ImageError, InputError
-from tfm_cl.metrics import compare, flip, flip_is_installed
+from tfm_cl.metrics import compare, flip
 
 RNG = np.random.default_rng(7)
 
@@ -240,15 +239,6 @@ def test_flip_says_what_to_install(cloud, monkeypatch):
 
     with pytest.raises(InputError, match=r"pip install 'tfm_cl\[flip\]'"):
         flip(cloud, cloud)
-
-
-@pytest.mark.parametrize("installed", [True, False])
-def test_flip_is_looked_for(monkeypatch, installed):
-    fake = ModuleType("flip_evaluator")
-    fake.__spec__ = ModuleSpec("flip_evaluator", None)
-    monkeypatch.setitem(sys.modules, "flip_evaluator", fake if installed else None)
-
-    assert flip_is_installed() is installed
 
 
 def test_flip_is_given_the_reference_first_and_its_exposures(cloud, monkeypatch):

@@ -14,7 +14,7 @@ from scenes import blobs
 from tfm_cl.device import program
 from tfm_cl.device.program import KernelLibrary, fingerprint, kernels_dir
 
-LIBRARIES = {"matplotlib", "plotly", "numcodecs", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
+LIBRARIES = {"matplotlib", "plotly", "blosc", "OpenEXR", "PIL", "scipy", "skimage", "tqdm"}
 """Imported where they are used, and by nothing below."""
 
 SECOND = 10**9

@@ -9,7 +9,6 @@ mask*: reference alpha > 0.001.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import ImageError, InputError
+from tfm_cl.extras import needs
 
 REC709 = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709 weights of R, G and B, for luminance (of linear RGB) and for luma (of encoded RGB)."""
@@ -120,10 +120,8 @@ def flip(test: ArrayLike, reference: ArrayLike) -> float:
     ImageError
         As in `compare`.
     """
-    try:
+    with needs("flip", "FLIP", InputError):
         import flip_evaluator  # noqa: PLC0415 - an optional extra
-    except ImportError:
-        raise InputError("FLIP needs the package flip-evaluator: pip install 'tfm_cl[flip]'") from None
     shown, truth = _checked_pair(test, reference)
     start = -float(np.log2(white_of(truth)))
     exposures = {
@@ -134,11 +132,6 @@ def flip(test: ArrayLike, reference: ArrayLike) -> float:
     images = (np.ascontiguousarray(image[..., :3].clip(min=0), np.float32) for image in (truth, shown))
     _, mean, _ = flip_evaluator.evaluate(*images, "HDR", applyMagma=False, parameters=exposures)
     return float(mean)
-
-
-def flip_is_installed() -> bool:
-    """Tell whether `flip` is available."""
-    return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def white_of(reference: NDArray[np.floating[Any]]) -> float:
@@ -207,7 +200,8 @@ def _checked(image: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def _ssim(test: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """Mean SSIM and its map [H, W]."""
-    from skimage import metrics  # noqa: PLC0415 - slow to import, and `tfm_cl` exports this module
+    with needs("sweep", "SSIM", InputError):
+        from skimage import metrics  # noqa: PLC0415 - slow to import, and `tfm_cl` exports this module
 
     structural_similarity: Callable[..., Any] = metrics.structural_similarity
     pad = SSIM_RADIUS if min(reference.shape) <= 2 * SSIM_RADIUS else 0

@@ -279,7 +279,7 @@ def test_without_usd_core(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     path = written(tmp_path, POINTS)
     for reader in (read_points, read_curves):
-        with pytest.raises(VolumeError, match=r"a\.usda: .* need usd-core: pip install 'tfm_cl\[usd\]'"):
+        with pytest.raises(VolumeError, match=r"a\.usda: .* needs usd-core: pip install 'tfm_cl\[usd\]'"):
             reader(path)
 
 

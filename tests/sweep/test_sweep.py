@@ -804,10 +804,10 @@ def test_a_row_without_its_image_is_made_again_for_the_converged_march(swept, vo
 
 
 def test_flip_where_it_is_installed(volume, out, monkeypatch):
-    monkeypatch.setattr(metrics, "flip_is_installed", lambda: False)
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
     assert [row.flip for row in run([volume], out)] == [None] * 4
 
-    monkeypatch.setattr(metrics, "flip_is_installed", lambda: True)
+    monkeypatch.setattr(sweep_work, "missing", lambda _: None)
     monkeypatch.setattr(metrics, "flip", lambda test, truth: float((truth - test).max()))
     assert run([volume], out, coeffs=[5])[0].flip == pytest.approx(0.2)
 

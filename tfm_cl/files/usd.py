@@ -6,7 +6,6 @@ time, by a process of its own (`tfm_cl.files.usd_worker`) with limited memory an
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
+from tfm_cl.extras import missing
 
 LEAST_MEMORY, MEMORY_OF_BYTE = 2 << 30, 32
 """Bytes that the process may take, and how many more for each of the file; its libraries alone map 1 GiB."""
@@ -73,8 +73,9 @@ def read_prims(path: Path, schema: Literal["Points", "BasisCurves"]) -> list[Pri
         usd-core is not installed, the file is damaged, takes too much memory or time, refers to others, or
         has none of them.
     """
-    if importlib.util.find_spec("pxr") is None:
-        raise VolumeError(f"{path}: USD files need usd-core: pip install 'tfm_cl[usd]'")
+    lack = missing("usd")
+    if lack:
+        raise VolumeError(f"{path}: a USD file {lack}")
     with tempfile.TemporaryDirectory(prefix="tfm-usd-") as folder:
         _work(path, schema, Path(folder))
         facts = json.loads((Path(folder) / "prims.json").read_text(encoding="utf-8"))

@@ -212,11 +212,12 @@ def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     A ray's numbers are interpolated with its neighbours': what any sample between them may ask for counts,
     and one texel of the shadow map more.
     """
-    from scipy import ndimage  # noqa: PLC0415 - most scenes have no solids
-
     res = len(distances)
     width = 3 * -(-res // size) + 2
-    widest = ndimage.maximum_filter(distances, size=width + 1 - width % 2, mode="nearest")
+    reach = width // 2
+    around = np.pad(distances, reach, mode="edge")
+    across = np.max([around[:, at : at + res] for at in range(2 * reach + 1)], axis=0)
+    widest = np.max([across[at : at + res] for at in range(2 * reach + 1)], axis=0)
     centres = np.minimum((np.arange(size) + 0.5) * res / size, res - 1).astype(np.intp)
     return np.ascontiguousarray(widest[np.ix_(centres, centres)])
 

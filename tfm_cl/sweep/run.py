@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tfm_cl.errors import InputError
+from tfm_cl.extras import missing
 from tfm_cl.scene.settings import MAX_STEPS, MapSettings
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep import written as sweep_report
@@ -122,14 +123,17 @@ def run(
     Raises
     ------
     InputError
-        There is nothing to sweep, a value or an input cannot be used, a reference shows nothing, or the
-        folder cannot be written or holds rows of another kind. Values and inputs are checked before anything
-        is rendered.
+        There is nothing to sweep, a package that it needs is missing, a value or an input cannot be used, a
+        reference shows nothing, or the folder cannot be written or holds rows of another kind. Values and
+        inputs are checked before anything is rendered.
     DeviceError
         From the renderer, or if a process ended by itself. Rows made before an error are kept.
     """
     if not inputs:
         raise InputError("a sweep needs at least one input")
+    lack = missing("sweep")
+    if lack:
+        raise InputError(f"a sweep {lack}")
     axes = Axes(
         bases=tuple(bases),
         coeffs=tuple(coeffs),

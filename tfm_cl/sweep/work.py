@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tfm_cl import metrics
 from tfm_cl._version import __version__
 from tfm_cl.errors import InputError, SceneError, VolumeError
+from tfm_cl.extras import missing
 from tfm_cl.model import decided
 from tfm_cl.plan import lattice, resolution
 from tfm_cl.scene.scene import Scene
@@ -210,7 +211,7 @@ class Worker:
             lit_ssim=found.lit.ssim,
             lit_psnr=found.lit.psnr,
             lit_rmse=found.lit.rmse,
-            flip=metrics.flip(image, truth) if metrics.flip_is_installed() else None,
+            flip=None if missing("flip") else metrics.flip(image, truth),
             t_error=float(np.mean([light_map.error for light_map in maps])),
             seconds_light_pass=sum(light_map.buffers.seconds for light_map in maps),
             seconds_view_pass=result.stats.seconds["view_pass"],

@@ -10,10 +10,10 @@ import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import blosc
 import numpy as np
 import pytest
 from memory import peak_of
-from numcodecs import blosc
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io import binary, choose_grid, nvdb, open_grids
@@ -346,7 +346,7 @@ def encode(grids, *, codec=NONE, version=(32, 6), magic=b"NanoVDB0", file_size=N
     for name, grid in grids:
         data = grid
         if codec:
-            data = zlib.compress(grid) if codec == ZIP else blosc.compress(grid, b"lz4", 9, 1, 1 << 18)
+            data = zlib.compress(grid) if codec == ZIP else blosc.compress(grid, 1, 9, blosc.SHUFFLE, "lz4")
             data = struct.pack("<Q", len(data)) + data
         grid_class, grid_type = struct.unpack_from("<2I", grid, 632)
         metadata = struct.pack("<4Q", len(grid), len(data) if file_size is None else file_size, 0, 0)
@@ -501,7 +501,7 @@ def test_large_grids_are_blosc_blocks_one_behind_the_other(tmp_path, monkeypatch
     head = bytearray(content[: len(content) - len(grid)])
     struct.pack_into("<H", head, 14, BLOSC)
     for start in range(0, len(grid), step):
-        packed = blosc.compress(grid[start : start + step], b"lz4", 9, 1, 1 << 18)
+        packed = blosc.compress(grid[start : start + step], 1, 9, blosc.SHUFFLE, "lz4")
         head += struct.pack("<Q", len(packed)) + packed
     assert len(grid) > 3 * step
     assert_reads(write(tmp_path, bytes(head)), tree)

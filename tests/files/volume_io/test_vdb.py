@@ -15,10 +15,10 @@ import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import blosc
 import numpy as np
 import pytest
 from memory import peak_of
-from numcodecs import blosc
 
 from tfm_cl.cli.info import describe
 from tfm_cl.errors import VolumeError
@@ -204,7 +204,7 @@ def text(string):
 
 def packed(data, compression):
     if compression & BLOSC:
-        chunk = blosc.compress(data, b"lz4", 9, 1, 0) if data else b""
+        chunk = blosc.compress(data, 1, 9, blosc.SHUFFLE, "lz4") if data else b""
         shorter = len(chunk) > 0
     elif compression & ZIP:
         chunk = zlib.compress(data)
@@ -968,7 +968,7 @@ def test_a_zlib_bomb_is_not_unpacked():
 @pytest.mark.parametrize("at", range(16))
 def test_a_blosc_header_is_not_believed(at):
     data = np.arange(512, dtype="<f4").tobytes()
-    block_of_data = bytearray(blosc.compress(data, b"lz4", 9, 1, 0))
+    block_of_data = bytearray(blosc.compress(data, 1, 9, blosc.SHUFFLE, "lz4"))
     assert binary.unblosc(memoryview(block_of_data), len(data), source()) == data
     for value in (0, 1, 0x7F, 0x80, 0xFF):
         changed = bytearray(block_of_data)

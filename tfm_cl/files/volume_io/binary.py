@@ -11,8 +11,9 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import blosc
 import numpy as np
-from numcodecs import blosc
+from blosc import blosc_extension
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
@@ -114,20 +115,24 @@ def unzip_into(packed: memoryview, plain: memoryview, source: Cursor) -> None:
         raise source.damaged(f"a zlib block should hold {len(plain)} bytes")
 
 
-def unblosc(packed: memoryview, size: int, source: Cursor) -> bytes:
+_BLOSC_HEADER = 16
+"""Bytes before a Blosc block's data, and the fewest that it has."""
+
+
+def unblosc(packed: memoryview, size: int, source: Cursor) -> bytearray:
     """Decompress a Blosc block that must hold exactly ``size`` bytes."""
-    return _unblosc(packed, size, None, source)
+    check_packing(packed, size, source)
+    plain = bytearray(size)
+    unblosc_into(packed, memoryview(plain), source)
+    return plain
 
 
 def unblosc_into(packed: memoryview, plain: memoryview, source: Cursor) -> None:
     """Decompress a Blosc block that must fill ``plain`` exactly."""
-    _unblosc(packed, len(plain), plain, source)
-
-
-def _unblosc(packed: memoryview, size: int, plain: memoryview | None, source: Cursor) -> bytes:
+    size = len(plain)
     check_packing(packed, size, source)
     # The header is checked first, since the decoder trusts the sizes in it.
-    if len(packed) < blosc.MAX_OVERHEAD:
+    if len(packed) < _BLOSC_HEADER:
         raise source.damaged(f"a Blosc block of {len(packed)} bytes is shorter than its header")
     plain_size, block_size, packed_size = struct.unpack_from("<3I", packed, 4)
     if plain_size != size or packed_size != len(packed) or not 0 < block_size <= max(size, 1 << 16):
@@ -135,11 +140,12 @@ def _unblosc(packed: memoryview, size: int, plain: memoryview | None, source: Cu
             f"a Blosc block claims {packed_size} bytes for {plain_size} in blocks of {block_size}; "
             f"it has {len(packed)} for {size}"
         )
+    if size == 0:
+        return
     try:
-        unpacked: bytes = blosc.decompress(packed, plain)
-    except (RuntimeError, ValueError) as error:
+        blosc.decompress_ptr(packed, np.frombuffer(plain, np.uint8).ctypes.data)
+    except (blosc_extension.error, ValueError) as error:
         raise source.damaged(f"a Blosc block does not decompress ({error})") from error
-    return unpacked
 
 
 def check_packing(packed: memoryview, size: int, source: Cursor) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfm_cl.errors import SceneError
+from tfm_cl.extras import needs
 from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
@@ -287,7 +289,8 @@ class Tracer:
 
 
 def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> Meshes:
-    from tfm_cl.render.tracing.embree import Meshes  # noqa: PLC0415 - Embree is slow to import
+    with needs("solids", "solid: a mesh", SceneError):
+        from tfm_cl.render.tracing.embree import Meshes  # noqa: PLC0415 - Embree is slow to import
 
     return Meshes(meshes, None if origin is None else np.asarray(origin, dtype=np.float64))
 

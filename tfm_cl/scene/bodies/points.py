@@ -50,9 +50,8 @@ def _of_ball(s: Floats, x: Floats) -> Floats:
 
 
 def _of_gaussian(s: Floats, x: Floats) -> Floats:
-    from scipy.special import erf  # noqa: PLC0415 - few ask
-
-    found: Floats = np.exp(-4.5 * (1 - x)) * sqrt(pi / 2) / 3 * erf(3 * s / sqrt(2))
+    of_each = np.array([erf(value) for value in (3 * s / sqrt(2)).flat]).reshape(s.shape)
+    found: Floats = np.exp(-4.5 * (1 - x)) * sqrt(pi / 2) / 3 * of_each
     return found
 
 

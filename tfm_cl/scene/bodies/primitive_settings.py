@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, PlainValidator
 
 from tfm_cl.errors import SceneError, VolumeError
+from tfm_cl.extras import needs
 from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
@@ -235,9 +236,10 @@ class PolygonsSettings(PrimitiveSettings):
     def load(self, folder: Path, optical_depth: float) -> Polygons:
         """As `PrimitiveSettings.load`; what is thin says its opacity."""
         del optical_depth
-        from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
-
         source = self.source(folder)
+        with needs("solids", f"{source}: a mesh", VolumeError):
+            from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
+
         try:
             triangles = read_mesh(source, WHITE)
         except SceneError as error:
@@ -255,7 +257,8 @@ class PolygonsSettings(PrimitiveSettings):
 
 def spacing(positions: NDArray[np.floating]) -> float | None:
     """Return the median distance of points [n, 3] to their nearest neighbour; None where none has one."""
-    from scipy.spatial import KDTree  # noqa: PLC0415 - few ask
+    with needs("points", "the spacing of points, in place of a radius", VolumeError):
+        from scipy.spatial import KDTree  # noqa: PLC0415 - few ask
 
     some = np.random.default_rng(SEED).permutation(len(positions))[:NEIGHBOURS]
     distances, _ = KDTree(positions).query(positions[some], k=2)

@@ -337,14 +337,11 @@ class Volume(MarchedBody):
 
         Trilinear between voxel centres, 0 one voxel beyond them; without colour the first channel is all.
         """
-        from scipy import ndimage  # noqa: PLC0415 - few ask
-
         index_from_world = np.linalg.inv(self.world_from_index)
         index = points @ index_from_world[:3, :3].T + index_from_world[:3, 3]
         densities = np.zeros((len(points), 3))
         for c, channel in enumerate(self.channels if self._colour is not None else (self,)):
-            data = channel.data.astype(np.float64)
-            densities[:, c] = ndimage.map_coordinates(data, index[:, ::-1].T, order=1, mode="grid-constant")
+            densities[:, c] = _trilinear(channel.data, index[:, ::-1])
         scaled: NDArray[np.float64] = self.density_scale * densities
         return scaled
 
@@ -763,3 +760,16 @@ def _voxel_size(value: float | tuple[float, float, float], label: str) -> tuple[
     if min(sizes) <= 0:
         raise VolumeError(f"{label}: voxel_size is > 0; got {value}")
     return sizes
+
+
+def _trilinear(data: NDArray[np.float32], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of data [z, y, x] at indices z, y, x [n, 3], interpolated; 0 at the indices outside; [n]."""
+    low = np.floor(at)
+    after = at - low
+    values = np.zeros(len(at))
+    for corner in np.ndindex(2, 2, 2):
+        index = low + corner
+        inside = ((index >= 0) & (index < data.shape)).all(axis=1)
+        weight = np.where(corner, after, 1 - after).prod(axis=1)
+        values[inside] += weight[inside] * data[tuple(index[inside].astype(np.intp).T)]
+    return values

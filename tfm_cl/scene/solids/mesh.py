@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, PlainValidator
 
 from tfm_cl.errors import SceneError
+from tfm_cl.extras import needs
 from tfm_cl.files.albedo import read_albedo
 from tfm_cl.files.mesh_io.triangles import Textures, Triangles, checked
 from tfm_cl.files.mipmap import Mipmap
@@ -145,9 +146,11 @@ class MeshSolid(Solid):
     def _read(self, albedo: tuple[float, float, float] | Mipmap | None) -> Triangles:
         """Return the triangles, painted; with the file's normals."""
         if not isinstance(self.mesh, Triangles):
-            from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
+            source = source_of(self.mesh, error=SceneError)
+            with needs("solids", f"{source}: a mesh", SceneError):
+                from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
 
-            return read_mesh(source_of(self.mesh, error=SceneError), albedo)
+            return read_mesh(source, albedo)
         if albedo is None:
             return self.mesh
         if not isinstance(albedo, Mipmap):
