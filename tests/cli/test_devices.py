@@ -1,8 +1,10 @@
 import pyopencl as cl
 import pytest
 
+from tfm_cl.device.device import HOW_TO_GET_ONE
+
 KEYS = {
-    *("name", "platform", "version", "kind", "compute_units"),
+    *("number", "place", "name", "platform", "version", "kind", "compute_units"),
     *("global_memory", "max_allocation", "max_work_group", "default"),
 }
 
@@ -24,7 +26,7 @@ def test_text_marks_the_one_that_would_be_used(cli):
     (default,) = (row["name"] for row in cli("devices", "--json").json if row["default"])
     done = cli("devices")
     assert done.err == ""
-    assert f"* {default}" in done.out.splitlines()
+    assert f"* 0  {default}" in done.out.splitlines()
 
 
 def test_the_device_that_is_marked_renders(cli, cloud, tiny):
@@ -39,5 +41,12 @@ def test_without_any_device(cli, monkeypatch, as_json):
     done = cli("devices", *(["--json"] if as_json else []))
     assert done.code == 3
     assert done.out == ("[]\n" if as_json else "")
-    assert done.err.count("\n") == 1
-    assert "pip install 'pyopencl[pocl]'" in done.err
+    *systems, last = done.err.splitlines()
+    assert {line.partition("  ")[0] for line in systems} == set(HOW_TO_GET_ONE)
+    assert "pip install 'pyopencl[pocl]'" in systems[0]
+    assert last == "tfm: no OpenCL device found; install one of these"
+
+
+def test_one_line_where_a_device_is_needed(refused, cloud, monkeypatch):
+    monkeypatch.setattr("tfm_cl.device.device._all_devices", list)
+    assert "`tfm devices` lists what" in refused("render", cloud, "-o", "a.npy", "-q", code=3)

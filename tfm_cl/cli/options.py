@@ -13,6 +13,7 @@ from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
+from tfm_cl.scene import looks
 from tfm_cl.scene.lights import LIGHTS, SpotLight
 from tfm_cl.scene.pixel_filters import FILTERS
 from tfm_cl.scene.presets import PRESETS
@@ -235,6 +236,25 @@ def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., A
         return function
 
     return decorate
+
+
+look_option = click.option(
+    "--look",
+    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
+    default=looks.AUTO,
+    cls=GroupedOption,
+    group="Image",
+    help="what is chosen where nothing is given: medium, sky, ground, framing, view; plain: one spot on what "
+    "scatters once, as in the papers; auto: what fits a bare file, and plain for a scene  [auto]",
+)
+device_option = click.option(
+    "--device",
+    metavar="NAME|NUMBER",
+    cls=GroupedOption,
+    help="part of an OpenCL device's name, its number in `tfm devices`, or platform:device  "
+    "[$TFM_CL_DEVICE, else a GPU, else PoCL]",
+)
+"""Of every command that uses a device."""
 
 
 def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[str, Any]]:

@@ -1,9 +1,10 @@
-"""A progress bar on stderr, only on a terminal."""
+"""How far a command is, on stderr: a bar only on a terminal, a line about what takes long on any."""
 
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:  # printing a configuration needs no OpenCL
     from tfm_cl.device.launch import Progress
@@ -11,10 +12,38 @@ if TYPE_CHECKING:  # printing a configuration needs no OpenCL
 
 @contextmanager
 def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
-    """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage."""
-    if quiet or not sys.stderr.isatty():
+    """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage.
+
+    Unless ``quiet``, what the library tells meanwhile, as that it compiles kernels, is printed.
+    """
+    if quiet:
         yield lambda _stage, _fraction: None
         return
+    with _log_shown(sys.stderr):
+        if sys.stderr.isatty():
+            with _bar() as advance:
+                yield advance
+        else:
+            yield lambda _stage, _fraction: None
+
+
+@contextmanager
+def _log_shown(stream: TextIO) -> Iterator[None]:
+    log = logging.getLogger("tfm_cl")
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(logging.Formatter("tfm: %(message)s"))
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
+
+
+@contextmanager
+def _bar() -> "Iterator[Progress]":
     from tqdm import tqdm  # noqa: PLC0415 - only where a bar is drawn
 
     bar: tqdm[None] | None = None

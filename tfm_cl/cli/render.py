@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfm_cl.cli.options import GroupedCommand, GroupedOption, as_flags, overrides, scene_options
+from tfm_cl.cli.options import (
+    GroupedCommand,
+    GroupedOption,
+    as_flags,
+    device_option,
+    look_option,
+    overrides,
+    scene_options,
+)
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
@@ -18,7 +26,6 @@ from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
-from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile, Values, scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
@@ -40,16 +47,8 @@ if TYPE_CHECKING:
     help=".exr .png .npy, by extension; may be repeated",
 )
 @scene_options()
-@click.option(
-    "--look",
-    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
-    default=looks.AUTO,
-    cls=GroupedOption,
-    group="Image",
-    help="what is chosen where nothing is given: medium, sky, ground, framing, view; plain: one spot on what "
-    "scatters once, as in the papers; auto: what fits a bare file, and plain for a scene  [auto]",
-)
-@click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
+@look_option
+@device_option
 @click.option(
     "--print-config",
     is_flag=True,
@@ -110,17 +109,9 @@ def command(
     from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415
     from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
-    with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
+    with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         image = scene_file.image
-        result = renderer.render(
-            scene,
-            crop=image.crop,
-            aovs=image.aov,
-            background=image.background,
-            samples=image.samples,
-            filter=image.filter,
-            progress=progress,
-        )
+        result = renderer.render(scene, progress=progress, **image.frame)
     _warn(result.warnings, quiet=quiet)
     stops = _exposure(result, outputs, image)
     if stops is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from tfm_cl.cli.options import GroupedCommand, GroupedOption, overrides, scene_options
+from tfm_cl.cli.options import GroupedCommand, GroupedOption, device_option, overrides, scene_options
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
@@ -111,7 +111,7 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--aov",
     )
 )
-@click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
+@device_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
     inputs: tuple[Path, ...],

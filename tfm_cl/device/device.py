@@ -1,4 +1,4 @@
-"""Selects an OpenCL device by name, and describes the available ones."""
+"""Selects an OpenCL device by name or number, and describes the available ones."""
 
 import contextlib
 import os
@@ -12,13 +12,31 @@ from tfm_cl.device.kernel_cache import POCL, kernel_cache
 from tfm_cl.errors import DeviceError, NoDeviceError
 from tfm_cl.interrupts import interrupts_held
 
-HOW_TO_GET_ONE = "install the embedded CPU device with: pip install 'pyopencl[pocl]'"
+VARIABLE = "TFM_CL_DEVICE"
+"""Environment variable that names the device where nothing else does."""
+
+HOW_TO_GET_ONE = {
+    "Linux x86-64": "the CPU, PoCL: pip install 'pyopencl[pocl]'",
+    "Linux arm64": "the CPU, PoCL: conda install -c conda-forge pyopencl pocl",
+    "macOS": "the CPU, PoCL: conda install -c conda-forge pyopencl pocl",
+    "Windows": "the CPU, PoCL: conda install -c conda-forge pyopencl pocl",
+    "GPUs": "the vendor's driver with its OpenCL; on Debian nvidia-opencl-icd or intel-opencl-icd",
+}
+"""System -> what brings a device to it."""
+NO_DEVICE = (
+    "no OpenCL device found; install a CPU's: pip install 'pyopencl[pocl]' (`tfm devices` lists what other "
+    "systems and GPUs need)"
+)
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
     """A device, as in one row of ``tfm devices``."""
 
+    number: int
+    """Position in the list, from 0: what ``--device`` takes."""
+    place: str
+    """Numbers of the platform and of the device in it, ``0:0``."""
     name: str
     platform: str
     version: str
@@ -42,6 +60,8 @@ def list_devices() -> list[DeviceInfo]:
     default = _preferred(devices) if devices else None
     return [
         DeviceInfo(
+            number=number,
+            place=place,
             name=device.name.strip(),
             platform=device.platform.name.strip(),
             version=device.platform.version.strip(),
@@ -52,7 +72,7 @@ def list_devices() -> list[DeviceInfo]:
             max_work_group=device.max_work_group_size,
             default=device is default,
         )
-        for device in devices
+        for number, (device, place) in enumerate(zip(devices, _places(devices), strict=True))
     ]
 
 
@@ -62,29 +82,69 @@ def choose_device(name: str | None = None) -> cl.Device:
     Parameters
     ----------
     name
-        Part of the device's or its platform's name, in any case; by default PoCL, else the first device.
+        Part of the device's or its platform's name, in any case; its number in `list_devices`; or
+        ``platform:device``, each by number or by part of its name. By default what the environment variable
+        ``TFM_CL_DEVICE`` says; else a GPU if there is one, else PoCL, else the first device.
 
     Raises
     ------
     NoDeviceError
-        If there is no device (the message says how to get PoCL), or none of that name (it lists the names).
+        If there is no device, or none of that name or number (the message lists those that there are).
     """
     devices = _all_devices()
     if not devices:
-        raise NoDeviceError(f"no OpenCL device found; {HOW_TO_GET_ONE}")
-    if name:
-        wanted = name.casefold()
-        for device in devices:
-            if wanted in f"{device.platform.name} {device.name}".casefold():
-                return device
-        names = ", ".join(f"'{device.platform.name.strip()}: {device.name.strip()}'" for device in devices)
-        raise NoDeviceError(f"no OpenCL device with '{name}' in its name; there is {names}")
-    return _preferred(devices)
+        raise NoDeviceError(NO_DEVICE)
+    wanted = (name or os.environ.get(VARIABLE, "")).strip()
+    if not wanted:
+        return _preferred(devices)
+    found = _of_name(devices, wanted)
+    if found is None:
+        names = ", ".join(
+            f"{number} '{device.platform.name.strip()}: {device.name.strip()}'"
+            for number, device in enumerate(devices)
+        )
+        said = "" if name else f"{VARIABLE}: "
+        raise NoDeviceError(f"{said}no OpenCL device has the name or number '{wanted}'; there is {names}")
+    return found
+
+
+def _of_name(devices: list[cl.Device], wanted: str) -> cl.Device | None:
+    if wanted.isdecimal() and int(wanted) < len(devices):
+        return devices[int(wanted)]
+    platform, colon, name = (part.strip() for part in wanted.partition(":"))
+    for device, place in zip(devices, _places(devices), strict=True):
+        of_platform, of_device = place.split(":")
+        whole = wanted.casefold() in f"{device.platform.name} {device.name}".casefold()
+        apart = (
+            colon
+            and _is_meant(platform, of_platform, device.platform.name)
+            and _is_meant(name, of_device, device.name)
+        )
+        if whole or apart:
+            return device
+    return None
+
+
+def _is_meant(wanted: str, number: str, name: str) -> bool:
+    return wanted == number or (len(wanted) > len(number) and wanted.casefold() in name.casefold())
+
+
+def _places(devices: list[cl.Device]) -> list[str]:
+    """``platform:device`` of each, as numbers from 0."""
+    platforms = list(dict.fromkeys(device.platform for device in devices))
+    count = dict.fromkeys(platforms, 0)
+    places = []
+    for device in devices:
+        places.append(f"{platforms.index(device.platform)}:{count[device.platform]}")
+        count[device.platform] += 1
+    return places
 
 
 def _preferred(devices: list[cl.Device]) -> cl.Device:
+    """Return a GPU if there is one, else PoCL, which is installed with the package, else the first."""
+    gpus = [device for device in devices if int(device.type) & int(cl.device_type.GPU)]
     ours = [device for device in devices if POCL in device.platform.name]
-    return (ours or devices)[0]
+    return (gpus or ours or devices)[0]
 
 
 def _kind(bits: int) -> str:

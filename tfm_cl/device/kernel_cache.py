@@ -10,6 +10,7 @@ import contextlib
 import functools
 import hashlib
 import io
+import logging
 import os
 import shutil
 import tempfile
@@ -31,6 +32,10 @@ MOST_BYTES = 64 << 20
 """Largest number of bytes of a kept program; typical programs have a few hundred KiB."""
 
 SUFFIX = ".kernels"
+
+LOG = logging.getLogger(__name__)
+COMPILING = "compiling kernels (first time on this machine)"
+"""Told once by a process that has to."""
 
 
 class Store:
@@ -168,6 +173,7 @@ class KernelCache:
         try:
             if packed is None:
                 self._scratch.check_room()
+                say_compiling()
             else:
                 zipfile.ZipFile(io.BytesIO(packed)).extractall(self.folder)
         except OSError as error:
@@ -256,6 +262,12 @@ def kernel_cache() -> KernelCache:
     folder = store_folder()
     store = Store(folder)
     return KernelCache(make_scratch(others=[folder]), store)
+
+
+@functools.cache  # a process has much to compile, if it has anything
+def say_compiling() -> None:
+    """Log that kernels are compiled, which takes seconds."""
+    LOG.info(COMPILING)
 
 
 def take_notes() -> tuple[str, ...]:

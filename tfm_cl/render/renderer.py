@@ -54,7 +54,8 @@ class Renderer:
     Parameters
     ----------
     device
-        Part of an OpenCL device's or platform's name; by default PoCL, else the first device.
+        Part of an OpenCL device's or platform's name, its number, or ``platform:device``, as
+        `tfm_cl.device.device.choose_device` takes it; by default a GPU if there is one, else PoCL.
     build_options
         Further OpenCL compiler options.
     lanes

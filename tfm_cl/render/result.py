@@ -183,6 +183,7 @@ class RenderResult:
             crop=self.crop,
             metadata={
                 "software": f"tfm_cl {__version__}",
+                "tfm_cl:device": self.stats.device,
                 "worldToCamera": camera_from_world,
                 "worldToNDC": camera.ndc_from_camera @ camera_from_world,
                 **(metadata or {}),

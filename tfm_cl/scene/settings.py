@@ -1,6 +1,6 @@
 """Settings of the passes and the image: sections ``[map]``, ``[march]``, ``[shadow]`` and ``[image]``."""
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
@@ -262,6 +262,16 @@ def _filter(value: Any) -> Any:
     return value
 
 
+class FrameOptions(TypedDict):
+    """What of a frame is rendered, and how pixels are made of samples."""
+
+    crop: tuple[int, int, int, int] | None
+    aovs: tuple[str, ...]
+    background: Background
+    samples: int
+    filter: str
+
+
 class ImageSettings(Model):
     """Settings of the image that is written."""
 
@@ -318,6 +328,17 @@ class ImageSettings(Model):
     def has_background(self) -> bool:
         """Whether there is anything behind media and solids."""
         return self.shows_environment or any(self.background)
+
+    @property
+    def frame(self) -> FrameOptions:
+        """What `Renderer.render` takes of it."""
+        return FrameOptions(
+            crop=self.crop,
+            aovs=self.aov,
+            background=self.background,
+            samples=self.samples,
+            filter=self.filter,
+        )
 
     @property
     def png(self) -> PngOptions:
