@@ -5,13 +5,15 @@ from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
+from pydantic import BeforeValidator, ConfigDict, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from tfm_cl.errors import SceneError, nearest, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.model_fields import Accepts, DescribedModel, Numbers
 
 T = TypeVar("T")
+Triple = tuple[float, float, float]
 
 CLOSEST = 1e-12
 """Of their coordinates, how far apart two points must be to give a direction of three digits in float64."""
@@ -19,7 +21,7 @@ SPELLINGS = {"center": "centre"}
 """Key as others spell it -> as it is spelled here."""
 
 
-class Model(BaseModel):
+class Model(DescribedModel):
     """One section of a scene file, and at the same time the library's class for it.
 
     Raises
@@ -54,7 +56,7 @@ class Model(BaseModel):
         if not strange:
             return cls(**table)
         faults = [unknown_key(key, list(known), cls.SECTION) for key in strange]
-        meant = {f"{cls.SECTION}.{cls.model_fields[key].alias} is missing" for key in strange}
+        meant = {f"{cls.SECTION}.{cls.model_fields[key].validation_alias} is missing" for key in strange}
         try:
             cls(**{key: value for key, value in table.items() if key not in strange})
         except SceneError as error:
@@ -70,7 +72,7 @@ class Model(BaseModel):
     @classmethod
     def keys(cls) -> dict[str, str]:
         """Scene-file keys of this section and the attribute each one sets."""
-        return {field.alias or name: name for name, field in cls.model_fields.items()}
+        return {str(field.validation_alias or name): name for name, field in cls.model_fields.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the section as a scene file writes it."""
@@ -231,14 +233,15 @@ def count_or_auto(largest: int) -> PlainValidator:
     return PlainValidator(check)
 
 
-Vec3 = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
+Point = Annotated[Triple, BeforeValidator(_three_numbers)]
+Vec3 = Accepts[Numbers, Point]
 """A point or vector in world units; lists, tuples and arrays are accepted."""
 
-RGB = Annotated[tuple[float, float, float], BeforeValidator(as_colour)]
+RGB = Accepts[float | Numbers, Annotated[Triple, BeforeValidator(as_colour)]]
 """Three channels ≥ 0, scene-linear Rec. 709; one number means grey."""
 
 
-def check_different(one: Vec3, other: Vec3, what: str) -> None:
+def check_different(one: Triple, other: Triple, what: str) -> None:
     """Raise `ValueError` when two points give no direction."""
     distance = float(np.linalg.norm(np.subtract(one, other)))
     largest = float(np.abs([one, other]).max())

@@ -11,6 +11,7 @@ from pydantic import PlainValidator
 
 from tfm_cl.errors import SceneError
 from tfm_cl.files.paths import check_readable, name_of, reason_of, source_of
+from tfm_cl.model_fields import Accepts
 
 MAX_BYTES = 4 << 20
 """A file larger than this is not one."""
@@ -33,7 +34,7 @@ def _name(value: Any) -> str:
     return "" if value == "" else name_of(value, "a file with a cosine and a value in every line")
 
 
-TablePath = Annotated[str, PlainValidator(_name)]
+TablePath = Accepts[str | Path, Annotated[str, PlainValidator(_name)]]
 """Path of a table; empty if there is none."""
 
 

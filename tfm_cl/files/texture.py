@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Any
 from weakref import WeakValueDictionary
 
@@ -14,6 +15,7 @@ from tfm_cl.errors import ImageError, SceneError
 from tfm_cl.files.image_io import load_image
 from tfm_cl.files.paths import name_of, reason_of, source_of
 from tfm_cl.limits import LARGEST_COLOUR
+from tfm_cl.model_fields import Accepts
 
 TEXTURE_RES = 2048
 """Largest number of texels along each side; larger images are downsampled to it."""
@@ -27,7 +29,7 @@ def _name(value: Any) -> str:
     return "" if value == "" else name_of(value, "an image file")
 
 
-ImagePath = Annotated[str, PlainValidator(_name)]
+ImagePath = Accepts[str | Path, Annotated[str, PlainValidator(_name)]]
 """Path of an image file; empty if there is none."""
 
 

@@ -41,7 +41,7 @@ class ResolvedMap(Model):
     deposits: Literal["steps", "depth"]
     storage: Literal["f32", "f16", "u8"]
     blur: float
-    blur_kernel: Literal["box", "gaussian"] = Field("gaussian")
+    blur_kernel: Literal["box", "gaussian"] = Field(default="gaussian")
 
     @property
     def between_texels(self) -> Lookup:

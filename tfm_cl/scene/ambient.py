@@ -16,4 +16,8 @@ class Ambient(Model):
 
     SECTION: ClassVar[str] = "ambient"
 
-    radiance: RGB = Field((0.0, 0.0, 0.0), description="RGB radiance, the same from all directions")
+    radiance: RGB = Field(
+        default=(0.0, 0.0, 0.0),
+        validate_default=True,
+        description="RGB radiance, the same from all directions",
+    )

@@ -1,6 +1,6 @@
 """The perspective camera."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Self
 
@@ -10,9 +10,10 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import Model, Vec3, check_different
+from tfm_cl.model import Model, Triple, Vec3, check_different
+from tfm_cl.model_fields import Accepts
 from tfm_cl.scene.frames import look_at
-from tfm_cl.scene.transform import Transform
+from tfm_cl.scene.transform import Matrix, Rows
 
 MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image: 16384 × 16384."""
@@ -58,7 +59,7 @@ _world_from_camera = lru_cache(maxsize=16)(look_at)
 """Every frame asks for it several times."""
 
 
-def _placed_by(matrix: tuple[tuple[float, ...], ...]) -> tuple[Vec3, Vec3, Vec3]:
+def _placed_by(matrix: tuple[tuple[float, ...], ...]) -> tuple[Triple, Triple, Triple]:
     """Return the position, the view's direction and up that a matrix says."""
     _, up, backwards, position = ((x, y, z) for x, y, z in zip(*matrix[:3], strict=True))
     return position, (-backwards[0], -backwards[1], -backwards[2]), up
@@ -91,30 +92,34 @@ class Camera(Model):
 
     SECTION: ClassVar[str] = "camera"
 
-    from_: Vec3 = Field(alias="from", description="position, world units")
+    from_: Vec3 = Field(validation_alias="from", description="position, world units")
     to: Vec3 = Field(description="point that the camera looks at, world units")
     up: Vec3 = Field(
-        (0.0, 1.0, 0.0),
+        default=(0.0, 1.0, 0.0),
+        validate_default=True,
         description="direction that is up in the image and for a camera and light that are placed "
         "automatically",
     )
-    matrix: Annotated[Transform, AfterValidator(_rigid)] | None = Field(
-        None,
+    matrix: Accepts[Rows | None, Annotated[Matrix, AfterValidator(_rigid)] | None] = Field(
+        default=None,
+        validate_default=True,
         description="instead of from, to and up: world from camera, 4x4, 16 numbers row by row, the position "
         "in the last column; x is to the right, y up, and the camera looks along -z, as in Blender, Maya, "
         "Houdini, USD and glTF; without scale",
     )
-    fov: float = Field(40.0, gt=0, lt=180, description="vertical field of view, the full angle, degrees")
+    fov: float = Field(
+        default=40.0, gt=0, lt=180, description="vertical field of view, the full angle, degrees"
+    )
     focal_length: float | None = Field(
-        None, gt=0, description="instead of fov: focal length of the lens, millimetres"
+        default=None, gt=0, description="instead of fov: focal length of the lens, millimetres"
     )
     sensor_width: float = Field(
-        SENSOR_WIDTH,
+        default=SENSOR_WIDTH,
         gt=0,
         description="with focal_length: width of what the picture's width shows of the sensor, millimetres",
     )
-    res: Annotated[tuple[int, int], BeforeValidator(_resolution)] = Field(
-        (1280, 720), description="width and height in pixels"
+    res: Accepts[Sequence[int], Annotated[tuple[int, int], BeforeValidator(_resolution)]] = Field(
+        default=(1280, 720), validate_default=True, description="width and height in pixels"
     )
 
     @model_validator(mode="before")

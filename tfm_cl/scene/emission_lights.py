@@ -53,8 +53,8 @@ class EmissionLight(PointLight):
 
     type: Literal["point"] = "point"
     falloff: Literal["none", "inverse-square"] = "inverse-square"
-    core_radius: float = Field(0.0, ge=0, description="of the ball that shines, world units")
-    texels: int = Field(64, ge=1, description="of its map, along a side, at most")
+    core_radius: float = Field(default=0.0, ge=0, description="of the ball that shines, world units")
+    texels: int = Field(default=64, ge=1, description="of its map, along a side, at most")
 
     @property
     def core(self) -> float:

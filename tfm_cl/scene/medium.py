@@ -14,6 +14,7 @@ from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import RGB, Model, decided, number_or_auto, section_within
+from tfm_cl.model_fields import Accepts
 from tfm_cl.scene.optical_depth import OPTICAL_DEPTH
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.presets import PRESETS, expanded
@@ -41,43 +42,56 @@ class Medium(Model):
     SECTION: ClassVar[str] = "medium"
 
     preset: Annotated[str | None, BeforeValidator(_preset)] = Field(
-        None,
+        default=None,
         description="a medium by name, whose numbers those given here change. "
         + "; ".join(f"{name}: {preset.summary}" for name, preset in PRESETS.items()),
     )
-    sigma_s: RGB = Field((1.0, 1.0, 1.0), description="scattering coefficient at density 1, per world unit")
-    sigma_a: RGB = Field((0.0, 0.0, 0.0), description="absorption coefficient at density 1, per world unit")
-    phase: Annotated[Phase, section_within(parse_phase)] = Field(
-        "isotropic",
+    sigma_s: RGB = Field(
+        default=(1.0, 1.0, 1.0),
+        validate_default=True,
+        description="scattering coefficient at density 1, per world unit",
+    )
+    sigma_a: RGB = Field(
+        default=(0.0, 0.0, 0.0),
+        validate_default=True,
+        description="absorption coefficient at density 1, per world unit",
+    )
+    phase: Accepts[Phase | str | dict[str, Any], Annotated[Phase, section_within(parse_phase)]] = Field(
+        default="isotropic",
         validate_default=True,
         description=f"phase function: {', '.join(phase.usage() for phase in PHASES.values())}",
     )
     emission: RGB = Field(
-        (0.0, 0.0, 0.0), description="radiance emitted at density 1, per world unit, also without lights"
+        default=(0.0, 0.0, 0.0),
+        validate_default=True,
+        description="radiance emitted at density 1, per world unit, also without lights",
     )
     temperature: Annotated[str | None, BeforeValidator(_grid_name)] = Field(
-        None,
+        default=None,
         description="name of a grid of the volume's file: where that is hot a black body glows, whatever "
         "the density",
     )
     temperature_offset: float = Field(
-        0.0,
+        default=0.0,
         ge=-LARGEST_COLOUR,
         le=LARGEST_COLOUR,
         description="kelvin = (value - temperature_offset) * temperature_scale, of the values of that grid",
     )
     temperature_scale: float = Field(
-        1.0, ge=0, le=LARGEST_COLOUR, description="of the same; for instance 1000 where 1 means 1000 K"
+        default=1.0,
+        ge=0,
+        le=LARGEST_COLOUR,
+        description="of the same; for instance 1000 where 1 means 1000 K",
     )
     Le_scale: float = Field(
-        1.0,
+        default=1.0,
         ge=0,
         le=LARGEST_COLOUR,
         description="radiance per world unit where that grid is hot: Le_scale times a black body's, relative "
         "to its peak",
     )
     emission_lights: int = Field(
-        0,
+        default=0,
         ge=0,
         le=MOST_EMISSION_LIGHTS,
         description="what the medium emits lights its surroundings, too: as so many point lights, at most, "
@@ -85,30 +99,30 @@ class Medium(Model):
     )
 
     orders: int = Field(
-        1,
+        default=1,
         ge=1,
         le=MOST_ORDERS,
         description="how often light is scattered, at most, on its way to the camera; 1: single scattering; "
         "more: the first order as before, the others from a lattice, without noise, of any phase function",
     )
     octaves: int = Field(
-        1,
+        default=1,
         ge=1,
         le=MOST_OCTAVES,
         description="multiple scattering, roughly, from one look-up of a light; 1: single scattering",
     )
     attenuation: float = Field(
-        0.4,
+        default=0.4,
         gt=0,
         le=1,
         description="of octaves: the extinction that light meets in each, over the one before's",
     )
     contribution: Annotated[float | Literal["auto"], number_or_auto(0, 1)] = Field(
-        "auto",
+        default="auto",
         description="of octaves: how much light each adds, over the one before; auto: by how deep it is",
     )
     eccentricity: float = Field(
-        0.5,
+        default=0.5,
         ge=0,
         le=1,
         description="of octaves: mean cosine of the phase function in each, over the one before's",
@@ -205,6 +219,9 @@ def parse_medium(value: Any) -> Medium | None:
         "{ sigma_s = [1, 1, 1], phase = 'isotropic' }"
     )
 
+
+OwnMedium = Accepts[Medium | dict[str, Any] | None, Annotated[Medium | None, section_within(parse_medium)]]
+"""The medium of one body alone: as `parse_medium` takes it."""
 
 _OWN_SECTION = re.compile(r"^medium\b|(?<=in \[)medium\b")
 """Where a fault names the section."""

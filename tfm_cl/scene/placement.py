@@ -8,7 +8,7 @@ import numpy as np
 
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model import Vec3, decided
+from tfm_cl.model import Triple, decided
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.frames import from_y_up
@@ -74,7 +74,7 @@ def camera_for(
     return Camera(**given)
 
 
-def _closer(bodies: "Sequence[Body]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Vec3]:
+def _closer(bodies: "Sequence[Body]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Triple]:
     """Return from and to with which what is seen of bodies fills part of the frame; ``fixed``: to stays."""
     points = np.concatenate([body.outline() for body in bodies])
     if not len(points):
@@ -203,11 +203,11 @@ def _from_y_up(up: Any) -> np.ndarray:
     return from_y_up(_vector(up))
 
 
-def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Vec3:
+def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Triple:
     return _point(centre + distance * direction / np.linalg.norm(direction), extent)
 
 
-def _point(position: np.ndarray, extent: float) -> Vec3:
+def _point(position: np.ndarray, extent: float) -> Triple:
     # Four digits of the volume's extent, wherever it lies: good enough to type by hand.
     digits = 4 - math.floor(math.log10(extent))
     x, y, z = (round(float(item), digits) + 0.0 for item in position)

@@ -21,7 +21,8 @@ from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model import SPELLINGS, Model, Vec3, number_or_auto, section_within
+from tfm_cl.model import SPELLINGS, Model, Point, number_or_auto
+from tfm_cl.model_fields import Accepts, Numbers
 from tfm_cl.scene import looks, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.background import check_surrounded
@@ -29,12 +30,12 @@ from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera, outdone
 from tfm_cl.scene.lights.base import LIGHTS, Light, names_of, parse_light
-from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.medium import Medium, OwnMedium
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.presets import PRESETS, expanded
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
 from tfm_cl.scene.solids import Solid, parse_solid
-from tfm_cl.scene.transform import Transform
+from tfm_cl.scene.transform import Matrix, Rows
 
 MAX_BYTES = 1 << 20
 """A scene file larger than this is not one."""
@@ -84,10 +85,10 @@ class VolumeSettings(Model):
     SECTION: ClassVar[str] = "volume"
 
     file: Annotated[str, PlainValidator(_file)] = Field(description="volume file, relative to the scene file")
-    grid: str | None = Field(None, description="name of the grid")
+    grid: str | None = Field(default=None, description="name of the grid")
     colour: Annotated[str | tuple[str, str, str] | Literal[False] | None, PlainValidator(_colour_source)] = (
         Field(
-            None,
+            default=None,
             description="RGB extinction of each voxel relative to the grid: an array [z, y, x, 3] of the "
             "same npz, a grid of vectors of the same file ('Cd'), a file with such an array or grid "
             "(relative to the scene file), or three grids of the same file; false: none; left out: the array "
@@ -95,34 +96,41 @@ class VolumeSettings(Model):
         )
     )
     offset: float = Field(
-        0.0,
+        default=0.0,
         ge=-LARGEST_COLOUR,
         le=LARGEST_COLOUR,
         description="added to each value of the grid, for instance 1000 to a CT in Hounsfield units; what is "
         "then below 0 becomes 0",
     )
     window: Annotated[tuple[float, float] | None, BeforeValidator(_window)] = Field(
-        None,
+        default=None,
         description="low,high: of the values of the grid (after the offset) these become 0 and 1, those "
         "between in proportion, others the nearer of the two",
     )
     density_scale: Annotated[float | Literal["auto"], number_or_auto(0, LARGEST_COLOUR)] = Field(
-        1.0,
+        default=1.0,
         description="density = density_scale * grid; auto: a sensible optical depth (bare volumes' default)",
     )
-    voxel_size: Annotated[Vec3 | None, BeforeValidator(_sizes)] = Field(
-        None, description="edge of a voxel, world units, one number or x,y,z (files without a transform)"
+    voxel_size: Accepts[float | Numbers | None, Annotated[Point | None, BeforeValidator(_sizes)]] = Field(
+        default=None,
+        validate_default=True,
+        description="edge of a voxel, world units, one number or x,y,z (files without a transform)",
     )
-    origin: Vec3 | None = Field(
-        None, description="world position of the low corner of voxel 0,0,0 (files without a transform)"
+    origin: Accepts[Numbers | None, Point | None] = Field(
+        default=None,
+        validate_default=True,
+        description="world position of the low corner of voxel 0,0,0 (files without a transform)",
     )
-    transform: Transform | None = Field(
-        None,
+    transform: Accepts[Rows | None, Matrix | None] = Field(
+        default=None,
+        validate_default=True,
         description="4x4, 16 numbers row by row: moves the volume from where its file, or voxel_size and "
         "origin, put it",
     )
-    medium: Annotated[Medium | None, section_within(parse_medium)] = Field(
-        None, description="what this body alone is made of: a table like [medium], whose keys it overrides"
+    medium: OwnMedium = Field(
+        default=None,
+        validate_default=True,
+        description="what this body alone is made of: a table like [medium], whose keys it overrides",
     )
     sanitize: bool = Field(
         default=False, description="set NaN, infinite and negative densities and colours to 0"

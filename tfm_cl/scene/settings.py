@@ -1,5 +1,6 @@
 """Settings of the passes and the image: sections ``[map]``, ``[march]``, ``[shadow]`` and ``[image]``."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
@@ -9,7 +10,15 @@ from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST
-from tfm_cl.model import Model, as_colour, count_or_auto, in_words, number_or_auto, number_or_none
+from tfm_cl.model import (
+    Model,
+    as_colour,
+    count_or_auto,
+    in_words,
+    number_or_auto,
+    number_or_none,
+)
+from tfm_cl.model_fields import Accepts, Numbers
 from tfm_cl.scene.layers import NAMES
 from tfm_cl.scene.pixel_filters import FILTERS
 
@@ -42,72 +51,73 @@ class MapSettings(Model):
     SECTION: ClassVar[str] = "map"
 
     basis: Annotated[str, BeforeValidator(_basis)] = Field(
-        "auto",
+        default="auto",
         description="basis of the map; auto: klt, the most accurate at equal bytes. "
         + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
     )
     coeffs: Annotated[Count, count_or_auto(MAX_COEFFS)] = Field(
-        "auto",
+        default="auto",
         description="coefficients per texel: 1 to 32, planes of slices to 512; auto: as required by bytes or "
         "max_error, else 8",
     )
     bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
-        None,
-        alias="bytes",
+        default=None,
+        validation_alias="bytes",
         description="limit of the bytes per texel, including its range; determines coeffs if that is auto",
     )
     max_error: Annotated[float | None, number_or_none(1e-4, 1)] = Field(
-        None,
+        default=None,
         description="largest relative RMSE of the picture's lit pixels against the converged dual march: "
         "coeffs, res and both steps are chosen by measuring, unless they are given",
     )
     density_weighting: Annotated[float | Literal["auto"], number_or_auto(1, MAX_WEIGHTING)] = Field(
-        "auto",
+        default="auto",
         description="α ≥ 1 of eq. 19, applied to the transmittance of the density alone; only for the "
         "target transmittance; auto: half the largest optical depth seen by the lights, between 1 and 16",
     )
     target: Literal["auto", "transmittance", "optical-depth", "extinction"] = Field(
-        "auto", description="function that is approximated: T^(1/α), τ or σ; auto: the default of the basis"
+        default="auto",
+        description="function that is approximated: T^(1/α), τ or σ; auto: the default of the basis",
     )
     fit: Literal["auto", "l2", "visibility"] = Field(
-        "auto",
+        default="auto",
         description="least-squares fit: plain, or weighted by the light that the density removes (D T²)",
     )
     range: Literal["auto", "box", "trimmed", "visible", "global"] = Field(
-        "auto",
+        default="auto",
         description="part of a light ray that the coefficients describe: box: within the medium's bounds; "
         "trimmed: where there is density; visible: where there is density and light; global: the same "
         "depths for all rays",
     )
     slicing: Literal["uniform", "density", "gamma"] = Field(
-        "uniform",
+        default="uniform",
         description="planes of the bases slices and slices-cubic: uniform: equidistant; density: closer "
         "where the mean density of the rays is high; gamma: closer near the light",
     )
     lookup: Literal["auto", "interpolate", "reconstruct", "stochastic", "lattice"] = Field(
-        "auto",
+        default="auto",
         description="between texels: interpolate the coefficients, interpolate the reconstructed optical "
         "depths, or use one texel at random; lattice: look all lights up once a voxel, and interpolate what "
         "they scatter",
     )
     res: Annotated[Count, count_or_auto(MAX_RES)] = Field(
-        1024,
+        default=1024,
         description="the map has res × res texels; auto: as fine as voxels and pixels require, 64 to 2048",
     )
     steps: Annotated[Count, count_or_auto(MAX_STEPS)] = Field(
-        100,
+        default=100,
         description="steps along the range of a light ray, and along the light rays of the dual march; "
         "auto: at most 1.5 voxels long, 16 to 1024",
     )
     deposits: Literal["steps", "depth"] = Field(
-        "steps",
+        default="steps",
         description="what primitives leave in the map: steps: in each step of a light ray what lies in it, "
         "by exact integrals; depth: all at the primitive's own depth, without steps (FOM eq. 5-6), for the "
         "targets optical-depth and extinction with the fit l2",
     )
-    storage: Literal["f32", "f16", "u8"] = Field("f32", description="type of the stored coefficients")
+    storage: Literal["f32", "f16", "u8"] = Field(default="f32", description="type of the stored coefficients")
     blur: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         le=1e9,
         description="width of a filter of the map, in texels; for the targets optical-depth and extinction "
@@ -115,7 +125,7 @@ class MapSettings(Model):
         "section 6)",
     )
     blur_kernel: Literal["box", "gaussian"] = Field(
-        "gaussian", description="filter of blur: a box, or a Gaussian with the variance of that box"
+        default="gaussian", description="filter of blur: a box, or a Gaussian with the variance of that box"
     )
 
     @model_validator(mode="before")
@@ -155,27 +165,30 @@ class MarchSettings(Model):
     SECTION: ClassVar[str] = "march"
 
     method: Literal["tfm", "dual"] = Field(
-        "tfm", description="tfm: look the light up in its map; dual: march to the light at every sample"
+        default="tfm",
+        description="tfm: look the light up in its map; dual: march to the light at every sample",
     )
     steps: Annotated[Count, count_or_auto(MAX_STEPS)] = Field(
-        100, description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024"
+        default=100,
+        description="steps along the lit part of a camera ray; auto: at most 1.5 voxels long, 16 to 1024",
     )
     sampling: Literal["projective", "world"] = Field(
-        "projective", description="uniform in the light's projective space (section 4.2) or in the world"
+        default="projective",
+        description="uniform in the light's projective space (section 4.2) or in the world",
     )
     attenuation: Literal["consistent", "paper"] = Field(
-        "consistent",
+        default="consistent",
         description="consistent: the medium attenuates everything behind it; paper: only within the light's "
         "cone, as printed in TFM's algorithm 1",
     )
     max_stretch: float = Field(
-        4.0,
+        default=4.0,
         ge=1,
         description="projective sampling: limit of the longest step, as a multiple of the mean step; large "
         "values correspond to the paper, which undersamples the far end of rays that pass near the light",
     )
     cutoff: float = Field(
-        1e-4,
+        default=1e-4,
         ge=0,
         lt=1,
         description="a camera ray ends where its transmittance falls below this value: the error is at most "
@@ -185,7 +198,7 @@ class MarchSettings(Model):
         default=True, description="skip bricks without density; the other samples stay where they are"
     )
     voxels: Literal["f32", "f16", "u8"] = Field(
-        "f32",
+        default="f32",
         description="type of the voxels on the device: the error of f16 is 2^-11 of a density, that of u8 "
         "1/510 of the largest density in or next to the block of 8x8x8",
     )
@@ -197,13 +210,13 @@ class ShadowSettings(Model):
     SECTION: ClassVar[str] = "shadow"
 
     res: int = Field(
-        1024,
+        default=1024,
         ge=1,
         le=MAX_RES,
         description="texels along each side of a light's shadow map, which holds distances to solids",
     )
     filter: Literal["nearest", "pcf"] = Field(
-        "pcf",
+        default="pcf",
         description="nearest: test the nearest texel; pcf: fraction of the four surrounding texels that are "
         "lit (percentage-closer filtering)",
     )
@@ -277,29 +290,36 @@ class ImageSettings(Model):
 
     SECTION: ClassVar[str] = "image"
 
-    crop: Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)] = Field(
-        None, description="part of the frame to render: pixels x0,y0,x1,y1 (end excluded)"
+    crop: Accepts[
+        Sequence[int] | None, Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)]
+    ] = Field(
+        default=None,
+        validate_default=True,
+        description="part of the frame to render: pixels x0,y0,x1,y1 (end excluded)",
     )
     samples: Annotated[int, BeforeValidator(_samples)] = Field(
-        1,
+        default=1,
         description="camera rays of a pixel, at most: 1, 4, 16, 64 or 256; more than one where neighbours "
         "differ, more than 4 where these differ",
     )
     filter: Annotated[str, BeforeValidator(_filter)] = Field(
-        "box",
+        default="box",
         description="how pixels are made of samples. "
         + "; ".join(f"{name}: {found.summary}" for name, found in FILTERS.items()),
     )
     exposure: Annotated[float | Literal["auto"], number_or_auto(-MOST_STOPS, MOST_STOPS)] = Field(
-        0.0, description="exposure in stops, PNG only; auto: by how bright what is lit is"
+        default=0.0, description="exposure in stops, PNG only; auto: by how bright what is lit is"
     )
     view: Annotated[str, BeforeValidator(_view)] = Field(
-        "standard",
+        default="standard",
         description="how light is shown, PNG only. "
         + "; ".join(f"{view.NAME}: {view.SUMMARY}" for view in VIEWS.values()),
     )
-    background: Annotated[Background, PlainValidator(_background)] = Field(
-        (0.0, 0.0, 0.0),
+    background: Accepts[
+        float | Numbers | Literal["environment"], Annotated[Background, PlainValidator(_background)]
+    ] = Field(
+        default=(0.0, 0.0, 0.0),
+        validate_default=True,
         description="behind media and solids: RGB radiance, scene-linear, which lights nothing; or "
         "environment: what the camera sees of environment and sky lights; added as far as the media let it "
         "through; alpha and layers are without it",
@@ -307,16 +327,18 @@ class ImageSettings(Model):
     transparent: bool = Field(
         default=False, description="write alpha, PNG only, and no background; otherwise over the background"
     )
-    png_bits: Literal[8, 16] = Field(8, description="bits a channel, PNG only: 8 or 16")
+    png_bits: Literal[8, 16] = Field(default=8, description="bits a channel, PNG only: 8 or 16")
     dither: bool = Field(
         default=True,
         description="dither 8 bits, so that gradients do not band, PNG only; otherwise round",
     )
-    aov: Annotated[tuple[str, ...], BeforeValidator(_aovs)] = Field(
-        (), description="extra EXR layers: " + ", ".join(NAMES) + " (light.NAME for each of them)"
+    aov: Accepts[Sequence[str], Annotated[tuple[str, ...], BeforeValidator(_aovs)]] = Field(
+        default=(),
+        validate_default=True,
+        description="extra EXR layers: " + ", ".join(NAMES) + " (light.NAME for each of them)",
     )
     pixel_type: Literal["float", "half"] = Field(
-        "float", description="type of the colour channels in EXR files"
+        default="float", description="type of the colour channels in EXR files"
     )
 
     @property

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model_fields import Accepts, Numbers
 
 FLATTEST = 1e-6
 """Least volume of a transform's axes, each brought to length 1: below, it is flat within float32."""
@@ -41,7 +42,9 @@ def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, matrix.tolist()))
 
 
-Transform = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_affine)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_affine)]
+Rows = Numbers | Sequence[Sequence[float]]
+Transform = Accepts[Rows, Matrix]
 """4×4, affine and invertible; 16 numbers row by row, 4 rows or an array are accepted."""
 
 

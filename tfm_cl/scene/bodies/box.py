@@ -16,8 +16,13 @@ class BoxVolume(Homogeneous):
     KIND: ClassVar[int] = 1
     HEADER: ClassVar[str] = "body/box.h"
     shape: Literal["box"] = "box"
-    from_: Vec3 = Field((-1, -1, -1), alias="from", description="low corner, world units")
-    to: Vec3 = Field((1, 1, 1), description="high corner, world units")
+    from_: Vec3 = Field(
+        default=(-1, -1, -1),
+        validate_default=True,
+        validation_alias="from",
+        description="low corner, world units",
+    )
+    to: Vec3 = Field(default=(1, 1, 1), validate_default=True, description="high corner, world units")
 
     @model_validator(mode="after")
     def _has_an_inside(self) -> Self:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,9 @@ from pydantic import Field
 
 from tfm_cl.errors import SceneError, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model import Model, section_within
+from tfm_cl.model import Model
 from tfm_cl.scene.bodies.base import Body
-from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.medium import Medium, OwnMedium
 
 
 class Homogeneous(Model, Body):
@@ -32,10 +32,12 @@ class Homogeneous(Model, Body):
 
     shape: str = Field(description="form of the medium")
     density: float = Field(
-        1.0, ge=0, le=LARGEST_COLOUR, description="density inside; extinction is density * sigma_t"
+        default=1.0, ge=0, le=LARGEST_COLOUR, description="density inside; extinction is density * sigma_t"
     )
-    medium: Annotated[Medium | None, section_within(parse_medium)] = Field(
-        None, description="what this body alone is made of: a table like [medium], whose keys it overrides"
+    medium: OwnMedium = Field(
+        default=None,
+        validate_default=True,
+        description="what this body alone is made of: a table like [medium], whose keys it overrides",
     )
 
     @property

@@ -14,14 +14,15 @@ from tfm_cl.extras import needs
 from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model import Model, Vec3, number_or_auto, section_within
+from tfm_cl.model import Model, Point, number_or_auto
+from tfm_cl.model_fields import Accepts, Numbers
 from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
-from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.medium import OwnMedium
 from tfm_cl.scene.optical_depth import density_scale_for, why_density
-from tfm_cl.scene.transform import Transform
+from tfm_cl.scene.transform import Matrix, Rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,22 +51,27 @@ class PrimitiveSettings(Model):
     """That names the file, and tells what kind it is."""
 
     opacity: float | None = Field(
-        None,
+        default=None,
         ge=0,
         le=1,
         description="part of the light that one crossing takes at sigma_t = 1, through the middle of a "
         "point; times the file's own, if any",
     )
-    colour: Vec3 | None = Field(
-        None, description="extinction relative to the density, RGB, instead of the file's"
+    colour: Accepts[Numbers | None, Point | None] = Field(
+        default=None,
+        validate_default=True,
+        description="extinction relative to the density, RGB, instead of the file's",
     )
-    transform: Transform | None = Field(
-        None,
+    transform: Accepts[Rows | None, Matrix | None] = Field(
+        default=None,
+        validate_default=True,
         description="4x4, 16 numbers row by row, of a rotation, a translation and one scale: moves what the "
         "file holds",
     )
-    medium: Annotated[Medium | None, section_within(parse_medium)] = Field(
-        None, description="what this body alone is made of: a table like [medium], whose keys it overrides"
+    medium: OwnMedium = Field(
+        default=None,
+        validate_default=True,
+        description="what this body alone is made of: a table like [medium], whose keys it overrides",
     )
 
     @abstractmethod
@@ -123,18 +129,18 @@ class PointsSettings(PrimitiveSettings):
         description="file of points (particles), relative to the scene file"
     )
     density: Density = Field(
-        None,
+        default=None,
         description="instead of opacity: extinction at the middle of each is density * sigma_t; times the "
         "file's own, if any; auto: a sensible optical depth, which is also taken where neither this nor any "
         "opacity is given",
     )
     radius: Length = Field(
-        None,
+        default=None,
         description="where each point's density ends, in the file's units, instead of its own; auto: twice "
         "the median distance to the nearest neighbour, which is also taken where the file says none",
     )
     profile: Literal["ball", "gaussian", "smooth"] = Field(
-        "smooth",
+        default="smooth",
         description="how the density falls from the middle of a point to its radius: not at all; with a "
         "standard deviation of a third of it; as (1 - r^2)^3",
     )
@@ -183,14 +189,14 @@ class CurvesSettings(PrimitiveSettings):
         description="file of curves (hair, fur), relative to the scene file"
     )
     density: float | None = Field(
-        None,
+        default=None,
         ge=0,
         le=LARGEST_COLOUR,
         description="instead of opacity: a crossing of a strand has the optical depth density * width at "
         "sigma_t = 1",
     )
     width: Length = Field(
-        None,
+        default=None,
         description="of all strands, from edge to edge, in the file's units, instead of the file's; auto: a "
         "thousandth of the diagonal of their bounds, which is also taken where the file says none",
     )

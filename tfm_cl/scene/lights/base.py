@@ -95,14 +95,16 @@ class Light(Model):
         return (self.HEADER,)
 
     type: str = Field(description="kind of light")
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB; the unit depends on falloff")
+    intensity: RGB = Field(
+        default=(1.0, 1.0, 1.0), validate_default=True, description="RGB; the unit depends on falloff"
+    )
     falloff: Literal["none", "inverse-square"] = Field(
-        "none",
+        default="none",
         description="none, as in the papers: intensity is the irradiance everywhere; "
         "inverse-square: intensity is per steradian, distance in world units",
     )
     name: Annotated[str | None, BeforeValidator(_name)] = Field(
-        None, description="what its layer is called, light.NAME; default: its number, from 1"
+        default=None, description="what its layer is called, light.NAME; default: its number, from 1"
     )
 
     @abstractmethod

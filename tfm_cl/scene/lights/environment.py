@@ -33,14 +33,17 @@ class EnvironmentLight(Surroundings):
     WHOLE: ClassVar[float] = 4 * np.pi
 
     type: Literal["environment"] = "environment"
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB radiance, or factor of the image")
+    intensity: RGB = Field(
+        default=(1.0, 1.0, 1.0), validate_default=True, description="RGB radiance, or factor of the image"
+    )
     texture: ImagePath = Field(
-        "",
+        default="",
+        validate_default=True,
         description="latitude-longitude image of the radiance, +y up, +z in the centre: .png .exr .npy; "
         "empty: the same in all directions",
     )
     samples: int = Field(
-        32,
+        default=32,
         ge=1,
         le=MOST_SAMPLES,
         description=f"directions, 1 to {MOST_SAMPLES}, each with a map of its own",

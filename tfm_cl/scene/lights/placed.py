@@ -20,9 +20,9 @@ NEAR = 0.1
 class PlacedLight(Light):
     """Light from a point; its map covers all that it reaches or, once `fitted`, the medium within reach."""
 
-    from_: Vec3 = Field(alias="from", description="position, world units")
+    from_: Vec3 = Field(validation_alias="from", description="position, world units")
     reach: Reach = Field(
-        None,
+        default=None,
         description="distance beyond which the light is dark, world units; it fades out smoothly towards it; "
         "default: unlimited",
     )

@@ -24,10 +24,10 @@ class PointLight(PlacedLight):
 
     type: Literal["point"] = "point"
     radius: float = Field(
-        0.0, ge=0, description="radius of the sphere that emits the light, world units; 0: a point"
+        default=0.0, ge=0, description="radius of the sphere that emits the light, world units; 0: a point"
     )
     samples: int = Field(
-        16,
+        default=16,
         ge=1,
         le=MOST_SAMPLES,
         description=f"points on the sphere, 1 to {MOST_SAMPLES}, each with a map of its own",

@@ -35,20 +35,31 @@ class SkyLight(Surroundings):
 
     type: Literal["sky"] = "sky"
     intensity: RGB = Field(
-        (1.0, 1.0, 1.0), description="RGB factor; with 1 a high sun has an irradiance of about 1.3"
+        default=(1.0, 1.0, 1.0),
+        validate_default=True,
+        description="RGB factor; with 1 a high sun has an irradiance of about 1.3",
     )
     elevation: float = Field(
-        45.0, ge=0, le=90, description="of the sun above the horizon, degrees, 0 to 90: its colour follows"
+        default=45.0,
+        ge=0,
+        le=90,
+        description="of the sun above the horizon, degrees, 0 to 90: its colour follows",
     )
     azimuth: float = Field(
-        0.0, ge=-360, le=360, description="of the sun, degrees: 0 is +z, 90 is +x, where +y is up"
+        default=0.0, ge=-360, le=360, description="of the sun, degrees: 0 is +z, 90 is +x, where +y is up"
     )
-    up: Vec3 = Field((0.0, 1.0, 0.0), description="direction of the zenith")
-    turbidity: float = Field(3.0, ge=1, le=10, description="haze: 2 is very clear, 3 clear, 6 warm, 10 hazy")
-    ground_albedo: RGB = Field((0.2, 0.2, 0.2), description="RGB albedo of the ground all around, 0 to 1")
+    up: Vec3 = Field(default=(0.0, 1.0, 0.0), validate_default=True, description="direction of the zenith")
+    turbidity: float = Field(
+        default=3.0, ge=1, le=10, description="haze: 2 is very clear, 3 clear, 6 warm, 10 hazy"
+    )
+    ground_albedo: RGB = Field(
+        default=(0.2, 0.2, 0.2),
+        validate_default=True,
+        description="RGB albedo of the ground all around, 0 to 1",
+    )
     sun: bool = Field(default=True, description="the sun itself: a light, and a disk that the camera sees")
     samples: int = Field(
-        32,
+        default=32,
         ge=1,
         le=MOST_SAMPLES,
         description=f"directions of sky and ground, 1 to {MOST_SAMPLES}, each with a map of its own",

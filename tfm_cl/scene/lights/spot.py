@@ -31,26 +31,28 @@ class SpotLight(PlacedLight):
 
     type: Literal["spot"] = "spot"
     to: Vec3 = Field(description="point on the axis, world units")
-    cone: float = Field(25.0, gt=0, lt=90, description="half angle, degrees")
+    cone: float = Field(default=25.0, gt=0, lt=90, description="half angle, degrees")
     blend: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         le=1,
         description="fraction of the half angle over which the edge softens (smoothstep); 0: a hard edge",
     )
     radius: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="radius of the disk across the axis that emits the light, world units; 0: a point",
     )
     samples: int = Field(
-        16,
+        default=16,
         ge=1,
         le=MOST_SAMPLES,
         description=f"points on the disk, 1 to {MOST_SAMPLES}, each with a map of its own",
     )
     texture: ImagePath = Field(
-        "", description="image projected through the square around the cone: .png .exr .npy; empty: none"
+        default="",
+        validate_default=True,
+        description="image projected through the square around the cone: .png .exr .npy; empty: none",
     )
 
     @model_validator(mode="after")

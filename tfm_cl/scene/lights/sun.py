@@ -29,11 +29,16 @@ class SunLight(Light):
 
     type: Literal["sun"] = "sun"
     from_: Vec3 = Field(
-        alias="from", description="start of the direction, world units; how far away it is does not matter"
+        validation_alias="from",
+        description="start of the direction, world units; how far away it is does not matter",
     )
     to: Vec3 = Field(description="end of the direction in which the light travels, world units")
-    intensity: RGB = Field((1.0, 1.0, 1.0), description="RGB irradiance on a plane facing the light")
-    falloff: Literal["none"] = Field("none", description="none: a sun is equally bright everywhere")
+    intensity: RGB = Field(
+        default=(1.0, 1.0, 1.0),
+        validate_default=True,
+        description="RGB irradiance on a plane facing the light",
+    )
+    falloff: Literal["none"] = Field(default="none", description="none: a sun is equally bright everywhere")
     _corners: Floats | None = PrivateAttr(default=None)
     _all_corners: Floats | None = PrivateAttr(default=None)
     _spread: float = PrivateAttr(default=0.0)

@@ -16,7 +16,9 @@ class Surroundings(Light):
     WHOLE: ClassVar[float]
     """What arrives from all directions together where ``intensity`` is 1; roughly, where that varies."""
 
-    falloff: Literal["none"] = Field("none", description="none: the surroundings are infinitely far away")
+    falloff: Literal["none"] = Field(
+        default="none", description="none: the surroundings are infinitely far away"
+    )
 
     @staticmethod
     def spread_of(count: int) -> float:

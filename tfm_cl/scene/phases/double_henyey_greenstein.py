@@ -26,9 +26,9 @@ class DoubleHenyeyGreenstein(Phase):
     )
 
     type: Literal["double-hg"] = "double-hg"
-    g1: float = Field(0.85, gt=-1, lt=1, description="mean cosine of the first lobe")
-    g2: float = Field(-0.3, gt=-1, lt=1, description="mean cosine of the second lobe")
-    weight: float = Field(0.8, ge=0, le=1, description="w: share of the first lobe")
+    g1: float = Field(default=0.85, gt=-1, lt=1, description="mean cosine of the first lobe")
+    g2: float = Field(default=-0.3, gt=-1, lt=1, description="mean cosine of the second lobe")
+    weight: float = Field(default=0.8, ge=0, le=1, description="w: share of the first lobe")
 
     def kernel_parameters(self) -> tuple[float, ...]:
         """(g1, g2, w)."""

@@ -25,9 +25,11 @@ class Draine(Phase):
 
     type: Literal["draine"] = "draine"
     g: float = Field(
-        0.5, gt=-1, lt=1, description="mean cosine at alpha = 0: > 0 scatters forwards, < 0 backwards"
+        default=0.5, gt=-1, lt=1, description="mean cosine at alpha = 0: > 0 scatters forwards, < 0 backwards"
     )
-    alpha: float = Field(1.0, ge=0, le=1e4, description="how much more goes along the light than aside")
+    alpha: float = Field(
+        default=1.0, ge=0, le=1e4, description="how much more goes along the light than aside"
+    )
 
     def kernel_parameters(self) -> tuple[float, ...]:
         """(g, α)."""

@@ -50,10 +50,16 @@ class FournierForand(Phase):
 
     type: Literal["fournier-forand"] = "fournier-forand"
     ior: float = Field(
-        1.33, ge=1.001, le=2, description="n: the particles' index of refraction over that of the medium"
+        default=1.33,
+        ge=1.001,
+        le=2,
+        description="n: the particles' index of refraction over that of the medium",
     )
     backscatter: float = Field(
-        0.1, ge=1e-4, le=0.5, description="B: fraction of the light that is scattered backwards, at most half"
+        default=0.1,
+        ge=1e-4,
+        le=0.5,
+        description="B: fraction of the light that is scattered backwards, at most half",
     )
 
     @cached_property

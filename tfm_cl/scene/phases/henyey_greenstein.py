@@ -20,10 +20,13 @@ class HenyeyGreenstein(Phase):
 
     type: Literal["hg"] = "hg"
     g: float = Field(
-        0.0, gt=-1, lt=1, description="mean cosine: > 0 scatters forwards, < 0 backwards, 0 is isotropic"
+        default=0.0,
+        gt=-1,
+        lt=1,
+        description="mean cosine: > 0 scatters forwards, < 0 backwards, 0 is isotropic",
     )
 
-    def __init__(self, g: float = 0.0, /, **values: Any) -> None:
+    def __init__(self, /, g: float = 0.0, **values: Any) -> None:
         super().__init__(**{"g": g, **values})
 
     def kernel_parameters(self) -> tuple[float, ...]:

@@ -30,9 +30,9 @@ class KajiyaKay(Phase):
     TAKES: ClassVar[str] = "the share and the exponent of specular reflection, as in kajiya-kay:0.3:40"
 
     type: Literal["kajiya-kay"] = "kajiya-kay"
-    specular: float = Field(0.3, ge=0, le=1, description="s: share of specular reflection")
+    specular: float = Field(default=0.3, ge=0, le=1, description="s: share of specular reflection")
     exponent: float = Field(
-        40.0, ge=1, le=1e4, description="p: of the cosine: the larger, the narrower the highlight"
+        default=40.0, ge=1, le=1e4, description="p: of the cosine: the larger, the narrower the highlight"
     )
 
     def kernel_parameters(self) -> tuple[float, ...]:

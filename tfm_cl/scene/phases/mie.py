@@ -35,7 +35,7 @@ class Mie(Phase):
     TAKES: ClassVar[str] = "the droplets' diameter in micrometres, as in mie:20"
 
     type: Literal["mie"] = "mie"
-    diameter: float = Field(20.0, ge=5, le=50, description="of the droplets, µm: 5 to 50")
+    diameter: float = Field(default=20.0, ge=5, le=50, description="of the droplets, µm: 5 to 50")
 
     def fit(self) -> Fit:
         """Return the fit for the diameter."""

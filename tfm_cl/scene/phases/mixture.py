@@ -1,6 +1,6 @@
 """Phase functions that are sums of others."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, Field
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import section_within
+from tfm_cl.model_fields import Accepts
 from tfm_cl.scene.phases.base import Phase, parse_phase
-from tfm_cl.scene.phases.tabulated import Samples, listed, sampled
+from tfm_cl.scene.phases.tabulated import Listed, Samples, listed, sampled
 
 MOST_PARTS = 8
 
@@ -38,15 +39,17 @@ class PhaseMixture(Phase):
     HEADER: ClassVar[str] = "phase/tabulated_phase.h"
 
     type: Literal["mix"] = "mix"
-    phases: Annotated[tuple[Annotated[Phase, section_within(_part)], ...], BeforeValidator(listed)] = Field(
-        min_length=1, max_length=MOST_PARTS, description="phase functions, as many as weights"
-    )
-    weights: Annotated[tuple[float, ...], BeforeValidator(listed)] = Field(
+    phases: Accepts[
+        Sequence[Phase | str | dict[str, Any]],
+        Annotated[tuple[Annotated[Phase, section_within(_part)], ...], BeforeValidator(listed)],
+    ] = Field(min_length=1, max_length=MOST_PARTS, description="phase functions, as many as weights")
+    weights: Listed = Field(
         description="of each ≥ 0: the part of what is scattered that it scatters, over their sum"
     )
 
-    def __init__(self, /, **values: Any) -> None:
-        super().__init__(**values)
+    def model_post_init(self, context: Any, /) -> None:
+        """Check that there is a weight for each part."""
+        super().model_post_init(context)
         if len(self.weights) != len(self.phases):
             given = f"{len(self.phases)} and {len(self.weights)}"
             raise SceneError(f"{self.SECTION}: a mixture needs as many weights as phases; got {given}")

@@ -14,6 +14,7 @@ from tfm_cl.constants import PHASE_CELLS
 from tfm_cl.errors import InputError, SceneError
 from tfm_cl.files.paths import real_path, source_of
 from tfm_cl.files.phase_table import Curve, TablePath, checked, read
+from tfm_cl.model_fields import Accepts, Numbers
 from tfm_cl.scene.phases.base import Phase
 
 MOST_LOST = 0.01
@@ -35,7 +36,7 @@ class Samples:
     """[PHASE_CELLS + 2], at squares of even steps from a pole: from μ = 1 to 0, then from -1 to 0."""
 
 
-Numbers = Annotated[tuple[float, ...], BeforeValidator(listed)]
+Listed = Accepts[Numbers, Annotated[tuple[float, ...], BeforeValidator(listed)]]
 
 
 class TabulatedPhase(Phase):
@@ -51,13 +52,22 @@ class TabulatedPhase(Phase):
 
     type: Literal["table"] = "table"
     file: TablePath = Field(
-        "", description="text with a cosine and a value in every line, relative to the scene file"
+        default="",
+        validate_default=True,
+        description="text with a cosine and a value in every line, relative to the scene file",
     )
-    cosines: Numbers = Field((), description="instead of a file: cosines from -1 to 1, in order")
-    values: Numbers = Field((), description="instead of a file: values at the cosines, or evenly spaced")
+    cosines: Listed = Field(
+        default=(), validate_default=True, description="instead of a file: cosines from -1 to 1, in order"
+    )
+    values: Listed = Field(
+        default=(),
+        validate_default=True,
+        description="instead of a file: values at the cosines, or evenly spaced",
+    )
 
-    def __init__(self, /, **values: Any) -> None:
-        super().__init__(**values)
+    def model_post_init(self, context: Any, /) -> None:
+        """Check what was given, and read what is there."""
+        super().model_post_init(context)
         if bool(self.file) == bool(self.values) or (self.file and self.cosines):
             raise SceneError(f"{self.SECTION}: a table has either a file or values (and cosines)")
         if self.values:

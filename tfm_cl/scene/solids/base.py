@@ -13,7 +13,8 @@ from tfm_cl.files import mipmap
 from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.model import RGB, Model, Vec3
+from tfm_cl.model import Model, Triple, as_colour
+from tfm_cl.model_fields import Accepts, Numbers
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
 
 UPWARDS = 0.999
@@ -26,7 +27,8 @@ def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, 
     return rgb
 
 
-Albedo = Annotated[RGB, AfterValidator(_reflects_no_more_than_all)]
+Reflectance = Annotated[Triple, BeforeValidator(as_colour), AfterValidator(_reflects_no_more_than_all)]
+Albedo = Accepts[float | Numbers, Reflectance]
 """Diffuse reflectance, linear Rec. 709, each channel in 0..1; one number means grey."""
 
 
@@ -39,10 +41,11 @@ def _image_name(value: Any) -> Any:
     return value
 
 
-AlbedoOrImage = Annotated[
-    Annotated[Albedo, Tag("a colour")] | Annotated[str, BeforeValidator(_image_name), Tag("an image")],
+ReflectanceOrImage = Annotated[
+    Annotated[Reflectance, Tag("a colour")] | Annotated[str, BeforeValidator(_image_name), Tag("an image")],
     Discriminator(lambda value: "an image" if isinstance(value, str | Path) else "a colour"),
 ]
+AlbedoOrImage = Accepts[float | Numbers | str | Path, ReflectanceOrImage]
 """`Albedo`, or the file of an image of it."""
 
 
@@ -80,7 +83,11 @@ class Solid(Model):
         """Hash the fields that `__eq__` compares."""
         return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
 
-    transform: Transform = Field(IDENTITY, description="world-from-object matrix: 16 numbers, row by row")
+    transform: Transform = Field(
+        default=IDENTITY,
+        validate_default=True,
+        description="world-from-object matrix: 16 numbers, row by row",
+    )
 
     @model_validator(mode="after")
     def _is_seen_as_a_hole(self) -> Self:
@@ -128,7 +135,9 @@ class AnalyticSolid(Solid):
     """
 
     shape: str = Field(description="kind of solid")
-    albedo: AlbedoOrImage = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
+    albedo: AlbedoOrImage = Field(
+        default=DEFAULT_ALBEDO, validate_default=True, description="diffuse reflectance, linear RGB, 0 to 1"
+    )
 
     def mapped(self) -> Mapped | None:
         """Return the image that its albedo is, if it is one."""
@@ -166,10 +175,12 @@ class FlatSolid(AnalyticSolid):
     """An infinite plane, visible from both sides; an image as its albedo is repeated without end."""
 
     albedo: AlbedoOrImage = Field(
-        DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1, or an image file"
+        default=DEFAULT_ALBEDO,
+        validate_default=True,
+        description="diffuse reflectance, linear RGB, 0 to 1, or an image file",
     )
     texture_scale: float | None = Field(
-        None,
+        default=None,
         ge=1 / LARGEST_COORDINATE,
         le=LARGEST_COORDINATE,
         description="with an image as albedo: width of one repetition on the plane, object units; default: 1",
@@ -182,7 +193,7 @@ class FlatSolid(AnalyticSolid):
         return self
 
     @abstractmethod
-    def object_plane(self) -> tuple[Vec3, Vec3]:
+    def object_plane(self) -> tuple[Triple, Triple]:
         """Return a point on the plane and a normal of any length, object space."""
 
     @staticmethod

@@ -19,9 +19,13 @@ class BoxSolid(AnalyticSolid):
     """The six faces between two corners; visible from outside and inside."""
 
     shape: Literal["box"] = "box"
-    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
-    from_: Vec3 = Field((-1.0, -1.0, -1.0), alias="from", description="low corner")
-    to: Vec3 = Field((1.0, 1.0, 1.0), description="high corner")
+    albedo: Albedo = Field(
+        default=DEFAULT_ALBEDO, validate_default=True, description="diffuse reflectance, linear RGB, 0 to 1"
+    )
+    from_: Vec3 = Field(
+        default=(-1.0, -1.0, -1.0), validate_default=True, validation_alias="from", description="low corner"
+    )
+    to: Vec3 = Field(default=(1.0, 1.0, 1.0), validate_default=True, description="high corner")
 
     @model_validator(mode="after")
     def _has_a_volume(self) -> Self:

@@ -8,12 +8,12 @@ from pydantic import Field, model_validator
 from tfm_cl.files.albedo import read_albedo
 from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.model import Vec3, decided, number_or_auto
+from tfm_cl.model import Triple, decided, number_or_auto
 from tfm_cl.scene.solids.base import FlatSolid
 from tfm_cl.scene.transform import IDENTITY
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
-UPS: dict[Up, Vec3] = {
+UPS: dict[Up, Triple] = {
     "y": (0.0, 1.0, 0.0),
     "z": (0.0, 0.0, 1.0),
     "x": (1.0, 0.0, 0.0),
@@ -32,13 +32,13 @@ class GroundSolid(FlatSolid):
 
     shape: Literal["ground"] = "ground"
     up: Up | Literal["auto"] = Field(
-        "auto",
+        default="auto",
         description="the world's axis that points upwards; auto: the nearest to camera.up, y with "
         "camera.matrix",
     )
     height: Annotated[float | Literal["auto"], number_or_auto(-LARGEST_COORDINATE, LARGEST_COORDINATE)] = (
         Field(
-            "auto",
+            default="auto",
             description="along that axis, world units; auto: the lowest of what has density and of solids",
         )
     )
@@ -49,7 +49,7 @@ class GroundSolid(FlatSolid):
             raise ValueError('a ground has no transform: give its height, or use shape = "plane"')
         return self
 
-    def object_plane(self) -> tuple[Vec3, Vec3]:
+    def object_plane(self) -> tuple[Triple, Triple]:
         """As `FlatSolid.object_plane`."""
         up = UPS[decided(self.up)]
         x, y, z = (np.array(up) * decided(self.height)).tolist()

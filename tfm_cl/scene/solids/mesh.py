@@ -15,7 +15,8 @@ from tfm_cl.files.albedo import read_albedo
 from tfm_cl.files.mesh_io.triangles import Textures, Triangles, checked
 from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.files.paths import name_of, source_of
-from tfm_cl.scene.solids.base import AlbedoOrImage, Solid
+from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.scene.solids.base import ReflectanceOrImage, Solid
 from tfm_cl.scene.transform import IDENTITY
 
 EXTENSIONS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
@@ -61,16 +62,17 @@ class MeshSolid(Solid):
     The file is read when it is first needed, once per object.
     """
 
-    mesh: Annotated[str | Triangles, PlainValidator(_mesh)] = Field(
+    mesh: Accepts[str | Path | Triangles, Annotated[str | Triangles, PlainValidator(_mesh)]] = Field(
         description=f"file: {' '.join(EXTENSIONS)}"
     )
-    albedo: AlbedoOrImage | None = Field(
-        None,
+    albedo: Accepts[float | Numbers | str | Path | None, ReflectanceOrImage | None] = Field(
+        default=None,
+        validate_default=True,
         description="diffuse reflectance, linear RGB, 0 to 1, or an image file, which needs texture "
         "coordinates; default: the file's colours and textures, or 0.8 if it has none",
     )
     smooth: Annotated[bool | float | None, BeforeValidator(_smooth)] = Field(
-        None,
+        default=None,
         description="false: flat triangles; true: the normals of the file, computed across all edges if it "
         "has none; an angle in degrees: computed across the edges that are no sharper; default: the normals "
         "of the file, flat if it has none",

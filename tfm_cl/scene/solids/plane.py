@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from tfm_cl.files.albedo import read_albedo
 from tfm_cl.files.mipmap import Mipmap
-from tfm_cl.model import Vec3
+from tfm_cl.model import Triple, Vec3
 from tfm_cl.scene.solids.base import FlatSolid
 
 
@@ -15,8 +15,12 @@ class PlaneSolid(FlatSolid):
     """The plane through ``point`` perpendicular to ``normal``; visible from both sides."""
 
     shape: Literal["plane"] = "plane"
-    point: Vec3 = Field((0.0, 0.0, 0.0), description="a point on the plane")
-    normal: Vec3 = Field((0.0, 1.0, 0.0), description="direction perpendicular to the plane, of any length")
+    point: Vec3 = Field(default=(0.0, 0.0, 0.0), validate_default=True, description="a point on the plane")
+    normal: Vec3 = Field(
+        default=(0.0, 1.0, 0.0),
+        validate_default=True,
+        description="direction perpendicular to the plane, of any length",
+    )
 
     @model_validator(mode="after")
     def _has_a_normal(self) -> Self:
@@ -24,7 +28,7 @@ class PlaneSolid(FlatSolid):
             raise ValueError(f"normal = {list(self.normal)}: should not be zero")
         return self
 
-    def object_plane(self) -> tuple[Vec3, Vec3]:
+    def object_plane(self) -> tuple[Triple, Triple]:
         """As `FlatSolid.object_plane`."""
         return self.point, self.normal
 

@@ -16,10 +16,12 @@ class SphereSolid(AnalyticSolid):
     """The sphere of ``radius`` around ``centre``; visible from outside and inside."""
 
     shape: Literal["sphere"] = "sphere"
-    albedo: Albedo = Field(DEFAULT_ALBEDO, description="diffuse reflectance, linear RGB, 0 to 1")
-    centre: Vec3 = Field((0.0, 0.0, 0.0), description="centre of the sphere")
+    albedo: Albedo = Field(
+        default=DEFAULT_ALBEDO, validate_default=True, description="diffuse reflectance, linear RGB, 0 to 1"
+    )
+    centre: Vec3 = Field(default=(0.0, 0.0, 0.0), validate_default=True, description="centre of the sphere")
     radius: float = Field(
-        1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius of the sphere"
+        default=1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius of the sphere"
     )
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
