@@ -12,8 +12,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tfm_cl._version import __version__
     from tfm_cl.errors import DeviceError, InputError, TfmError
+    from tfm_cl.files.image_io import register_image_format
+    from tfm_cl.files.volume_io import register_volume_format
+    from tfm_cl.maps.bases import Basis, register_basis
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.metrics import Comparison, compare
+    from tfm_cl.plugins import load_plugin
     from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.ambient import Ambient
@@ -27,7 +31,15 @@ if TYPE_CHECKING:
         Volume,
     )
     from tfm_cl.scene.camera import Camera
-    from tfm_cl.scene.lights import EnvironmentLight, PointLight, SkyLight, SpotLight, SunLight
+    from tfm_cl.scene.lights import (
+        EnvironmentLight,
+        Light,
+        PointLight,
+        SkyLight,
+        SpotLight,
+        SunLight,
+        register_light,
+    )
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.phases import (
         DoubleHenyeyGreenstein,
@@ -37,20 +49,33 @@ if TYPE_CHECKING:
         Isotropic,
         KajiyaKay,
         Mie,
+        Phase,
         PhaseMixture,
         Rayleigh,
         TabulatedPhase,
+        register_phase,
     )
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
-    from tfm_cl.scene.solids import BoxSolid, GroundSolid, MeshSolid, PlaneSolid, SphereSolid
+    from tfm_cl.scene.solids import (
+        AnalyticSolid,
+        BoxSolid,
+        GroundSolid,
+        MeshSolid,
+        PlaneSolid,
+        SphereSolid,
+        register_solid,
+    )
 
 _HOME = {
     "Ambient": "scene.ambient",
+    "AnalyticSolid": "scene.solids",
+    "Basis": "maps.bases",
     "BoxSolid": "scene.solids",
     "BoxVolume": "scene.bodies",
     "Camera": "scene.camera",
     "Comparison": "metrics",
+    "Curves": "scene.bodies",
     "DeviceError": "errors",
     "DoubleHenyeyGreenstein": "scene.phases",
     "Draine": "scene.phases",
@@ -62,17 +87,18 @@ _HOME = {
     "InputError": "errors",
     "Isotropic": "scene.phases",
     "KajiyaKay": "scene.phases",
+    "Light": "scene.lights",
     "MapSettings": "scene.settings",
     "MarchSettings": "scene.settings",
     "Medium": "scene.medium",
     "MeshSolid": "scene.solids",
     "Mie": "scene.phases",
+    "Phase": "scene.phases",
     "PhaseMixture": "scene.phases",
     "PlaneSolid": "scene.solids",
     "PointLight": "scene.lights",
     "Points": "scene.bodies",
     "Polygons": "scene.bodies",
-    "Curves": "scene.bodies",
     "Rayleigh": "scene.phases",
     "RenderResult": "render.result",
     "Renderer": "render.renderer",
@@ -89,11 +115,20 @@ _HOME = {
     "Volume": "scene.bodies",
     "__version__": "_version",
     "compare": "metrics",
+    "load_plugin": "plugins",
+    "register_basis": "maps.bases",
+    "register_image_format": "files.image_io",
+    "register_light": "scene.lights",
+    "register_phase": "scene.phases",
+    "register_solid": "scene.solids",
+    "register_volume_format": "files.volume_io",
 }
 """Public name -> module. Imported on first use: a program pays only for what it touches."""
 
 __all__ = [
     "Ambient",
+    "AnalyticSolid",
+    "Basis",
     "BoxSolid",
     "BoxVolume",
     "Camera",
@@ -110,11 +145,13 @@ __all__ = [
     "InputError",
     "Isotropic",
     "KajiyaKay",
+    "Light",
     "MapSettings",
     "MarchSettings",
     "Medium",
     "MeshSolid",
     "Mie",
+    "Phase",
     "PhaseMixture",
     "PlaneSolid",
     "PointLight",
@@ -136,6 +173,13 @@ __all__ = [
     "Volume",
     "__version__",
     "compare",
+    "load_plugin",
+    "register_basis",
+    "register_image_format",
+    "register_light",
+    "register_phase",
+    "register_solid",
+    "register_volume_format",
 ]
 
 

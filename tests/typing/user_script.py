@@ -62,6 +62,24 @@ scene = tfm.Scene(
 bluer = scene.replace(medium=cloud.replace(sigma_s=(0.5, 0.8, 1.0)))
 plain = tfm.Scene(volume, medium=smoke, lights=(sun, sky, dome))
 
+# What is added by plugins.
+kinds: list[type[tfm.Phase] | type[tfm.Light] | type[tfm.AnalyticSolid]] = [
+    tfm.Mie,
+    tfm.SunLight,
+    tfm.BoxSolid,
+]
+
+
+def add(folder: Path, basis: tfm.Basis) -> None:
+    """Register kinds of ours, as a plugin does."""
+    tfm.load_plugin(folder / "plugin.py")
+    tfm.register_basis(basis)
+    tfm.register_phase(tfm.Rayleigh)
+    tfm.register_light(tfm.SunLight)
+    tfm.register_solid(tfm.BoxSolid)
+    tfm.register_volume_format(".abc", "my_formats.abc")
+    tfm.register_image_format(".abc", "my_formats.abc")
+
 
 def render(path: Path) -> tfm.Comparison:
     """Render the scene both ways, and compare the pictures."""

@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -19,6 +20,8 @@ COMMANDS = ("render", "info", "compare", "sweep", "devices", "warm")
 
 COLLECTED_AFTER = 50_000, 10, 10
 """`gc.set_threshold`: objects made before the youngest are looked at, and how often the older ones are."""
+
+PLUGIN_FLAG = "--plugin"
 
 EXIT_WRONG_USE = 2
 EXIT_RESOURCE = 3
@@ -110,8 +113,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def _load_plugins(arguments: Sequence[str]) -> None:
+    """Run the files of ``--plugin FILE``, before what they bring is listed by a command's options."""
+    following = [*arguments[1:], ""]
+    for argument, after in zip(arguments, following, strict=False):
+        flag, equals, value = argument.partition("=")
+        if flag != PLUGIN_FLAG or not (value if equals else after):
+            continue
+        from tfm_cl import plugins  # noqa: PLC0415 - few ask
+
+        path = str(Path(value if equals else after).absolute())
+        # Processes that this one starts need it too.
+        others = [name for name in os.environ.get(plugins.VARIABLE, "").split(os.pathsep) if name]
+        os.environ[plugins.VARIABLE] = os.pathsep.join(dict.fromkeys([*others, path]))
+        plugins.load_plugin(path)
+
+
 def _run(arguments: Sequence[str] | None) -> int:
     try:
+        _load_plugins(sys.argv[1:] if arguments is None else list(arguments))
         code = tfm(
             args=None if arguments is None else list(arguments), prog_name="tfm", standalone_mode=False
         )

@@ -207,10 +207,24 @@ class GroupedOption(click.Option):
         super().__init__(*args, **attributes)
 
 
+plugin_option = click.option(
+    "--plugin",
+    "plugins",
+    metavar="FILE",
+    multiple=True,
+    cls=GroupedOption,
+    expose_value=False,
+    help="Python file that registers bases, phase functions, lights, solids or formats; may be repeated  "
+    "[$TFM_CL_PLUGINS]",
+)
+"""Of every command that reads scenes; `tfm_cl.cli.main` runs the files before it."""
+
+
 def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Add the flags of `SCENE_OPTIONS` to a command, and ``--set``."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        function = plugin_option(function)
         function = click.option(
             "--set",
             "settings",

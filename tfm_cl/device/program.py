@@ -45,13 +45,20 @@ def source(entry: str, headers: tuple[str, ...], defines: Mapping[str, int | str
     folder = kernels_dir()
     lines = [f"#define {name} {value}" for name, value in sorted(defines.items())]
     files = [folder / name if (folder / name).is_file() else name for name in (*headers, entry)]
+    lines += [f"/* {name}: {_beside(Path(name))} */" for name in headers if Path(name).is_absolute()]
     return "\n".join([*lines, c_text(), *(f'#include "{name}"' for name in files), ""])
 
 
-def fingerprint(folder: Path) -> str:
+@functools.cache
+def _beside(header: Path) -> str:
+    """Return a digest of a plugin's header, and of those beside it that it may include, as first seen."""
+    return fingerprint(header.parent, "*.h")
+
+
+def fingerprint(folder: Path, files: str = "**/*") -> str:
     """Return a digest of all OpenCL sources below a folder, by name and content."""
     digest = hashlib.sha256()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".cl", ".h"}):
+    for path in sorted(path for path in folder.glob(files) if path.suffix in {".cl", ".h"}):
         content = path.read_bytes()
         digest.update(f"{path.relative_to(folder).as_posix()} {len(content)} ".encode() + content)
     return digest.hexdigest()

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tfm_cl.errors import DeviceError
-from tfm_cl.locks import lock
+from tfm_cl.files.locks import lock
 
 PREFIX = "tfm_cl-scratch-"
 ROOM = 32 << 20

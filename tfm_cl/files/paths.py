@@ -94,7 +94,7 @@ def read_by_extension(
     package
         That the modules belong to.
     formats
-        Names of modules by file extension.
+        Names of modules by file extension, as ``.NAME`` of those in the package.
     kind
         Of format, for messages.
     function
@@ -110,7 +110,7 @@ def read_by_extension(
         known = " ".join(sorted(formats))
         raise VolumeError(f"{path}: not a known {kind} '{path.suffix}'; known: {known}")
     check_readable(path, VolumeError)
-    module = importlib.import_module(f"{package}.{module_name}")
+    module = importlib.import_module(module_name, package)
     try:
         return getattr(module, function)(path)
     except OSError as error:

@@ -9,7 +9,7 @@ from tfm_cl.errors import unknown_key
 from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
-from tfm_cl.maps.bases import BASES, BEST
+from tfm_cl.maps.bases import BASES, BEST, MOST_COEFFS
 from tfm_cl.model import (
     Model,
     as_colour,
@@ -25,7 +25,6 @@ from tfm_cl.scene.pixel_filters import FILTERS
 MAX_WEIGHTING = 1e6
 """Largest density weighting α: beyond it, float32 cannot distinguish e^(-τ/α) from 1."""
 MAX_RES = 8192
-MAX_COEFFS = max(max(basis.counts) for basis in BASES.values())
 Count = int | Literal["auto"]
 """A whole number, or left to `tfm_cl.plan`."""
 DEFAULT_COEFFS = 8
@@ -55,12 +54,12 @@ class MapSettings(Model):
         description="basis of the map; auto: klt, the most accurate at equal bytes. "
         + "; ".join(f"{basis.name}: {basis.summary}" for basis in BASES.values()),
     )
-    coeffs: Annotated[Count, count_or_auto(MAX_COEFFS)] = Field(
+    coeffs: Annotated[Count, count_or_auto(MOST_COEFFS)] = Field(
         default="auto",
         description="coefficients per texel: 1 to 32, planes of slices to 512; auto: as required by bytes or "
         "max_error, else 8",
     )
-    bytes_: Annotated[float | None, number_or_none(1, 4 * MAX_COEFFS + 16)] = Field(
+    bytes_: Annotated[float | None, number_or_none(1, 4 * MOST_COEFFS + 16)] = Field(
         default=None,
         validation_alias="bytes",
         description="limit of the bytes per texel, including its range; determines coeffs if that is auto",

@@ -19,8 +19,8 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from tfm_cl.errors import ImageError, InputError
 from tfm_cl.files import image_io
+from tfm_cl.files.locks import lock
 from tfm_cl.files.paths import replacing, write_text
-from tfm_cl.locks import lock
 
 Weighting = float | Literal["auto"]
 """Density weighting: α of eq. 19, or ``auto``."""

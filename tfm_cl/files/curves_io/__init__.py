@@ -11,8 +11,8 @@ from tfm_cl.files.curves_io.stored import StoredCurves
 from tfm_cl.files.paths import read_by_extension
 
 FORMATS: dict[str, str] = {
-    ".hair": "hair",
-    ".npz": "numpy_arrays",
+    ".hair": ".hair",
+    ".npz": ".numpy_arrays",
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd_curves"),
 }
 """Modules of this package by file extension; imported when a file of that kind is opened."""

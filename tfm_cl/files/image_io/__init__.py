@@ -7,20 +7,21 @@ To add a format, write a module with ``write(path, image, options)`` and ``read(
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, TypedDict, Unpack, cast
+from typing import Any, Literal, Protocol, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import ImageError, unknown_key
+from tfm_cl.errors import ImageError, InputError, unknown_key
 from tfm_cl.files import paths as files
 from tfm_cl.files.image_io.image import Image, Picture
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
 from tfm_cl.limits import MOST_STOPS
+from tfm_cl.plugins import claim, register_installed
 
-FORMATS: dict[str, str] = {".exr": "exr", ".png": "png", ".npy": "npy"}
-"""Modules of this package by file extension; imported when an image of that kind is read or written."""
+FORMATS: dict[str, str] = {".exr": ".exr", ".png": ".png", ".npy": ".npy"}
+"""Modules by file extension, those of this package as ``.NAME``; imported when one is met."""
 
 MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image that is read (4 GiB of float32 RGBA)."""
@@ -41,6 +42,7 @@ __all__ = [
     "holds_layers",
     "load_image",
     "load_picture",
+    "register_image_format",
     "save",
 ]
 
@@ -200,4 +202,33 @@ def _format(path: Path) -> ImageFormat:
         raise ImageError(
             f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
         )
-    return cast("ImageFormat", importlib.import_module(f"{__name__}.{module_name}"))
+    return cast("ImageFormat", importlib.import_module(module_name, __name__))
+
+
+def register_image_format(extension: str, module: str) -> None:
+    """Add a format of images.
+
+    Parameters
+    ----------
+    extension
+        Of its files, as ``.abc``.
+    module
+        Name of the module that knows it, in a plugin's file ``__name__``; it has what
+        `ImageFormat` says, and is imported when such a file is met.
+
+    Raises
+    ------
+    InputError
+        The extension is none, or known already.
+    """
+    if not extension.startswith(".") or extension != extension.lower() or not extension[1:].isalnum():
+        raise InputError(f"the extension of an image format should be like '.abc'; got {extension!r}")
+    claim("image format", extension, FORMATS)
+    FORMATS[extension] = module
+
+
+def _register(name: str, module: Any) -> None:
+    register_image_format(f".{name.removeprefix('.')}", module.__name__)
+
+
+register_installed("image_formats", _register)

@@ -11,13 +11,13 @@ from tfm_cl.files.paths import read_by_extension
 from tfm_cl.files.points_io.stored import StoredPoints
 
 FORMATS: dict[str, str] = {
-    ".bgeo": "bgeo",
-    ".npz": "numpy_arrays",
-    ".ply": "ply",
+    ".bgeo": ".bgeo",
+    ".npz": ".numpy_arrays",
+    ".ply": ".ply",
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd_points"),
-    ".vtk": "vtk_legacy",
-    ".vtp": "vtk_xml",
-    ".vtu": "vtk_xml",
+    ".vtk": ".vtk_legacy",
+    ".vtp": ".vtk_xml",
+    ".vtu": ".vtk_xml",
 }
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 

@@ -6,27 +6,29 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import VolumeError
+from tfm_cl.errors import InputError, VolumeError
 from tfm_cl.files.paths import read_by_extension
 from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, shown, shown_names
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
+from tfm_cl.plugins import claim, register_installed
 
 FORMATS: dict[str, str] = {
-    ".vdb": "vdb",
-    ".nvdb": "nvdb",
-    ".npy": "numpy_array",
-    ".npz": "numpy_array",
-    ".vol": "mitsuba_vol",
-    ".nrrd": "nrrd_file",
-    ".nhdr": "nrrd_file",
-    ".raw": "raw",
+    ".vdb": ".vdb",
+    ".nvdb": ".nvdb",
+    ".npy": ".numpy_array",
+    ".npz": ".numpy_array",
+    ".vol": ".mitsuba_vol",
+    ".nrrd": ".nrrd_file",
+    ".nhdr": ".nrrd_file",
+    ".raw": ".raw",
 }
-"""Modules of this package by file extension; imported when a file of that kind is opened."""
+"""Modules by file extension, those of this package as ``.NAME``; imported when a file of that kind is met."""
 
 __all__ = [
     "COLOUR",
@@ -40,6 +42,7 @@ __all__ = [
     "read_stored",
     "read_vectors",
     "refusal",
+    "register_volume_format",
 ]
 
 
@@ -172,3 +175,32 @@ def refusal(grid: Grid) -> str:
     if min(grid.shape) < 1:
         return "is empty: it stores no voxel"
     return beyond_limits(grid)
+
+
+def register_volume_format(extension: str, module: str) -> None:
+    """Add a format of volumes.
+
+    Parameters
+    ----------
+    extension
+        Of its files, as ``.abc``.
+    module
+        Name of the module that knows it, in a plugin's file ``__name__``; it has what
+        `tfm_cl.files.volume_io.grid.VolumeFormat` says, and is imported when such a file is met.
+
+    Raises
+    ------
+    InputError
+        The extension is none, or known already.
+    """
+    if not extension.startswith(".") or extension != extension.lower() or not extension[1:].isalnum():
+        raise InputError(f"the extension of a volume format should be like '.abc'; got {extension!r}")
+    claim("volume format", extension, FORMATS)
+    FORMATS[extension] = module
+
+
+def _register(name: str, module: Any) -> None:
+    register_volume_format(f".{name.removeprefix('.')}", module.__name__)
+
+
+register_installed("volume_formats", _register)

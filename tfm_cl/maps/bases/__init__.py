@@ -3,6 +3,9 @@
 To add one, write both and add the basis to ``BASES``.
 """
 
+from typing import Any
+
+from tfm_cl.errors import InputError
 from tfm_cl.maps.bases.base import Basis
 from tfm_cl.maps.bases.cosine import DCT, HCOS
 from tfm_cl.maps.bases.fourier import FOURIER
@@ -14,6 +17,7 @@ from tfm_cl.maps.bases.piecewise import PIECEWISE
 from tfm_cl.maps.bases.slices import SLICES, SLICES_CUBIC
 from tfm_cl.maps.bases.trigonometric_moments import TRIGONOMETRIC_MOMENTS
 from tfm_cl.maps.bases.wavelets import WAVELETS
+from tfm_cl.plugins import check_header, claim, register_installed
 
 BASES: dict[str, Basis] = {
     basis.name: basis
@@ -38,4 +42,38 @@ BASES: dict[str, Basis] = {
 BEST = "klt"
 """The basis that ``basis = "auto"`` selects."""
 
-__all__ = ["BASES", "BEST", "Basis"]
+MOST_COEFFS = max(max(basis.counts) for basis in BASES.values())
+"""Of any basis."""
+
+__all__ = ["BASES", "BEST", "MOST_COEFFS", "Basis", "register_basis"]
+
+
+def register_basis(basis: Basis) -> None:
+    """Add a basis, which ``map.basis`` then takes by its name.
+
+    Parameters
+    ----------
+    basis
+        Its ``header`` is the whole path of a file, ``str(Path(__file__).with_name("mine.h"))``.
+
+    Raises
+    ------
+    InputError
+        It is no `Basis`, its name is taken, its header is not there, or it has no number of coefficients from
+        1 to `MOST_COEFFS`.
+    """
+    found: object = basis
+    if not isinstance(found, Basis):
+        raise InputError(f"a basis should be a tfm_cl.Basis; got {found!r:.80}")
+    claim("basis", basis.name, BASES)
+    check_header(basis.header)
+    if not basis.counts or not 1 <= min(basis.counts) <= max(basis.counts) <= MOST_COEFFS:
+        raise InputError(f"basis '{basis.name}': counts should be numbers from 1 to {MOST_COEFFS}")
+    BASES[basis.name] = basis
+
+
+def _register(_name: str, basis: Any) -> None:
+    register_basis(basis)
+
+
+register_installed("bases", _register)

@@ -3,6 +3,10 @@
 To add one, write a module with a `Light` subclass and its kernel header, and list the class here.
 """
 
+from typing import Any
+
+from tfm_cl.errors import InputError
+from tfm_cl.plugins import check_header, claim, register_installed
 from tfm_cl.scene.lights.base import LIGHTS, Arrival, Light, LightFrame, parse_light
 from tfm_cl.scene.lights.environment import EnvironmentLight
 from tfm_cl.scene.lights.point import PointLight
@@ -28,4 +32,37 @@ __all__ = [
     "SpotLight",
     "SunLight",
     "parse_light",
+    "register_light",
 ]
+
+
+def register_light(cls: type[Light]) -> None:
+    """Add a kind of light, which scene files then take by its ``type``.
+
+    Parameters
+    ----------
+    cls
+        A class of `Light` whose ``type`` has its name as default, and whose ``HEADER`` is the whole path of a
+        file.
+
+    Raises
+    ------
+    InputError
+        It is no such class, its name is taken, or its header is not there.
+    """
+    found: object = cls
+    if not isinstance(found, type) or not issubclass(found, Light):
+        raise InputError(f"a light should be a class of tfm_cl.Light; got {found!r:.80}")
+    name = cls.model_fields["type"].default
+    if not isinstance(name, str):
+        raise InputError(f"{cls.__name__}: type should be Literal[NAME] with that name as default")
+    claim("light", name, LIGHTS)
+    check_header(cls.HEADER)
+    LIGHTS[name] = cls
+
+
+def _register(_name: str, cls: Any) -> None:
+    register_light(cls)
+
+
+register_installed("lights", _register)

@@ -3,6 +3,10 @@
 To add one, write a module with a `Phase` subclass and its kernel header, and list the class here.
 """
 
+from typing import Any
+
+from tfm_cl.errors import InputError
+from tfm_cl.plugins import check_header, claim, register_installed
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.phases.double_henyey_greenstein import DoubleHenyeyGreenstein
 from tfm_cl.scene.phases.draine import Draine
@@ -47,4 +51,37 @@ __all__ = [
     "Rayleigh",
     "TabulatedPhase",
     "parse_phase",
+    "register_phase",
 ]
+
+
+def register_phase(cls: type[Phase]) -> None:
+    """Add a kind of phase function, which scene files then take by its ``type``.
+
+    Parameters
+    ----------
+    cls
+        A class of `Phase` whose ``type`` has its name as default, and whose ``HEADER`` is the whole path of a
+        file.
+
+    Raises
+    ------
+    InputError
+        It is no such class, its name is taken, or its header is not there.
+    """
+    found: object = cls
+    if not isinstance(found, type) or not issubclass(found, Phase):
+        raise InputError(f"a phase function should be a class of tfm_cl.Phase; got {found!r:.80}")
+    name = cls.model_fields["type"].default
+    if not isinstance(name, str):
+        raise InputError(f"{cls.__name__}: type should be Literal[NAME] with that name as default")
+    claim("phase function", name, PHASES)
+    check_header(cls.HEADER)
+    PHASES[name] = cls
+
+
+def _register(_name: str, cls: Any) -> None:
+    register_phase(cls)
+
+
+register_installed("phases", _register)

@@ -5,7 +5,8 @@ To add a shape, write a module with an `AnalyticSolid` subclass and add the clas
 
 from typing import Any
 
-from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.errors import InputError, SceneError, unknown_key
+from tfm_cl.plugins import claim, register_installed
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
 from tfm_cl.scene.solids.box import BoxSolid
 from tfm_cl.scene.solids.ground import GroundSolid
@@ -28,6 +29,7 @@ __all__ = [
     "Solid",
     "SphereSolid",
     "parse_solid",
+    "register_solid",
 ]
 
 
@@ -54,3 +56,33 @@ def parse_solid(values: dict[str, Any]) -> Solid:
     if not isinstance(shape, str) or shape not in SOLIDS:
         raise SceneError(f"solid.shape: {unknown_key(str(shape), list(SOLIDS)).replace('key', 'shape', 1)}")
     return SOLIDS[shape].from_table(values)
+
+
+def register_solid(cls: type[AnalyticSolid]) -> None:
+    """Add a kind of solid, which scene files then take by its ``shape``.
+
+    Parameters
+    ----------
+    cls
+        A class of `AnalyticSolid` whose ``shape`` has its name as default.
+
+    Raises
+    ------
+    InputError
+        It is no such class, or its name is taken.
+    """
+    found: object = cls
+    if not isinstance(found, type) or not issubclass(found, AnalyticSolid):
+        raise InputError(f"a solid should be a class of tfm_cl.AnalyticSolid; got {found!r:.80}")
+    name = cls.model_fields["shape"].default
+    if not isinstance(name, str):
+        raise InputError(f"{cls.__name__}: shape should be Literal[NAME] with that name as default")
+    claim("solid", name, SOLIDS)
+    SOLIDS[name] = cls
+
+
+def _register(_name: str, cls: Any) -> None:
+    register_solid(cls)
+
+
+register_installed("solids", _register)
