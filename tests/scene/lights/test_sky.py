@@ -66,6 +66,14 @@ def test_the_last_part_is_the_sun():
     np.testing.assert_allclose(sun.intensity, ClearSky(sun.from_, 3, (0.2,) * 3).sun_irradiance * (2, 1, 0.5))
 
 
+def test_parts_have_small_maps_and_the_sun_a_whole_one():
+    *parts, sun = SkyLight(samples=6, map_res=128).parts()
+    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
+
+    assert [part.fitted(bounds).replace(intensity=2).most_texels for part in parts] == [128] * 6
+    assert sun.most_texels is None
+
+
 def test_the_sun_reddens_and_the_sky_is_blue():
     suns = np.array([SkyLight(elevation=degrees).parts()[-1].intensity for degrees in (2, 10, 45, 90)])
     assert (np.diff(suns, axis=0) > 0).all()

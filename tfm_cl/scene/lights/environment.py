@@ -68,7 +68,7 @@ class EnvironmentLight(Surroundings):
             flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
         spread = self.spread_of(self.samples)
         return tuple(
-            SunLight.of_part(direction, np.multiply(self.intensity, part), spread)
+            SunLight.of_part(direction, np.multiply(self.intensity, part), spread, self.map_res)
             for direction, part in zip(directions, flux, strict=True)
         )
 

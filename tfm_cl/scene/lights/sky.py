@@ -106,7 +106,7 @@ class SkyLight(Surroundings):
             spreads.append(0.0)
         directions = turned(directions, self._world_from_sky.T)
         return tuple(
-            SunLight.of_part(direction, np.multiply(self.intensity, part), spread)
+            SunLight.of_part(direction, np.multiply(self.intensity, part), spread, self.map_res)
             for direction, part, spread in zip(directions, light, spreads, strict=True)
         )
 

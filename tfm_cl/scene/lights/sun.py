@@ -42,6 +42,7 @@ class SunLight(Light):
     _corners: Floats | None = PrivateAttr(default=None)
     _all_corners: Floats | None = PrivateAttr(default=None)
     _spread: float = PrivateAttr(default=0.0)
+    _most_texels: int | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -60,7 +61,7 @@ class SunLight(Light):
         return sun
 
     @classmethod
-    def of_part(cls, direction: Floats, irradiance: Floats, spread: float) -> Self:
+    def of_part(cls, direction: Floats, irradiance: Floats, spread: float, most_texels: int) -> Self:
         """Return the light from a part of the sky.
 
         Parameters
@@ -69,18 +70,24 @@ class SunLight(Light):
             [3], to the part.
         irradiance
             [RGB], on a plane facing it.
-        spread
-            As of `Light.spread`.
+        spread, most_texels
+            As of `Light`; the sun itself, without a spread, has a map like others.
         """
         x, y, z = direction.tolist()
         sun = cls(from_=(x, y, z), to=(0, 0, 0), intensity=tuple(irradiance.tolist()))
         sun._spread = spread
+        sun._most_texels = most_texels if spread > 0 else None
         return sun
 
     @property
     def spread(self) -> float:
         """As `Light.spread`."""
         return self._spread
+
+    @property
+    def most_texels(self) -> int | None:
+        """As `Light.most_texels`."""
+        return self._most_texels
 
     @property
     def needs_fitting(self) -> bool:
@@ -91,7 +98,7 @@ class SunLight(Light):
         """As `Model.replace`; the map stays fitted to the same bounds."""
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
-        sun._spread = self._spread  # noqa: SLF001
+        sun._spread, sun._most_texels = self._spread, self._most_texels  # noqa: SLF001
         return sun
 
     def frame(self) -> LightFrame:

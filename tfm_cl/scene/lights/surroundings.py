@@ -20,6 +20,14 @@ class Surroundings(Light):
         default="none", description="none: the surroundings are infinitely far away"
     )
 
+    map_res: int = Field(
+        default=256,
+        ge=16,
+        le=8192,
+        description="texels along a side of the map of each part of the surroundings, at most: its light "
+        "comes from a whole region, and finer shadows than that are not its own",
+    )
+
     @staticmethod
     def spread_of(count: int) -> float:
         """Return the `Light.spread` of each of ``count`` equal parts of the sphere: disks of that area."""
