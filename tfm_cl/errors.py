@@ -18,7 +18,37 @@ has a line for each, which are the error's ``args``.
 
 import contextlib
 import difflib
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
+from typing import Self
+
+Key = tuple[str | int, ...]
+"""Where something is in a scene file: keys, and numbers of tables of an array from 0, outermost first."""
+
+
+class Fault(str):
+    """One line about what is wrong, with the `Key` of what it is wrong with: empty where that is open."""
+
+    __slots__ = ("key",)
+    key: Key
+
+    def __new__(cls, line: str, key: Key = ()) -> Self:
+        """Make one; the key of a line that is a fault already stays."""
+        fault = super().__new__(cls, line)
+        fault.key = key or getattr(line, "key", ())
+        return fault
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, Key]]:
+        """Tell pickle what it is made of."""
+        return type(self), (str(self), self.key)
+
+    def within(self, where: str) -> Self:
+        """Return the same with the place in front."""
+        return type(self)(f"{where}: {self}", self.key)
+
+    def below(self, *key: str | int) -> Self:
+        """Return the same of a table that has this key itself."""
+        return type(self)(str(self), (*key, *self.key))
 
 
 class TfmError(Exception):
@@ -44,9 +74,14 @@ class VolumeError(InputError):
 class SceneError(InputError):
     """A scene file, a setting or an option that cannot be used; takes a line for each fault."""
 
+    @property
+    def faults(self) -> list[Fault]:
+        """Its lines."""
+        return [Fault(line) for line in self.args]
+
     def within(self, where: str) -> "SceneError":
         """Return the same with the place in front of every fault."""
-        return SceneError(*(f"{where}: {fault}" for fault in self.args))
+        return SceneError(*(fault.within(where) for fault in self.faults))
 
 
 class ImageError(InputError):
@@ -86,12 +121,16 @@ class Faults:
         self._lines += lines
 
     @contextlib.contextmanager
-    def collect(self, where: str = "") -> Iterator[None]:
-        """Add what a `SceneError` raised inside the block says, with the place in front."""
+    def collect(self, where: str = "", *key: str | int) -> Iterator[None]:
+        """Add what a `SceneError` raised inside the block says of the table with the key.
+
+        The place comes in front of each line.
+        """
         try:
             yield
         except SceneError as error:
-            self.add(*(error.within(where) if where else error).args)
+            found = error.within(where) if where else error
+            self.add(*(fault.below(*key) for fault in found.faults))
 
     def raise_any(self) -> None:
         """Raise a `SceneError` of all faults, if there are any."""
@@ -104,9 +143,30 @@ def nearest(name: str, known: list[str]) -> str | None:
     return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
 
 
-def unknown_key(key: str, known: list[str], section: str = "") -> str:
-    """One line about an unknown name: where, what, and the nearest valid name."""
+def words(said: Mapping[str, str]) -> dict[str, str]:
+    """Turn what to write instead -> names with spaces between into what `meant_by` takes."""
+    return {name: instead for instead, names in said.items() for name in names.split()}
+
+
+def meant_by(key: str, words: Mapping[str, str]) -> str | None:
+    """Return what ``words`` say of a name that other programs have; they are its small letters and digits."""
+    return words.get(re.sub(r"[^a-z0-9]", "", key.lower()))
+
+
+def unknown_key(key: str, known: list[str], section: str = "", words: Mapping[str, str] | None = None) -> str:
+    """One line about an unknown name: where, what, and what to write instead.
+
+    Parameters
+    ----------
+    known
+        All valid names, of which the nearest is told.
+    words
+        Names that other programs have, as `meant_by` reads them -> the valid name, or what to do.
+    """
     where = f" in [{section}]" if section else ""
+    said = meant_by(key, words or {}) or ""
+    if said in known or " " in said:  # what is one word is a key, which this section may lack
+        return f"unknown key {key!r}{where}; " + (f"write '{said}'" if said in known else said)
     near = nearest(key, known)
     hint = f"did you mean '{near}'? known" if near else "known"
     return f"unknown key {key!r}{where}; {hint}: {', '.join(known)}"

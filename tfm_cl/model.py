@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from tfm_cl.errors import SceneError, nearest, unknown_key
+from tfm_cl.errors import Fault, Key, SceneError, meant_by, nearest, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model_fields import Accepts, DescribedModel, Numbers
+from tfm_cl.model_fields import Accepts, DescribedModel, Numbers, accepted_by, accepts, numbers
 
 T = TypeVar("T")
 Triple = tuple[float, float, float]
@@ -35,6 +35,8 @@ class Model(DescribedModel):
     )
     SECTION: ClassVar[str] = ""
     """What messages call it: the section's name in a scene file."""
+    WORDS: ClassVar[dict[str, str]] = {}
+    """Keys of other programs, small letters and digits alone -> the key here, or what to do instead."""
 
     def __init__(self, /, **values: Any) -> None:  # "self" may be a key of a file
         try:
@@ -55,7 +57,7 @@ class Model(DescribedModel):
         strange = [key for key in table if key in cls.model_fields and key not in known]
         if not strange:
             return cls(**table)
-        faults = [unknown_key(key, list(known), cls.SECTION) for key in strange]
+        faults = [cls.unknown(key) for key in strange]
         meant = {f"{cls.SECTION}.{cls.model_fields[key].validation_alias} is missing" for key in strange}
         try:
             cls(**{key: value for key, value in table.items() if key not in strange})
@@ -90,42 +92,65 @@ class Model(DescribedModel):
         return values
 
     @classmethod
+    def unknown(cls, key: str) -> Fault:
+        """Say that a key is none of this section, and what to write instead."""
+        return Fault(unknown_key(key, list(cls.keys()), cls.SECTION, cls._words()), (key,))
+
+    @classmethod
+    def _words(cls) -> dict[str, str]:
+        """Return `WORDS`, with those of the classes that it is a kind of."""
+        return {
+            word: said
+            for base in reversed(cls.__mro__)
+            if issubclass(base, Model)
+            for word, said in base.WORDS.items()
+        }
+
+    @classmethod
     def _faults(cls, error: ValidationError) -> list[str]:
         """Return one line for each key that something is wrong with."""
         found: dict[Any, Any] = {}
         for details in error.errors(include_url=False):
             found.setdefault(details["loc"][:1], details)
-        known = list(cls.keys())
+        known, words = list(cls.keys()), cls._words()
         meant = {
-            nearest(str(details["loc"][0]), known)
+            meant_by(str(details["loc"][0]), words) or nearest(str(details["loc"][0]), known)
             for details in found.values()
             if details["type"] == "extra_forbidden"
         }
         lines: list[str] = []
         for details in found.values():
             if details["type"] == "faults":
-                lines += details["ctx"]["lines"]
+                key = cls._key(details)
+                lines += (Fault(line).below(*key) for line in details["ctx"]["lines"])
             elif details["type"] != "missing" or details["loc"][0] not in meant:
                 lines.append(cls._line(details))
         return lines
 
     @classmethod
-    def _line(cls, fault: ErrorDetails) -> str:
+    def _key(cls, fault: ErrorDetails) -> Key:
         known = cls.keys()
         # Callers from Python may have used the attributes' names.
         key_of = {name: key for key, name in known.items()} | {key: key for key in known}
-        parts = [
-            key_of.get(str(part), str(part)) for part in fault["loc"] if part in key_of or type(part) is int
-        ]
+        return tuple(
+            part if isinstance(part, int) else key_of[part]
+            for part in fault["loc"]
+            if part in key_of or type(part) is int
+        )
+
+    @classmethod
+    def _line(cls, fault: ErrorDetails) -> Fault:
+        place = cls._key(fault)
+        parts = list(map(str, place))
         key = ".".join([cls.SECTION, *parts] if cls.SECTION else parts)
         if fault["type"] == "extra_forbidden":
-            return unknown_key(str(fault["loc"][0]), list(known), cls.SECTION)
+            return cls.unknown(str(fault["loc"][0]))
         if fault["type"] == "missing":
-            return f"{cls.SECTION}.{fault['loc'][0]} is missing"
+            return Fault(f"{cls.SECTION}.{fault['loc'][0]} is missing")
         message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
         if not key or (fault["type"] == "value_error" and not parts):
-            return f"{cls.SECTION}: {message}"
-        return f"{key} = {reprlib.repr(fault['input'])}: {message}"
+            return Fault(f"{cls.SECTION}: {message}", place)
+        return Fault(f"{key} = {reprlib.repr(fault['input'])}: {message}", place)
 
 
 def _plain(value: Any) -> Any:
@@ -137,7 +162,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[float, float, float]:
+@accepts(numbers(3))
+def three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[float, float, float]:
+    """Return x, y, z of a list, a tuple or an array; raises `ValueError` for anything else."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if (
@@ -152,12 +179,13 @@ def _three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[flo
     return x, y, z
 
 
+@accepts({"type": "number", "minimum": 0}, numbers(3, minimum=0))
 def as_colour(value: Any) -> tuple[float, float, float]:
     """Return three channels ≥ 0; raises `ValueError` for what is neither a number nor three of them."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         value = (value, value, value)
     try:
-        rgb = _three_numbers(value, LARGEST_COLOUR)
+        rgb = three_numbers(value, LARGEST_COLOUR)
     except ValueError as error:
         raise ValueError(
             f"should be one number (grey) or three [r, g, b], at most {LARGEST_COLOUR:g}"
@@ -170,6 +198,7 @@ def as_colour(value: Any) -> tuple[float, float, float]:
 def section_within(parse: Callable[[Any], Any]) -> BeforeValidator:
     """Make the validator of a section within another: its faults are told beside the other's."""
 
+    @accepts(lambda: accepted_by(parse))
     def check(value: Any) -> Any:
         try:
             return parse(value)
@@ -189,6 +218,7 @@ def decided(value: T | Literal["auto"] | None) -> T:
 def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
     """Make the validator of a number in a range that may also be ``"auto"``."""
 
+    @accepts({"type": "number", "minimum": lowest, "maximum": largest}, {"const": "auto"})
     def check(value: Any) -> Any:
         if value == "auto":
             return value
@@ -202,6 +232,7 @@ def number_or_auto(lowest: float, largest: float) -> BeforeValidator:
 def number_or_none(lowest: float, largest: float) -> BeforeValidator:
     """Make the validator of a number in a range that may also be left out."""
 
+    @accepts({"type": "number", "minimum": lowest, "maximum": largest})
     def check(value: Any) -> Any:
         if value is None:
             return value
@@ -225,6 +256,7 @@ def in_words(counts: tuple[int, ...]) -> str:
 def count_or_auto(largest: int) -> PlainValidator:
     """Make the validator of a whole number from 1 that may also be ``"auto"``."""
 
+    @accepts({"type": "integer", "minimum": 1, "maximum": largest}, {"const": "auto"})
     def check(value: Any) -> Any:
         if value == "auto" or (type(value) is int and 1 <= value <= largest):
             return value
@@ -233,7 +265,7 @@ def count_or_auto(largest: int) -> PlainValidator:
     return PlainValidator(check)
 
 
-Point = Annotated[Triple, BeforeValidator(_three_numbers)]
+Point = Annotated[Triple, BeforeValidator(three_numbers)]
 Vec3 = Accepts[Numbers, Point]
 """A point or vector in world units; lists, tuples and arrays are accepted."""
 

@@ -1,9 +1,9 @@
-"""Fields of models: those that are given in several forms, and what `help` tells of all."""
+"""Fields of models: those that are given in several forms, and what `help` and a JSON Schema tell of all."""
 
 import inspect
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import NoneType
 from typing import (
     TYPE_CHECKING,
@@ -24,6 +24,13 @@ from pydantic.fields import FieldInfo
 
 Given = TypeVar("Given")
 Kept = TypeVar("Kept")
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+NUMBER = {"type": "number"}
+TEXT = {"type": "string"}
+SECTION = "x-section"
+"""In the words of JSON Schema: key of the name of a section whose forms these are."""
 
 Numbers = Sequence[float] | NDArray[Any]
 """What is accepted for several numbers."""
@@ -64,6 +71,31 @@ else:
         def __class_getitem__(cls, types: tuple[Any, Any]) -> Any:
             """Return the second."""
             return types[1]
+
+
+def accepts(*forms: dict[str, Any] | Callable[[], dict[str, Any]]) -> Callable[[F], F]:
+    """Say which values a validator accepts: those of any of the forms, each a JSON Schema.
+
+    `tfm_cl.scene.schema` puts it into the schema of the key that is validated. What depends on what plugins
+    bring is made when it is asked for.
+    """
+
+    def said(validator: F) -> F:
+        validator.__dict__["accepts"] = forms
+        return validator
+
+    return said
+
+
+def accepted_by(validator: Callable[..., Any]) -> dict[str, Any]:
+    """Return the JSON Schema of what a validator accepts, as `accepts` said it; empty where it did not."""
+    forms = [form() if callable(form) else form for form in getattr(validator, "accepts", ())]
+    return forms[0] if len(forms) == 1 else {"anyOf": forms} if forms else {}
+
+
+def numbers(count: int, kind: str = "number", **limits: float) -> dict[str, Any]:
+    """Say that it is an array of so many numbers, each of which has these limits."""
+    return {"type": "array", "items": {"type": kind, **limits}, "minItems": count, "maxItems": count}
 
 
 def docstring_of(model: type[BaseModel]) -> str | None:

@@ -140,7 +140,7 @@ intensity = 15
 
 def test_a_printed_configuration_says_what_was_chosen(cli, files, tiny):
     (files / "scene.toml").write_text(SCENE)
-    done = cli("render", files / "scene.toml", "--print-config", *tiny)
+    done = cli("render", files / "scene.toml", "--print-config", "--all", *tiny)
     assert done.code == 0, done.err
     points, curves, mesh = tomllib.loads(done.out)["volume"]
     assert points["points"] == str((files / "plume.npz").resolve())
@@ -149,9 +149,9 @@ def test_a_printed_configuration_says_what_was_chosen(cli, files, tiny):
     assert isinstance(curves["width"], float)
     assert (mesh["opacity"], mesh["colour"]) == (0.5, [1.0, 0.5, 0.2])
     (files / "printed.toml").write_text(done.out)
-    assert tomllib.loads(cli("render", files / "printed.toml", "--print-config").out) == tomllib.loads(
-        done.out
-    )
+    assert tomllib.loads(
+        cli("render", files / "printed.toml", "--print-config", "--all").out
+    ) == tomllib.loads(done.out)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ PROMISED = {
     *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length", "--background"),
     *("--samples", "--filter"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
-    *("-o", "--device", "--set", "--print-config", "--stats", "--json", "-q", "-v"),
+    *("-o", "--device", "--set", "--print-config", "--all", "--stats", "--json", "-q", "-v"),
 }
 
 FLAGS = [
@@ -98,6 +98,9 @@ KEYS = [
     ("volume.voxel_size", "0.5", [0.5, 0.5, 0.5]),
     ("volume.origin", "-1,2,3", [-1, 2, 3]),
     ("volume.transform", str(MOVED), [MOVED[row : row + 4] for row in (0, 4, 8, 12)]),
+    ("volume.translate", "1,2,3", [1, 2, 3]),
+    ("volume.rotate", "0,0,90", [0, 0, 90]),
+    ("volume.scale", "2", [2, 2, 2]),
     ("volume.sanitize", "true", True),
     ("volume.offset", "-0.5", -0.5),
     ("volume.window", "[0.25, 3]", [0.25, 3.0]),
@@ -197,7 +200,7 @@ def resolved(cli, scene):
     """``resolved(…)`` is the configuration printed for ``scene.toml`` and some options."""
 
     def run(*arguments):
-        done = cli("render", scene, "--print-config", *arguments)
+        done = cli("render", scene, "--print-config", "--all", *arguments)
         assert done.code == 0, done.err
         # What "auto" chose is told.
         assert done.err == "" or ("auto" in " ".join(arguments) and done.err.startswith("chosen for "))
@@ -269,6 +272,17 @@ def test_set_reaches_every_key(resolved, folder, key, text, expected):
     assert value_of(config, key) == expected
 
 
+def test_up_is_told_by_an_axis_and_followed_by_the_look(cli, cloud):
+    z, numbers = (cli("render", cloud, "--print-config", "--up", up) for up in ("z", "0,0,1"))
+    assert (z.code, z.out) == (0, numbers.out)
+    config = tomllib.loads(z.out)
+    assert config["camera"]["up"] == config["light"][0]["up"] == [0, 0, 1]
+    assert cli("render", cloud, "--print-config", "--up", "-z").code == 0
+    wrong = cli("render", cloud, "--print-config", "--up", "w")
+    assert wrong.code == 2
+    assert wrong.err.startswith("tfm: --up: 'w' should be three numbers [x, y, z], or an axis: y, z, x")
+
+
 def test_what_is_on_or_off_has_a_flag_for_each(resolved):
     off = resolved("--no-dither", "--set", "image.transparent=true", "--no-transparent")["image"]
     assert (off["dither"], off["transparent"]) == (False, True)  # --set wins over flags
@@ -307,7 +321,7 @@ def test_a_camera_of_another_program_wins_over_the_scene_and_is_printed_for_the_
     (folder / "again.toml").write_text(done.out)
     assert cli("render", "again.toml", "--print-config").out == done.out
     # And the other way round.
-    back = cli("render", "again.toml", "--print-config", "--fov", "30", "--camera-from", "9,9,9", "-v")
+    back = cli("render", "again.toml", "--print-config", "--all", "--fov", "30", "--camera-from", "9,9,9")
     assert set(tomllib.loads(back.out)["camera"]) == {"from", "to", "up", "fov", "res"}
 
 

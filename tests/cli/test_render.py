@@ -3,6 +3,7 @@ import os
 import shlex
 import subprocess
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -182,6 +183,39 @@ def test_the_printed_configuration_reproduces_the_picture(render, scene, folder,
     assert pixels().max() > 0
     assert again.out == printed.out
     assert "chosen for" not in again.err
+
+
+def test_a_scene_file_is_written_with_names_relative_to_it(cli, scene, folder):
+    (folder / "kept").mkdir()
+    done = cli("render", scene, "-o", "kept/kept.toml", "--fov", "33")
+    assert (done.code, done.out) == (0, "")
+    kept = tomllib.loads((folder / "kept" / "kept.toml").read_text(encoding="utf-8"))
+    printed = tomllib.loads(cli("render", scene, "--print-config", "--fov", "33").out)
+    assert Path(printed["volume"]["file"]).is_absolute()
+    assert kept["volume"]["file"] == f"../{Path(printed['volume']['file']).name}"
+    assert printed | {"volume": kept["volume"]} == kept
+    assert kept["camera"]["fov"] == 33
+    # Keys at their default are there when they are asked for, and make no difference.
+    everything = cli("render", scene, "--print-config", "--all", "--fov", "33")
+    assert cli("render", "kept/kept.toml", "--print-config", "--all").out == everything.out
+    assert tomllib.loads(everything.out)["march"]["cutoff"] == 1e-4
+    assert "cutoff" not in printed["march"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-o", "a.png", "--all"), "--all is of a scene file"),
+        (("-o", "scene.toml"), "scene.toml: is the input itself"),
+        (("-o", "none/a.toml"), "none/a.toml: there is no directory"),
+    ],
+)
+def test_scene_files_that_are_not_written(cli, scene, arguments, message):
+    before = scene.read_bytes()
+    done = cli("render", scene.name, *arguments)
+    assert (done.code, done.out) == (2, "")
+    assert message in done.err
+    assert scene.read_bytes() == before
 
 
 def test_print_config_alone_renders_nothing(render, cloud, folder, monkeypatch):

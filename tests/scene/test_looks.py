@@ -13,7 +13,8 @@ from tfm_cl.plan import options
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.looks import FILLED, LOOKS
 from tfm_cl.scene.medium import Medium
-from tfm_cl.scene.scene_file import SceneFile, scene_text
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.written import scene_text
 
 DENSITY = 3 * blobs((12, 14, 16))
 

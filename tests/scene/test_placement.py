@@ -351,3 +351,18 @@ def test_a_scene_of_a_volume_alone_is_lit(renderer):
     luminance = image[..., :3] @ [0.2126, 0.7152, 0.0722]
     assert 0.25 < luminance.max() < 1.5  # bright, hardly burnt out
     assert 0.1 < (image[..., 3] > 0.5).mean() < 0.9  # body and background
+
+
+@pytest.mark.parametrize(("word", "up"), [("z", (0, 0, 1)), ("-Y", (0, -1, 0)), ("+x", (1, 0, 0))])
+def test_an_axis_is_a_direction_that_sky_and_ground_follow(word, up):
+    volume = VOLUMES["bare"]
+    camera = camera_for([volume], up=word)
+    assert camera == camera_for([volume], up=up)
+    assert camera.up == up
+    scene = tfm.Scene(volume, camera=camera, lights=[tfm.SkyLight()], solids=[tfm.GroundSolid()])
+    assert scene.lights[0].up == up
+    assert scene.solids[0].up == word.lower().removeprefix("+")
+    # What has a zenith of its own keeps it.
+    assert tfm.Scene(volume, camera=camera, lights=[tfm.SkyLight(up="y")]).lights[0].up == (0, 1, 0)
+    with pytest.raises(SceneError, match=r"camera.up = 'w': should be three numbers .*, or an axis: y, z, x"):
+        camera_for([volume], up="w")

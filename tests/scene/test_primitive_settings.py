@@ -10,7 +10,8 @@ from scenes import turned
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError, TfmError, VolumeError
-from tfm_cl.scene.scene_file import SceneFile, to_toml
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.written import to_toml
 
 POINTS = {"points": "plume.npz"}
 CURVES = {"curves": "tuft.npz"}
@@ -240,10 +241,9 @@ def test_a_number_of_points_that_no_file_holds(tmp_path):
     ],
     ids=str,
 )
-def test_what_is_written_is_the_same_body(folder, load, table):
+def test_what_is_written_is_the_same_body(load, table):
     (body,) = load(table).primitives
-    (settings,) = SceneFile.read(folder / "scene.toml").volumes
-    written = settings.written(folder, body)
+    written = body.to_table()
     assert "auto" not in written.values()
     again = tomllib.loads(to_toml({"volume": [written]}))["volume"][0]
     (other,) = load(again).primitives

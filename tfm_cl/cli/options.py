@@ -14,6 +14,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS, RANGES
 from tfm_cl.model import Model
 from tfm_cl.scene import looks
+from tfm_cl.scene.frames import as_direction
 from tfm_cl.scene.lights import LIGHTS, SpotLight
 from tfm_cl.scene.pixel_filters import FILTERS
 from tfm_cl.scene.presets import PRESETS
@@ -38,6 +39,18 @@ def number_or_auto(text: str) -> Any:
 def colour_or_environment(text: str) -> Any:
     """``1,2,3``, ``1`` or ``environment``."""
     return text if text == ENVIRONMENT else numbers(text)
+
+
+def direction(text: str) -> Any:
+    """``0,0,1`` or ``z``."""
+    try:
+        return numbers(text)
+    except click.BadParameter:
+        pass
+    try:
+        return as_direction(text)
+    except ValueError as error:
+        raise click.BadParameter(f"'{text}' {error}") from None
 
 
 def count_or_auto(text: str) -> Any:
@@ -171,7 +184,7 @@ SCENE_OPTIONS = (
     SceneOption("Medium", "--phase", "medium.phase", "NAME[:P[:P…]]", click.STRING),
     SceneOption("Camera", "--camera-from", "camera.from", "X,Y,Z", numbers, "the volume fills the frame"),
     SceneOption("Camera", "--camera-to", "camera.to", "X,Y,Z", numbers, "the volume's centre"),
-    SceneOption("Camera", "--up", "camera.up", "X,Y,Z", numbers),
+    SceneOption("Camera", "--up", "camera.up", "X,Y,Z|AXIS", direction),
     SceneOption("Camera", "--fov", "camera.fov", "DEG", click.FLOAT),
     SceneOption("Camera", "--focal-length", "camera.focal_length", "MM", click.FLOAT, "none: fov"),
     SceneOption("Light", "--light-type", "light.type", "", click.Choice(list(LIGHTS))),

@@ -27,8 +27,9 @@ from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.scene_file import SceneFile, Values, scene_text, to_toml
+from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.settings import ImageSettings
+from tfm_cl.scene.written import scene_text, to_toml
 
 if TYPE_CHECKING:
     from tfm_cl.render.result import RenderResult
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     type=TARGET,
     cls=GroupedOption,
     group="Output",
-    help=".exr .png .npy, by extension; may be repeated",
+    help=".exr .png .npy, by extension, or .toml: a scene file that reproduces this run; may be repeated",
 )
 @scene_options()
 @look_option
@@ -53,8 +54,10 @@ if TYPE_CHECKING:
     "--print-config",
     is_flag=True,
     cls=GroupedOption,
-    help="print a scene file that reproduces this run; without -o nothing is rendered",
+    help="print a scene file that reproduces this run, without keys at their default; without -o nothing is "
+    "rendered",
 )
+@click.option("--all", "every_key", is_flag=True, cls=GroupedOption, help="print, or write, all of its keys")
 @click.option("--stats", is_flag=True, cls=GroupedOption, help="print times, samples and map size")
 @click.option(
     "--json", "json_path", metavar="FILE|-", cls=GroupedOption, help="write options and figures as JSON"
@@ -70,6 +73,7 @@ def command(
     json_path: str | None,
     *,
     print_config: bool,
+    every_key: bool,
     stats: bool,
     quiet: bool,
     verbose: bool,
@@ -81,26 +85,31 @@ def command(
     tfm render cloud.vdb -o cloud.png
     tfm render scene.toml -o shot.exr -o shot.png --aov depth,transmittance --res 1920x1080
     tfm render cloud.vdb -o reference.exr --method dual
+    tfm render cloud.vdb -o cloud.toml
     """  # noqa: D301 - click wants the character \b, not its escape
     started = time.perf_counter()
-    if not outputs and not print_config:
-        raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
+    pictures, configs = _sorted_out(outputs, print_config=print_config, every_key=every_key)
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
-    _check_writable(outputs, json_file)
+    configs = tuple(path for path in outputs if path.suffix.lower() == ".toml")
+    if every_key and not (configs or print_config):
+        raise click.UsageError(
+            "--all is of the scene file that --print-config prints; add it, or -o OUT.toml"
+        )
+    pictures = tuple(path for path in outputs if path not in configs)
+    _check_writable(pictures, json_file, *configs)
     scene_file = SceneFile.read(source, overrides(given, settings), look)
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
     scene = scene_file.make(Scene)
     planned = plan(scene, file=scene_file)
     resolved = options.table(scene_file, planned.scene)
     if not quiet:
-        _tell_left_out(outputs, scene_file.image)
+        _tell_left_out(pictures, scene_file.image)
         _tell_chosen(source, planned)
     _warn(options.warnings(scene_file, scene), quiet=quiet)
     if verbose:
         _tell_all(resolved, planned)
-    if print_config:
-        print(scene_text(resolved), end="")
-    if not outputs:
+    _write_configs(resolved, configs, print_config=print_config, every_key=every_key)
+    if not pictures:
         return
     scene.read_files()  # before the device is looked for
     load_seconds = time.perf_counter() - started
@@ -113,7 +122,7 @@ def command(
         image = scene_file.image
         result = renderer.render(scene, progress=progress, **image.frame)
     _warn(result.warnings, quiet=quiet)
-    stops = _exposure(result, outputs, image)
+    stops = _exposure(result, pictures, image)
     if stops is not None:
         dark = too_dark(result, stops, image.view, transparent=image.transparent)
         _warn(filter(None, [dark]), quiet=quiet)
@@ -125,7 +134,7 @@ def command(
     _tell_error(scene.map.max_error, result, quiet=quiet)
 
     rendered = time.perf_counter()
-    _save(result, outputs, image, resolved)
+    _save(result, pictures, image, resolved)
     ended = time.perf_counter()
     planned = planned.completed(result.scene, result.stats.map, result.stats.error_estimate, stops)
     report = {"options": resolved, "plan": planned.to_dict()} | result.stats.to_dict()
@@ -177,11 +186,31 @@ def _used_map(asked: Values, result: "RenderResult") -> Values:
     return used.to_dict() | alpha
 
 
-def _check_writable(outputs: tuple[Path, ...], json_file: Path | None) -> None:
-    for path in outputs:
+def _sorted_out(
+    outputs: tuple[Path, ...], *, print_config: bool, every_key: bool
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return the pictures and the scene files among the outputs."""
+    if not outputs and not print_config:
+        raise click.UsageError("no picture asked for; add -o OUT.png (or --print-config)")
+    configs = tuple(path for path in outputs if path.suffix.lower() == ".toml")
+    if every_key and not (configs or print_config):
+        raise click.UsageError("--all is of a scene file: add --print-config, or -o OUT.toml")
+    return tuple(path for path in outputs if path not in configs), configs
+
+
+def _write_configs(resolved: Values, paths: tuple[Path, ...], *, print_config: bool, every_key: bool) -> None:
+    """Print and write scene files that reproduce this run."""
+    if print_config:
+        print(scene_text(resolved, every_key=every_key), end="")
+    for path in paths:
+        write_text(path, scene_text(resolved, path.parent, every_key=every_key))
+
+
+def _check_writable(pictures: tuple[Path, ...], *others: Path | None) -> None:
+    for path in pictures:
         image_io.check_writable(path)
-    if json_file is not None:
-        check_writable(json_file)
+    for other in filter(None, others):
+        check_writable(other)
 
 
 def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:

@@ -11,7 +11,7 @@ from pydantic import PlainValidator
 
 from tfm_cl.errors import SceneError
 from tfm_cl.files.paths import check_readable, name_of, reason_of, source_of
-from tfm_cl.model_fields import Accepts
+from tfm_cl.model_fields import TEXT, Accepts, accepts
 
 MAX_BYTES = 4 << 20
 """A file larger than this is not one."""
@@ -30,6 +30,7 @@ class Curve:
     """Per steradian: linear in between, it integrates to 1 over the sphere."""
 
 
+@accepts(TEXT)
 def _name(value: Any) -> str:
     return "" if value == "" else name_of(value, "a file with a cosine and a value in every line")
 

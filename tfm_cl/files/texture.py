@@ -15,7 +15,7 @@ from tfm_cl.errors import ImageError, SceneError
 from tfm_cl.files.image_io import load_image
 from tfm_cl.files.paths import name_of, reason_of, source_of
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model_fields import Accepts
+from tfm_cl.model_fields import TEXT, Accepts, accepts
 
 TEXTURE_RES = 2048
 """Largest number of texels along each side; larger images are downsampled to it."""
@@ -25,6 +25,7 @@ KEPT = 4
 """Images kept for the next render (50 MiB each at most), besides those that a scene holds."""
 
 
+@accepts(TEXT)
 def _name(value: Any) -> str:
     return "" if value == "" else name_of(value, "an image file")
 

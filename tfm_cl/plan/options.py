@@ -48,22 +48,7 @@ def table(file: SceneFile, scene: Scene) -> Values:
     scene
         Of it, with the numbers decided: `tfm_cl.plan.plan.Plan.scene`.
     """
-    volumes = [
-        settings.written(file.path.parent, body)
-        for settings, body in zip(file.volumes, scene.bodies, strict=True)
-    ]
-    return {
-        "volume": volumes[0] if len(volumes) == 1 else volumes,
-        "medium": scene.medium.to_dict(),
-        "camera": scene.camera.to_dict(),
-        "light": [light.to_dict() for light in scene.lights],
-        "solid": [solid.to_dict() for solid in scene.solids],
-        "ambient": scene.ambient.to_dict(),
-        "shadow": scene.shadow.to_dict(),
-        "map": scene.map.to_dict(),
-        "march": scene.march.to_dict(),
-        "image": file.image.to_dict(),
-    }
+    return scene.to_table() | {"image": file.image.to_dict()}
 
 
 def _is_far_from_one(sensible: float, sigma_t: float) -> bool:

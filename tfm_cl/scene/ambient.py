@@ -4,6 +4,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from tfm_cl.errors import words
 from tfm_cl.model import RGB, Model
 
 
@@ -15,6 +16,7 @@ class Ambient(Model):
     """
 
     SECTION: ClassVar[str] = "ambient"
+    WORDS: ClassVar[dict[str, str]] = words({"radiance": "color colour intensity strength light rgb value"})
 
     radiance: RGB = Field(
         default=(0.0, 0.0, 0.0),

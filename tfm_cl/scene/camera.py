@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from tfm_cl.errors import SceneError
-from tfm_cl.model import Model, Triple, Vec3, check_different
-from tfm_cl.model_fields import Accepts
-from tfm_cl.scene.frames import look_at
+from tfm_cl.errors import SceneError, words
+from tfm_cl.model import Model, Point, Triple, Vec3, check_different
+from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
+from tfm_cl.scene.frames import Axis, as_direction, look_at
 from tfm_cl.scene.transform import Matrix, Rows
 
 MAX_PIXELS = 1 << 28
@@ -29,6 +29,7 @@ RIVALS = (
 """Keys that say the same in two ways, of which a camera has one, and what they say."""
 
 
+@accepts(numbers(2, "integer", minimum=1))
 def _resolution(value: object) -> tuple[int, int]:
     if (
         not isinstance(value, list | tuple)
@@ -91,14 +92,37 @@ class Camera(Model):
     """
 
     SECTION: ClassVar[str] = "camera"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "from": "position location origin eye lookfrom pos translation",
+            "to": "lookat target at interest center centre aim poi",
+            "up": "upvector vup roll",
+            "res": "resolution size filmsize imagesize dimensions width height xres yres",
+            "fov": "fovy vfov yfov fieldofview angle vertical angleofview",
+            "fov is vertical: 2 atan(tan(horizontal / 2) height / width); or write focal_length": (
+                "fovx hfov xfov horizontalfov fovhorizontal"
+            ),
+            "focal_length": "focal lens focallengthmm",
+            "sensor_width": "sensor sensorsize filmwidth horizontalaperture filmback gate",
+            "matrix": "transform toworld worldfromcamera cameratoworld worldmatrix rotation",
+            "leave it out: the camera is a pinhole, and all is in focus": (
+                "fstop fstops aperture dof focusdistance focaldistance lensradius aperturesize"
+            ),
+            "leave it out: nothing is clipped": (
+                "near far nearclip farclip clipstart clipend clipping znear zfar"
+            ),
+            "leave it out: cameras are perspective": "type projection",
+            "write it in [image]": "exposure samples spp filter crop",
+        }
+    )
 
     from_: Vec3 = Field(validation_alias="from", description="position, world units")
     to: Vec3 = Field(description="point that the camera looks at, world units")
-    up: Vec3 = Field(
+    up: Accepts[Numbers | Axis, Annotated[Point, BeforeValidator(as_direction)]] = Field(
         default=(0.0, 1.0, 0.0),
         validate_default=True,
-        description="direction that is up in the image and for a camera and light that are placed "
-        "automatically",
+        description="direction that is up in the image, and for what is placed automatically: camera, light, "
+        "sky and ground; x,y,z or an axis, as z for data of programs whose z is up",
     )
     matrix: Accepts[Rows | None, Annotated[Matrix, AfterValidator(_rigid)] | None] = Field(
         default=None,

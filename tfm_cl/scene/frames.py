@@ -1,12 +1,42 @@
 """Frames of cameras and lights: where their axes lie in the world."""
 
 from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.model_fields import accepts, numbers
+
 Point = tuple[float, float, float]
 """World units."""
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+AXES: dict[Axis, Point] = {
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""The world's axes by their names."""
+
+
+@accepts(numbers(3), {"enum": list(AXES)})
+def as_direction(value: Any) -> Any:
+    """Return the vector of an axis that is told by its name; what is no text as it is.
+
+    Raises
+    ------
+    ValueError
+        No axis of the world.
+    """
+    if not isinstance(value, str):
+        return value
+    name = value.strip().lower().removeprefix("+")
+    if name not in AXES:
+        raise ValueError(f"should be three numbers [x, y, z], or an axis: {', '.join(AXES)}")
+    return AXES[name]
 
 
 def look_at(origin: Point, target: Point, up: Point) -> NDArray[np.float64]:

@@ -21,7 +21,9 @@ from tfm_cl.files import volume_io
 from tfm_cl.files.volume_io.grid import Grid
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.scene.frames import as_direction
 from tfm_cl.scene.lights.base import LIGHTS
+from tfm_cl.scene.movable import said_by
 from tfm_cl.scene.solids.base import UPWARDS
 
 PLAIN, AUTO = "plain", "auto"
@@ -165,10 +167,10 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
             values["medium"] |= _flame(values, path, given)
     if "light" in values or not _keys("light", given) <= set(LIGHTS["sky"].keys()) - {"type"}:
         return
-    sky = {"elevation": stage.elevation, "azimuth": stage.azimuth, "turbidity": stage.turbidity}
+    sky: Values = {"elevation": stage.elevation, "azimuth": stage.azimuth, "turbidity": stage.turbidity}
     # What is no table is refused with the rest of the file.
     camera = values["camera"] if isinstance(values.get("camera"), dict) else {}
-    up = given.get("camera.up", camera.get("up", (0, 1, 0)))
+    up = _up(given.get("camera.up", camera.get("up")))
     sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "samples": PARTS, "up": up}
     values["light"] = [{"type": "sky", **sky}]
     if "solid" not in values and stage.has_ground and _is_level(up):
@@ -178,10 +180,18 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
         values["image"] = shown | values["image"]
 
 
-def _is_level(up: Any) -> bool:
+def _up(value: Any) -> list[float]:
+    """Return what a camera says is up; +y where it says nothing, or what it will refuse."""
+    try:
+        vector = _numbers(as_direction(value), (3,))
+    except ValueError:
+        vector = None
+    return [0.0, 1.0, 0.0] if value is None or vector is None or not vector.any() else vector.tolist()
+
+
+def _is_level(up: list[float]) -> bool:
     """Tell whether a ground is level where that is up: it is one of the world's axes."""
-    vector = _numbers(up, (3,))
-    return vector is None or float(np.abs(vector).max()) >= UPWARDS * float(np.linalg.norm(vector))
+    return float(np.abs(up).max()) >= UPWARDS * float(np.linalg.norm(up))
 
 
 def _numbers(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
@@ -240,5 +250,5 @@ def _axes(grid: Grid, body: Values) -> NDArray[np.float64]:
     axes = grid.world_from_index[:3, :3]
     if not grid.has_transform and (edges := _numbers(body.get("voxel_size", 1.0), (3,))) is not None:
         axes = np.diag(edges)
-    moved = _numbers(body.get("transform", np.eye(4)), (4, 4))
+    moved = said_by(body)
     return axes if moved is None else moved[:3, :3] @ axes

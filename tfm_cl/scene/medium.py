@@ -10,21 +10,25 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.constants import MOST_OCTAVES
-from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.errors import Fault, SceneError, unknown_key, words
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import RGB, Model, decided, number_or_auto, section_within
-from tfm_cl.model_fields import Accepts
+from tfm_cl.model_fields import SECTION, TEXT, Accepts, accepts
 from tfm_cl.scene.optical_depth import OPTICAL_DEPTH
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.presets import PRESETS, expanded
 
 
+@accepts(TEXT)
 def _grid_name(value: Any) -> str | None:
-    return None if value is None else name_of(value, "a grid of temperatures")
+    return None if value is None or value == "" else name_of(value, "a grid of temperatures")
 
 
+@accepts({"enum": [*PRESETS, ""]})
 def _preset(value: Any) -> str | None:
+    if isinstance(value, str) and not value:
+        return None
     if value is not None and (not isinstance(value, str) or value not in PRESETS):
         raise ValueError(unknown_key(str(value), list(PRESETS)).replace("key", "preset"))
     return value
@@ -40,10 +44,36 @@ class Medium(Model):
     """Scattering, absorption and emission per unit of density, and the phase function."""
 
     SECTION: ClassVar[str] = "medium"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "here sigma_s and sigma_a: albedo 0.9 at extinction 1 is sigma_s = 0.9, sigma_a = 0.1": (
+                "albedo singlescatteringalbedo ssa"
+            ),
+            "here sigma_s + sigma_a: extinction 2 at albedo 0.9 is sigma_s = 1.8, sigma_a = 0.2": (
+                "extinction sigmat extinctioncoefficient mut meanfreepath"
+            ),
+            "sigma_s": "scattering scatteringcoefficient scatteringcolor scattercolor scatter mus",
+            "sigma_a": "absorption absorptioncoefficient absorptioncolor absorb mua",
+            "write phase = { type = 'hg', g = 0.3 }": "anisotropy g asymmetry meancosine gvalue eccentric",
+            "phase": "phasefunction",
+            "write it in [volume]: density_scale of a file, density of a shape": (
+                "density densityscale scale densitymultiplier densityattribute"
+            ),
+            "emission": "emissioncolor emissioncolour emissive le radiance emitted",
+            "multiply emission by it": "emissionstrength emissionintensity emissionscale emissionpower",
+            "temperature": "temperatureattribute temperaturegrid heat flame",
+            "Le_scale": "blackbodyintensity blackbodyscale lescale temperaturestrength",
+            "here sigma_s, what is scattered, and sigma_a, what is absorbed, in red, green and blue": (
+                "color colour tint"
+            ),
+            "orders": "bounces maxdepth maxbounces scatterings volumebounces",
+            "preset": "type kind name",
+        }
+    )
 
     preset: Annotated[str | None, BeforeValidator(_preset)] = Field(
         default=None,
-        description="a medium by name, whose numbers those given here change. "
+        description="a medium by name, whose numbers those given here change; empty: none. "
         + "; ".join(f"{name}: {preset.summary}" for name, preset in PRESETS.items()),
     )
     sigma_s: RGB = Field(
@@ -69,7 +99,7 @@ class Medium(Model):
     temperature: Annotated[str | None, BeforeValidator(_grid_name)] = Field(
         default=None,
         description="name of a grid of the volume's file: where that is hot a black body glows, whatever "
-        "the density",
+        "the density; empty: none",
     )
     temperature_offset: float = Field(
         default=0.0,
@@ -199,6 +229,7 @@ class Medium(Model):
         return self.replace(emission=0.0, emission_lights=0, **neutral)
 
 
+@accepts({SECTION: "medium"})
 def parse_medium(value: Any) -> Medium | None:
     """Make the medium of one body from a `Medium`, a table, or None for the scene's.
 
@@ -213,7 +244,8 @@ def parse_medium(value: Any) -> Medium | None:
         try:
             return Medium.from_table(value)
         except SceneError as error:
-            raise SceneError(*(_OWN_SECTION.sub("volume.medium", line) for line in error.args)) from None
+            found = (Fault(_OWN_SECTION.sub("volume.medium", fault), fault.key) for fault in error.faults)
+            raise SceneError(*found) from None
     raise SceneError(
         f"volume.medium = {reprlib.repr(value)}: should be a table like [medium]: "
         "{ sigma_s = [1, 1, 1], phase = 'isotropic' }"

@@ -2,19 +2,19 @@
 
 import itertools
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model import Triple, decided
+from tfm_cl.model import Triple
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.camera import Camera
-from tfm_cl.scene.frames import from_y_up
+from tfm_cl.scene.frames import AXES, Axis, as_direction, from_y_up
 from tfm_cl.scene.lights.base import LIGHTS, Light, parse_light
 from tfm_cl.scene.lights.surroundings import Surroundings
-from tfm_cl.scene.solids.ground import UPS, GroundSolid, Up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -135,41 +135,21 @@ def solids_for(solids: "Sequence[Solid]", bodies: "Sequence[Body]", camera: Came
     SceneError
         Nothing has a lowest point; or a mesh cannot be used.
     """
-    return tuple(
-        _grounded(solid, solids, bodies, camera) if isinstance(solid, GroundSolid) else solid
-        for solid in solids
-    )
+
+    @cache
+    def boxes() -> list[np.ndarray]:
+        found = [body.occupied_bounds for body in bodies]
+        found += [box for box in (solid.bounds() for solid in solids) if box is not None]
+        return [box for box in found if np.isfinite(box).all()]
+
+    return tuple(solid.settled(upwards(camera), boxes) for solid in solids)
 
 
-def _grounded(
-    ground: GroundSolid, solids: "Sequence[Solid]", bodies: "Sequence[Body]", camera: Camera
-) -> GroundSolid:
-    if ground.up == "auto":
-        ground = ground.replace(up=_upwards(camera))
-    if ground.height != "auto":
-        return ground
-    boxes = [body.occupied_bounds for body in bodies]
-    boxes += [box for box in (solid.bounds() for solid in solids) if box is not None]
-    boxes = [box for box in boxes if np.isfinite(box).all()]
-    if not boxes:
-        raise SceneError(
-            'solid.height = "auto": nothing in the scene has a lowest point that a ground could be under; '
-            "give a number"
-        )
-    up = np.array(UPS[decided(ground.up)])
-    box = around(boxes)
-    extent = float(np.ptp(box, axis=0).max())
-    # As many digits as `_point` has, and not above anything.
-    unit = 10.0 ** (math.floor(math.log10(extent)) - 4) if extent > 0 else 1.0
-    lowest = float((box @ up).min())
-    return ground.replace(height=float(f"{math.floor(lowest / unit) * unit:.12g}"))
-
-
-def _upwards(camera: Camera) -> Up:
+def upwards(camera: Camera) -> Axis:
     """Return the world's axis nearest to what is up; a matrix tells what is up in the picture only."""
     if camera.matrix is not None:
         return "y"
-    return max(UPS, key=lambda name: float(np.dot(UPS[name], camera.up)))
+    return max(AXES, key=lambda name: float(np.dot(AXES[name], camera.up)))
 
 
 def _looked_at(bodies: "Sequence[Body]") -> np.ndarray:
@@ -200,7 +180,10 @@ def _vector(value: Any) -> np.ndarray:
 
 def _from_y_up(up: Any) -> np.ndarray:
     """Return the smallest rotation, 3×3, that takes +y to ``up``; none for what the camera will refuse."""
-    return from_y_up(_vector(up))
+    try:
+        return from_y_up(_vector(as_direction(up)))
+    except ValueError:
+        return np.eye(3)
 
 
 def _along(centre: np.ndarray, direction: np.ndarray, distance: float, extent: float) -> Triple:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError, VolumeError
-from tfm_cl.files.paths import source_of
+from tfm_cl.files.paths import check_writable, path_of, replacing, source_of
 from tfm_cl.scene import placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.bodies.base import MOST_BODIES, Body, MarchedBody, around
@@ -23,7 +23,8 @@ from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.emission_lights import emission_lights_of
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.settings import MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
+from tfm_cl.scene.written import scene_table, scene_text
 
 if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
@@ -94,7 +95,7 @@ class Scene:
             raise VolumeError(f"a scene has 1 to {MOST_BODIES} volumes; got {len(bodies)}")
         camera = camera or placement.camera_for(bodies)
         lights = (placement.light_for(bodies, camera),) if lights is None else lights
-        lights = tuple(lights)
+        lights = tuple(light.upright(placement.upwards(camera)) for light in lights)
         solids = placement.solids_for(tuple(solids), bodies, camera)
         map, march = map or MapSettings(), march or MarchSettings()  # noqa: A001
         if map.max_error is not None and "steps" not in march.model_fields_set:
@@ -236,6 +237,50 @@ class Scene:
             One line naming the file, the key, and what was expected.
         """
         return SceneFile.read(source_of(path, error=SceneError)).make(cls)
+
+    def save(self, path: str | Path, *, image: ImageSettings | None = None) -> None:
+        """Write a scene file (TOML) that loads as this scene; names of files are relative to it.
+
+        Volumes and points that are arrays are written beside it, as ``NAME.volume.0.npz`` and so on; files of
+        points hold float32.
+
+        Parameters
+        ----------
+        path
+            ``.toml``; what is there is replaced once the new one is whole.
+        image
+            For ``[image]``, which is no part of a scene; by default it is left out.
+
+        Raises
+        ------
+        SceneError
+            Curves, polygons or a mesh of arrays, or changed since their file was read; a name that is not
+            UTF-8; or it cannot be written.
+        """
+        target = path_of(path, SceneError)
+        if target.suffix.lower() != ".toml":
+            raise SceneError(f"{target}: a scene file is called .toml")
+        check_writable(target, SceneError)
+        files, arrays = dict[int, Path](), dict[Path, dict[str, NDArray[Any]]]()
+        for number, body in enumerate(self.bodies):
+            if body.to_table() is None and (held := body.to_arrays()) is not None:
+                files[number] = target.with_name(f"{target.stem}.volume.{number}.npz")
+                arrays[files[number]] = held[2]
+        values = self.to_table(files)
+        if image is not None:
+            values["image"] = image.to_dict()
+        text = scene_text(values, target.parent, every_key=False)
+        for name, named in arrays.items():
+            with replacing(name, SceneError) as temporary, temporary.open("wb") as stream:
+                save: Any = np.savez_compressed  # whose type knows no names
+                save(stream, **named)
+        with replacing(target, SceneError) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def to_table(self, beside: Mapping[int, Path] | None = None) -> dict[str, Any]:
+        """Return what it says in the shape of a scene file: `tfm_cl.scene.written.scene_table`."""
+        settings = (self.camera, self.ambient, self.shadow, self.map, self.march)
+        return scene_table(self.bodies, self.medium, self.lights, self.solids, *settings, beside=beside)
 
     def read_files(self) -> None:
         """Read what solids, lights and media name, where that has not been done; volumes are read already.

@@ -3,38 +3,50 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import tomllib
 import zipfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-import tomli_w
 from pydantic import BeforeValidator, Field, PlainValidator
 
-from tfm_cl.errors import Faults, InputError, SceneError, nearest, unknown_key
+from tfm_cl.errors import (
+    Fault,
+    Faults,
+    InputError,
+    Key,
+    SceneError,
+    meant_by,
+    nearest,
+    unknown_key,
+    words,
+)
 from tfm_cl.files import curves_io, points_io, volume_io
 from tfm_cl.files.curves_io.numpy_arrays import COUNTS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.points_io.attributes import POSITIONS
+from tfm_cl.files.toml_lines import TomlLines
 from tfm_cl.files.volume_io import colour as colour_io
-from tfm_cl.files.volume_io.grid import COLOUR
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Point, number_or_auto
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model_fields import NUMBER, TEXT, Accepts, Numbers, accepts, numbers
 from tfm_cl.scene import looks, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.background import check_surrounded
-from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, Body, BodySettings
+from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, OF_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.camera import Camera, outdone
+from tfm_cl.scene.camera import Camera
+from tfm_cl.scene.camera import outdone as outdone_of_camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, names_of, parse_light
 from tfm_cl.scene.medium import Medium, OwnMedium
+from tfm_cl.scene.movable import Movable, outdone
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.presets import PRESETS, expanded
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
-from tfm_cl.scene.solids import Solid, parse_solid
+from tfm_cl.scene.solids.base import Solid, parse_solid
 from tfm_cl.scene.transform import Matrix, Rows
 
 MAX_BYTES = 1 << 20
@@ -45,14 +57,17 @@ Values = dict[str, Any]
 """A scene as TOML gives it: nested tables."""
 
 
+@accepts(NUMBER, numbers(3))
 def _sizes(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+@accepts(TEXT)
 def _file(value: Any) -> str:
     return name_of(value, "a volume file")
 
 
+@accepts(TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
 def _colour_source(value: Any) -> Any:
     if value is None or value is False:
         return value
@@ -66,6 +81,7 @@ def _colour_source(value: Any) -> Any:
     return value if isinstance(value, str) else checked
 
 
+@accepts(numbers(2))
 def _window(value: Any) -> Any:
     if value is None:
         return value
@@ -79,10 +95,19 @@ def _window(value: Any) -> Any:
     return float(value[0]), float(value[1])
 
 
-class VolumeSettings(Model):
+class VolumeSettings(Movable):
     """Which grid of which file, and where it lies."""
 
     SECTION: ClassVar[str] = "volume"
+    WORDS: ClassVar[dict[str, str]] = OF_BODIES | words(
+        {
+            "file": "filename filepath path vdb source",
+            "grid": "gridname gridid field attribute channel",
+            "density_scale": "density densityscale densitymultiplier gain strength thickness multiplier",
+            "voxel_size": "spacing voxelsize cellsize dx resolution",
+            "write window = [low, high]": "range clip valuerange",
+        }
+    )
 
     file: Annotated[str, PlainValidator(_file)] = Field(description="volume file, relative to the scene file")
     grid: str | None = Field(default=None, description="name of the grid")
@@ -150,6 +175,8 @@ class VolumeSettings(Model):
         ).with_medium(self.medium)
         if self.transform is not None:
             volume = volume.transformed(self.transform)
+        found = volume.made_from or {}
+        volume.made_from = self.to_dict() | {key: found.get(key) for key in ("file", "grid", "colour")}
         if self.density_scale == "auto":
             return volume.with_density_scale(density_scale_for(volume, optical_depth))
         return volume.with_density_scale(self.density_scale)
@@ -161,20 +188,6 @@ class VolumeSettings(Model):
     def sources(self) -> list[str]:
         """As `BodySettings.sources`."""
         return [self.file, *([self.colour] if isinstance(self.colour, str) else [])]
-
-    def written(self, folder: Path, volume: Volume) -> Values:
-        """Return the section of a scene file anywhere that loads ``volume`` again."""
-        colour = self._colour_in(folder)
-        if isinstance(colour, Path):
-            colour = str(real_path(colour))
-        elif colour is None and volume.colour is not None and self.file.lower().endswith(".npz"):
-            colour = COLOUR
-        return self.to_dict() | {
-            "file": str(real_path(source_of(self.file, folder))),
-            "grid": volume.name or None,
-            "colour": list(colour) if isinstance(colour, tuple) else colour,
-            "density_scale": volume.density_scale,
-        }
 
 
 BODIES["file"] = VolumeSettings.from_table
@@ -195,6 +208,65 @@ SECTIONS: dict[str, type[Model]] = {
 """Tables of a scene file; besides them there are arrays of tables."""
 ARRAYS = ("light", "solid")
 """Arrays of tables, ``[[light]]``; ``[[volume]]`` may be one too."""
+WORDS = words(
+    {
+        "volume": "volumes grid vdb density domain",
+        "medium": "media material materials interior",
+        "camera": "cameras sensor view",
+        "light": "lights lamp lamps emitter emitters lightsource",
+        "solid": "solids object objects mesh meshes geometry shape shapes",
+        "image": "output film picture",
+        "write [[light]] with type = 'sun', 'sky' or 'environment'": "sun sky environment world hdri",
+        "write [[solid]] with shape = 'ground'": "ground floor",
+        "write [[volume]] with shape = 'everywhere' or 'box'": "fog",
+        "write it in [medium]: phase = { type = 'hg', g = 0.3 }": "phase phasefunction",
+        "its keys are in [camera] (res), [image] (samples), [march] and [map]": "render settings sampler",
+        "its keys are in [march] (method, steps), [map], and [medium] (orders)": "integrator",
+    }
+)
+"""Sections of other programs -> the section here, or what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a scene was read from, to say where in it something is wrong."""
+
+    path: Path
+    lines: TomlLines | None = None
+    """None of a bare volume."""
+    overridden: set[Key] = field(default_factory=set)
+    """Keys whose values are not the file's."""
+
+    def located(self, error: SceneError, *, by_words: bool = False) -> SceneError:
+        """Return the same with the file, and its line, in front of every fault, in the order of the lines.
+
+        Parameters
+        ----------
+        by_words
+            The keys are those that the faults begin with, of the whole file.
+        """
+        placed = [(self._line_of(fault, by_words=by_words), fault) for fault in error.faults]
+        placed.sort(key=lambda pair: pair[0] or MAX_BYTES)
+        return SceneError(
+            *(fault.within(f"{self.path}:{line}" if line else str(self.path)) for line, fault in placed)
+        )
+
+    def _line_of(self, fault: Fault, *, by_words: bool) -> int | None:
+        if self.lines is None:
+            return None
+        key = _key_in(fault) if by_words else fault.key
+        if any(key[:length] in self.overridden for length in range(1, len(key) + 1)):
+            return None
+        other = {name: spelling for spelling, name in SPELLINGS.items()}
+        spelt = tuple(other.get(str(part), part) for part in key)
+        line = self.lines.exactly(key) or self.lines.exactly(spelt)
+        return line if line or by_words else self.lines.nearest(key)
+
+
+def _key_in(fault: str) -> Key:
+    """Return the dotted key that a line begins with."""
+    found = re.match(r"[a-z_]+(\.\w+)*(?= = |: )", fault)
+    return tuple(int(part) if part.isdecimal() else part for part in found[0].split(".")) if found else ()
 
 
 @dataclass(frozen=True)
@@ -205,6 +277,7 @@ class SceneFile:
     it. Keys missing in ``camera`` are placed too.
     """
 
+    source: Source
     path: Path
     volumes: tuple[BodySettings, ...]
     medium: Medium
@@ -241,7 +314,7 @@ class SceneFile:
         VolumeError
             Neither a scene nor a volume.
         """
-        values, placed_light = _values_of(path), Values()
+        (values, source), placed_light = _values_of(path), Values()
         # A medium by name comes first, so that what is said of it besides changes its numbers.
         overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
         _make_way(values, {key for key, _ in overrides})
@@ -251,20 +324,24 @@ class SceneFile:
             looks.dress(values, chosen.name, path, dict(overrides))
         for key, value in overrides:
             with faults.collect():
-                _override(values, placed_light, key, value)
+                source.overridden.add(_override(values, placed_light, key, value))
                 _check_used(values, key)
-        sections = cls._sections(_tables(values, faults), path.parent, faults)
+        tables, written = _tables(values, faults)
+        sections = cls._sections(tables, written, path.parent, faults)
         with faults.collect():
             _check_placed(placed_light, path.parent)
         try:
             faults.raise_any()
         except SceneError as error:
-            raise error.within(str(path)) from None
-        return cls(path=path, placed_light=placed_light, look=chosen, **sections)
+            raise source.located(error) from None
+        return cls(source=source, path=path, placed_light=placed_light, look=chosen, **sections)
 
     @staticmethod
-    def _sections(tables: Values, folder: Path, faults: Faults) -> Values:
-        """Check all tables, each by itself, and return what they make by the name of the attribute."""
+    def _sections(tables: Values, written: dict[str, str], folder: Path, faults: Faults) -> Values:
+        """Check all tables, each by itself, and return what they make by the name of the attribute.
+
+        ``written`` is how the file writes names of tables that it misspells.
+        """
         makers: dict[str, Callable[[Any], Any]] = {name: cls.from_table for name, cls in SECTIONS.items()}
         makers |= {
             "volume": lambda bodies: _volumes(bodies, tables.get("medium"), folder),
@@ -278,7 +355,7 @@ class SceneFile:
         for name in dict.fromkeys([*tables, *makers]):
             table = tables.get(name, None if name in ARRAYS else {})
             if table is not None:
-                with faults.collect():
+                with faults.collect("", written.get(name, name)):
                     made[attributes.get(name, name)] = makers[name](table)
         return made
 
@@ -317,7 +394,7 @@ class SceneFile:
                 shadow=self.shadow,
             )
         except SceneError as error:
-            raise error.within(str(self.path)) from None
+            raise self.source.located(error, by_words=True) from None
 
     def _bodies(self) -> tuple[Body, ...]:
         folder = self.path.parent
@@ -351,46 +428,18 @@ NUMBERS = ("coeffs", "bytes", "max_error")
 def _make_way(values: Values, overridden: set[str]) -> None:
     """Drop what a file says of the camera and of the map's numbers where an override says it another way."""
     if isinstance(values.get("camera"), dict):
-        dropped = outdone({key.removeprefix("camera.") for key in overridden if key.startswith("camera.")})
+        said = {key.removeprefix("camera.") for key in overridden if key.startswith("camera.")}
+        dropped = outdone_of_camera(said)
         values["camera"] = {key: value for key, value in values["camera"].items() if key not in dropped}
     if isinstance(values.get("map"), dict) and overridden & {f"map.{key}" for key in NUMBERS}:
         values["map"] = {key: value for key, value in values["map"].items() if key not in NUMBERS}
 
 
-def to_toml(values: Values) -> str:
-    """Write resolved options as TOML; what is None is left out."""
-    return tomli_w.dumps(_without_none(values))
-
-
-def scene_text(values: Values) -> str:
-    """Write resolved options as a scene file.
-
-    Raises
-    ------
-    SceneError
-        Where a file's name is not UTF-8, as all of TOML is.
-    """
-    text = to_toml(values)
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        line = text[text.rfind("\n", 0, error.start) + 1 :].partition("\n")[0]
-        raise SceneError(f"{line}: a name that is not UTF-8 cannot be in a scene file; rename it") from None
-    return text
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [_without_none(item) for item in value]
-    return value
-
-
-def _values_of(path: Path) -> Values:
+def _values_of(path: Path) -> tuple[Values, Source]:
     body = bare_body(path)
     if body is not None:
-        return {"volume": body, "map": {"res": "auto", "steps": "auto"}, "march": {"steps": "auto"}}
+        automatic = {"map": {"res": "auto", "steps": "auto"}, "march": {"steps": "auto"}}
+        return {"volume": body, **automatic}, Source(path)
     if path.suffix.lower() != ".toml":
         known = " ".join(sorted({".toml", *volume_io.FORMATS, *points_io.FORMATS, *curves_io.FORMATS}))
         raise SceneError(f"{path}: neither a scene nor a volume; known extensions: {known}")
@@ -398,11 +447,15 @@ def _values_of(path: Path) -> Values:
         raise SceneError(f"{path}: larger than {MAX_BYTES:,} bytes: not a scene file")
     try:
         # Editors on Windows put a byte order mark in front.
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        return tomllib.loads(text), Source(path, TomlLines(text))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SceneError(f"{path}: not TOML: {error}") from None
+        reason, where = str(error), str(path)
+        if place := re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", reason, re.DOTALL):
+            reason, where = f"{place[1]} (column {place[3]})", f"{path}:{place[2]}"
+        raise SceneError(f"{where}: not TOML: {reason}") from None
 
 
 def bare_body(path: Path) -> Values | None:
@@ -435,22 +488,25 @@ def _arrays_of(path: Path) -> set[str]:
         return set()
 
 
-def _tables(values: Values, faults: Faults) -> Values:
-    """Return the tables that are there, None for those of a wrong form; a misspelt one counts too."""
+def _tables(values: Values, faults: Faults) -> tuple[Values, dict[str, str]]:
+    """Return the tables that are there, None for those of a wrong form; a misspelt one counts too.
+
+    And names of the misspelt ones -> how they are written.
+    """
     known = list(dict.fromkeys([*SECTIONS, *ARRAYS]))
-    tables: Values = {}
+    tables, written = Values(), dict[str, str]()
     for name, table in values.items():
         if name in known:
             form, is_one = _form(name, table)
             tables[name] = table if is_one else None
             if not is_one:
-                faults.add(f"{name} should be {form}")
+                faults.add(Fault(f"{name} should be {form}", (name,)))
             continue
-        faults.add(unknown_key(name, known))
-        meant = nearest(name, known)
-        if meant is not None and meant not in values and _form(meant, table)[1]:
-            tables[meant] = table
-    return tables
+        faults.add(Fault(unknown_key(name, known, words=WORDS), (name,)))
+        meant = meant_by(name, WORDS) or nearest(name, known)
+        if meant in known and meant not in values and meant not in tables and _form(meant, table)[1]:
+            tables[meant], written[meant] = table, name
+    return tables, written
 
 
 def _form(name: str, table: Any) -> tuple[str, bool]:
@@ -462,15 +518,19 @@ def _form(name: str, table: Any) -> tuple[str, bool]:
     return f"a table [{name}]", isinstance(table, dict)
 
 
-def _override(values: Values, placed_light: Values, key: str, value: Any) -> None:
-    """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``."""
+def _override(values: Values, placed_light: Values, key: str, value: Any) -> Key:
+    """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``.
+
+    Return the key as that of a file.
+    """
     section, _, rest = key.partition(".")
+    place: Key = (section,)
     if section not in ARRAYS and not isinstance(values.get(section), list):
         table = values.setdefault(section, {})
     else:
         number, dot, after = rest.partition(".")
         index, rest = (int(number), after) if dot and number.isdecimal() else (0, rest)
-        tables = values.get(section)
+        place, tables = (section, index), values.get(section)
         if section == "light" and tables is None and index == 0:
             table = placed_light
         elif isinstance(tables, list) and index < len(tables):
@@ -489,13 +549,14 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Non
     for name in _said_by(last, value):
         table.pop(name, None)
     table[last] = value
+    return (*place, *rest.split("."))
 
 
 def _said_by(key: str, value: Any) -> list[str]:
     """Return other keys that say what this one says."""
     preset = PRESETS.get(value) if key == "preset" and isinstance(value, str) else None
     other = [pair[key == pair[0]] for pair in SPELLINGS.items() if key in pair]
-    return other + list(preset.medium if preset else ())
+    return [*other, *(preset.medium if preset else ()), *outdone(key)]
 
 
 def _check_used(values: Values, key: str) -> None:
@@ -514,7 +575,7 @@ def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, .
     """Make what every table of an array says; the faults of all are told, with their numbers."""
     made, faults = [], Faults()
     for i, table in enumerate(tables):
-        with faults.collect(f"{name} {i}"):
+        with faults.collect(f"{name} {i}", i):
             if not isinstance(table, dict):
                 raise SceneError(f"{name} should be a table")
             made.append(make(table))

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
-from tfm_cl.errors import unknown_key
+from tfm_cl.errors import unknown_key, words
 from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
@@ -18,7 +18,7 @@ from tfm_cl.model import (
     number_or_auto,
     number_or_none,
 )
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model_fields import Accepts, Numbers, accepted_by, accepts, numbers
 from tfm_cl.scene.layers import NAMES
 from tfm_cl.scene.pixel_filters import FILTERS
 
@@ -38,6 +38,7 @@ Background = tuple[float, float, float] | Literal["environment"]
 """RGB radiance, or ``"environment"``: what the camera sees of the scene's environment and sky lights."""
 
 
+@accepts(lambda: {"enum": ["auto", *BASES]})
 def _basis(value: Any) -> Any:
     if value != "auto" and (not isinstance(value, str) or value not in BASES):
         raise ValueError(unknown_key(str(value), ["auto", *BASES]).replace("key", "basis"))
@@ -48,6 +49,16 @@ class MapSettings(Model):
     """How the light pass builds a transmittance function map."""
 
     SECTION: ClassVar[str] = "map"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "coeffs": "coefficients n order terms count numbers",
+            "res": "resolution size texels mapres",
+            "steps": "samples lightsteps stepcount",
+            "storage": "format precision type",
+            "max_error": "error tolerance maxerror",
+            "blur": "filterwidth prefilter",
+        }
+    )
 
     basis: Annotated[str, BeforeValidator(_basis)] = Field(
         default="auto",
@@ -162,6 +173,15 @@ class MarchSettings(Model):
     """How the view pass samples the camera rays."""
 
     SECTION: ClassVar[str] = "march"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "steps": "samples stepcount maxsteps viewsteps marchsteps numsteps",
+            "here a number of steps, for a whole ray: steps": "stepsize step steprate stepscale",
+            "method": "integrator mode type",
+            "cutoff": "threshold minimumtransmittance opacitycutoff terminationthreshold",
+            "write it in [medium]: orders": "bounces maxdepth volumebounces",
+        }
+    )
 
     method: Literal["tfm", "dual"] = Field(
         default="tfm",
@@ -207,6 +227,7 @@ class ShadowSettings(Model):
     """The shadow maps with which solids shade the medium; shadows on solids are ray traced."""
 
     SECTION: ClassVar[str] = "shadow"
+    WORDS: ClassVar[dict[str, str]] = words({"res": "resolution size texels", "filter": "type kind method"})
 
     res: int = Field(
         default=1024,
@@ -221,6 +242,7 @@ class ShadowSettings(Model):
     )
 
 
+@accepts(numbers(4, "integer", minimum=0))
 def _crop(value: Any) -> Any:
     if value is None:
         return None
@@ -233,6 +255,7 @@ def _crop(value: Any) -> Any:
     return x0, y0, x1, y1
 
 
+@accepts({"type": "array", "items": {"enum": list(NAMES)}})
 def _aovs(value: Any) -> Any:
     if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
         raise ValueError("should be a list of names")
@@ -242,6 +265,7 @@ def _aovs(value: Any) -> Any:
     return tuple(dict.fromkeys(value))
 
 
+@accepts(lambda: accepted_by(as_colour), {"const": ENVIRONMENT})
 def _background(value: Any) -> Any:
     if isinstance(value, str) and value == ENVIRONMENT:
         return value
@@ -252,6 +276,7 @@ def _background(value: Any) -> Any:
         raise ValueError(f"{error}{hint}") from None
 
 
+@accepts({"enum": list(VIEWS)})
 def _view(value: Any) -> Any:
     if not isinstance(value, str) or value not in VIEWS:
         raise ValueError(unknown_key(str(value), list(VIEWS)).replace("key", "view"))
@@ -262,12 +287,14 @@ SAMPLES = (1, 4, 16, 64, 256)
 """Of a pixel, at most."""
 
 
+@accepts({"enum": list(SAMPLES)})
 def _samples(value: Any) -> Any:
     if type(value) is not int or value not in SAMPLES:
         raise ValueError("should be 1, 4, 16, 64 or 256")
     return value
 
 
+@accepts({"enum": list(FILTERS)})
 def _filter(value: Any) -> Any:
     if not isinstance(value, str) or value not in FILTERS:
         raise ValueError(unknown_key(str(value), list(FILTERS)).replace("key", "filter"))
@@ -288,6 +315,19 @@ class ImageSettings(Model):
     """Settings of the image that is written."""
 
     SECTION: ClassVar[str] = "image"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "write it in [camera]: res = [width, height]": "res resolution size width height dimensions",
+            "samples": "spp samplesperpixel sampleperpixel aasamples antialiasing",
+            "view": "viewtransform tonemap tonemapping tonemapper look gamma film",
+            "filter": "rfilter pixelfilter reconstructionfilter",
+            "exposure": "ev exposurevalue stops",
+            "aov": "aovs layers passes channels outputs",
+            "transparent": "alpha filmtransparent",
+            "pixel_type": "componentformat exrtype depth colordepth",
+            "name the picture on the command line: -o FILE": "file filename output path",
+        }
+    )
 
     crop: Accepts[
         Sequence[int] | None, Annotated[tuple[int, int, int, int] | None, BeforeValidator(_crop)]

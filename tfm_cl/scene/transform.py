@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
 
 FLATTEST = 1e-6
 """Least volume of a transform's axes, each brought to length 1: below, it is flat within float32."""
@@ -17,7 +17,9 @@ FLATTEST = 1e-6
 IDENTITY = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
+@accepts(numbers(16), {"type": "array", "items": numbers(4), "minItems": 4, "maxItems": 4})
+def affine(value: Any) -> tuple[tuple[float, ...], ...]:
+    """Return four rows of four numbers; raises `ValueError` for what is no transform or cannot be undone."""
     numbers = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(numbers, list | tuple) and len(numbers) == 4:  # noqa: PLR2004 - rows
         if not all(isinstance(row, list | tuple) and len(row) == 4 for row in numbers):  # noqa: PLR2004
@@ -42,7 +44,7 @@ def _affine(value: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, matrix.tolist()))
 
 
-Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_affine)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(affine)]
 Rows = Numbers | Sequence[Sequence[float]]
 Transform = Accepts[Rows, Matrix]
 """4×4, affine and invertible; 16 numbers row by row, 4 rows or an array are accepted."""

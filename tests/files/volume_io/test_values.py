@@ -139,6 +139,9 @@ def test_keys_of_a_scene_and_back(tmp_path):
         "voxel_size": None,
         "origin": None,
         "transform": None,
+        "translate": None,
+        "rotate": None,
+        "scale": None,
         "medium": None,
         "sanitize": False,
     }

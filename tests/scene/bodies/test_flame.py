@@ -141,7 +141,6 @@ BAD_KEYS = {
         {"temperature_offset": 2.0},
         "temperature_offset = 2 does nothing without temperature",
     ),
-    "no name": ({"temperature": ""}, "medium.temperature = ''"),
     "a number": ({"temperature": 3}, "medium.temperature = 3"),
     "negative": ({"temperature": "heat", "Le_scale": -1.0}, "medium.Le_scale = -1.0"),
     "infinite": (

@@ -92,7 +92,7 @@ def test_a_transform_is_row_major():
         ({"shape": "box", "visible": False, "holdout": True}, "is not seen; keep one"),
         ({"shape": "ground", "height": "high"}, "solid.height = 'high': should be a number from"),
         ({"shape": "ground", "up": "w"}, "solid.up = 'w'"),
-        ({"shape": "ground", "transform": TURNED}, "a ground has no transform"),
+        ({"shape": "ground", "transform": TURNED}, "a ground is not moved"),
     ],
     ids=str,
 )

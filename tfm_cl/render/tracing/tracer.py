@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,12 @@ from tfm_cl.extras import needs
 from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
-from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.transform import corners_of
 
 if TYPE_CHECKING:
     from tfm_cl.render.regions import LitRegions
     from tfm_cl.render.tracing.embree import Meshes
+    from tfm_cl.scene.solids.mesh import MeshSolid
 
 LIFT = 2.0**-20
 """Height above the surface at which shadow rays start, as a fraction of the meshes' size or the ray's length.
@@ -89,7 +89,8 @@ class Tracer:
 
     def __init__(self, solids: Sequence[Solid], origin: ArrayLike | None = None) -> None:
         self._shapes = [solid for solid in solids if isinstance(solid, AnalyticSolid)]
-        meshes = [solid for solid in solids if isinstance(solid, MeshSolid)]
+        # Any other solid is a mesh.
+        meshes = [cast("MeshSolid", solid) for solid in solids if not isinstance(solid, AnalyticSolid)]
         self._meshes = _embree(meshes, origin) if meshes else None
         self._seen_shapes = [shape for shape in self._shapes if shape.visible]
         seen = [mesh for mesh in meshes if mesh.visible]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
+from tfm_cl.errors import words
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -38,15 +40,25 @@ class BodySettings(Protocol):
             Along typical lines of sight, where the density is left open.
         """
 
-    def written(self, folder: Path, body: Any) -> dict[str, Any]:
-        """Return the section of a scene file anywhere that makes ``body``, which it made, again."""
-
     def sources(self) -> list[str]:
         """Return the names of the files that it reads."""
 
 
 BODIES: dict[str, Callable[[dict[str, Any]], BodySettings]] = {}
 """Key of a body's table -> what makes settings of such a table: the key tells of what kind the body is."""
+OF_BODIES = words(
+    {
+        "translate": "position location translation offsetposition",
+        "rotate": "rotation orientation eulerrotation",
+        "transform": "matrix toworld worldfromobject worldmatrix xform",
+        "colour": "color rgb cd",
+        "medium": "material interior volumematerial",
+        "write it in medium = { … }, or in [medium] for all bodies": (
+            "sigmas sigmaa sigmat albedo extinction scattering absorption phase emission preset anisotropy"
+        ),
+    }
+)
+"""Keys of bodies in other programs -> the key here, or what to do."""
 MOST_BODIES = 16
 """In one scene: each adds to what kernels are told."""
 
@@ -81,6 +93,19 @@ class Body:
         """World points [n, 3] around what is seen of it; none of what is everywhere."""
         box = self.occupied_bounds
         return np.array([*itertools.product(*box.T)] if np.isfinite(box).all() else np.empty((0, 3)))
+
+    @abstractmethod
+    def to_table(self) -> dict[str, Any] | None:
+        """Return a ``[[volume]]`` table of a scene file anywhere that makes it; None where no file has it."""
+
+    def to_arrays(self) -> tuple[str, dict[str, Any], dict[str, NDArray[Any]]] | None:
+        """Return what an ``.npz`` file can hold it with; None where none can.
+
+        Returns
+        -------
+        The key of the file in a ``[[volume]]`` table, the other keys of that, and the arrays by their names.
+        """
+        return None
 
     @property
     @abstractmethod

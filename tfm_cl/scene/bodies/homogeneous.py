@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.errors import Fault, SceneError, unknown_key, words
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import Model
-from tfm_cl.scene.bodies.base import Body
+from tfm_cl.scene.bodies.base import OF_BODIES, Body
 from tfm_cl.scene.medium import Medium, OwnMedium
 
 
@@ -24,6 +24,17 @@ class Homogeneous(Model, Body):
     """A body whose density is the same everywhere inside it."""
 
     SECTION: ClassVar[str] = "volume"
+    WORDS: ClassVar[dict[str, str]] = OF_BODIES | words(
+        {
+            "shape": "type kind",
+            "density": "densityscale extinction",
+            "centre": "position location translate translation origin",
+            "from": "min low minimum boundsmin",
+            "to": "max high maximum boundsmax",
+            "radius": "size scale",
+            "give it from and to, or centre and radius: it is not moved": "transform rotate rotation matrix",
+        }
+    )
     DENSITY_KEY: ClassVar[str] = "density"
     KIND: ClassVar[int]
     """As kernels know it."""
@@ -82,9 +93,8 @@ class Homogeneous(Model, Body):
         del folder, optical_depth
         return self
 
-    def written(self, folder: Path, body: Any) -> dict[str, Any]:
-        """As `BodySettings.written`."""
-        del folder, body
+    def to_table(self) -> dict[str, Any]:
+        """As `Body.to_table`."""
         return self.to_dict()
 
     def sources(self) -> list[str]:
@@ -105,6 +115,16 @@ SHAPES: dict[str, type[Homogeneous]] = {}
 """Name in scene files -> class, of all that `tfm_cl.scene.bodies` lists."""
 
 
+OTHER_SHAPES = words(
+    {
+        "box": "cube aabb cuboid",
+        "sphere": "ball",
+        "everywhere": "infinite global fog world constant homogeneous unbounded",
+    }
+)
+"""Shapes in other programs -> the name here."""
+
+
 def parse_homogeneous(values: dict[str, Any]) -> Homogeneous:
     """Make a homogeneous volume from a scene file's table with a ``shape``.
 
@@ -115,5 +135,6 @@ def parse_homogeneous(values: dict[str, Any]) -> Homogeneous:
     """
     name = values.get("shape")
     if not isinstance(name, str) or name not in SHAPES:
-        raise SceneError(f"volume.shape: {unknown_key(str(name), list(SHAPES)).replace('key', 'shape')}")
+        line = unknown_key(str(name), list(SHAPES), words=OTHER_SHAPES).replace("key", "shape", 1)
+        raise SceneError(Fault(f"volume.shape: {line}", ("shape",)))
     return SHAPES[name].from_table(values)

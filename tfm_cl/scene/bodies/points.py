@@ -148,6 +148,18 @@ class Points(Primitives):
         self.medium = medium_of(medium, self.label)
         self.chosen = {}
 
+    def to_arrays(self) -> tuple[str, dict[str, Any], dict[str, NDArray[Any]]]:
+        """As `Body.to_arrays`: files of points hold float32."""
+        named: dict[str, NDArray[Any]] = {
+            "positions": self.positions,
+            "radius": self.radii,
+            "density": self.densities,
+        }
+        named |= {} if self.colour is None else {"colour": self.colour}
+        named |= {} if self.velocity is None else {"velocity": self.velocity}
+        keys = {"density": 1.0, "profile": self.profile}
+        return "points", keys, {name: array.astype(np.float32) for name, array in named.items()}
+
     @property
     def profile_number(self) -> int:
         """As `Primitives.profile_number`."""

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from tfm_cl.errors import SceneError, VolumeError
+from tfm_cl.errors import SceneError, VolumeError, words
 from tfm_cl.extras import needs
 from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model import Model, Point, number_or_auto
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model import Point, number_or_auto
+from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts
+from tfm_cl.scene.bodies.base import OF_BODIES
 from tfm_cl.scene.bodies.curves import Curves
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
 from tfm_cl.scene.medium import OwnMedium
+from tfm_cl.scene.movable import Movable
 from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Matrix, Rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+P = TypeVar("P", bound=Primitives)
 
 OVERLAP = 2.0
 """Radius of points whose file says none, in median distances to the nearest neighbour: they overlap."""
@@ -43,10 +47,11 @@ WHITE = (1.0, 1.0, 1.0)
 """Colours of a mesh are not read."""
 
 
-class PrimitiveSettings(Model):
+class PrimitiveSettings(Movable):
     """What all kinds have in common."""
 
     SECTION: ClassVar[str] = "volume"
+    WORDS: ClassVar[dict[str, str]] = OF_BODIES | words({"opacity": "alpha", "density": "densityscale"})
     KEY: ClassVar[str]
     """That names the file, and tells what kind it is."""
 
@@ -86,10 +91,11 @@ class PrimitiveSettings(Model):
         """As `BodySettings.sources`."""
         return [getattr(self, self.KEY)]
 
-    def written(self, folder: Path, body: Primitives) -> dict[str, Any]:
-        """As `BodySettings.written`."""
-        chosen = {key: value for key, (value, _) in body.chosen.items()}
-        return self.to_dict() | chosen | {self.KEY: str(real_path(self.source(folder)))}
+    def _remembered(self, body: P, source: Path, chosen: dict[str, tuple[Any, str]]) -> P:
+        """Return the body, which tells how it was made."""
+        numbers = {key: value for key, (value, _) in chosen.items()}
+        body.chosen, body.made_from = chosen, self.to_dict() | numbers | {self.KEY: str(real_path(source))}
+        return body
 
     def _require_one_scale(self, density: float | str | None) -> None:
         if density is not None and self.opacity is not None:
@@ -117,6 +123,7 @@ Density = Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_CO
 Length = Annotated[float | Literal["auto"] | None, number_or_auto(0, LARGEST_COORDINATE)]
 
 
+@accepts(TEXT)
 def _points_file(value: Any) -> str:
     return name_of(value, "a file of points")
 
@@ -125,6 +132,7 @@ class PointsSettings(PrimitiveSettings):
     """Points of a file."""
 
     KEY: ClassVar[str] = "points"
+    WORDS: ClassVar[dict[str, str]] = words({"radius": "size pscale pointsize width", "profile": "kernel"})
     points: Annotated[str, PlainValidator(_points_file)] = Field(
         description="file of points (particles), relative to the scene file"
     )
@@ -173,10 +181,10 @@ class PointsSettings(PrimitiveSettings):
             scale = density_scale_for(points, optical_depth)
             points = points.with_density(scale)
             chosen["density"] = scale, why_density(optical_depth)
-        points.chosen = chosen
-        return points
+        return self._remembered(points, source, chosen)
 
 
+@accepts(TEXT)
 def _curves_file(value: Any) -> str:
     return name_of(value, "a file of curves")
 
@@ -185,6 +193,7 @@ class CurvesSettings(PrimitiveSettings):
     """Strands of a file."""
 
     KEY: ClassVar[str] = "curves"
+    WORDS: ClassVar[dict[str, str]] = words({"width": "radius thickness widths diameter"})
     curves: Annotated[str, PlainValidator(_curves_file)] = Field(
         description="file of curves (hair, fur), relative to the scene file"
     )
@@ -223,10 +232,10 @@ class CurvesSettings(PrimitiveSettings):
             medium=self.medium,
             source=source,
         )
-        curves.chosen = chosen
-        return curves
+        return self._remembered(curves, source, chosen)
 
 
+@accepts(TEXT)
 def _mesh_file(value: Any) -> str:
     return name_of(value, "a mesh file")
 
@@ -251,7 +260,7 @@ class PolygonsSettings(PrimitiveSettings):
         except SceneError as error:
             raise VolumeError(*error.args) from None
         vertices, _ = self._placed(triangles.vertices, 1.0)
-        return Polygons(
+        polygons = Polygons(
             vertices,
             triangles.faces,
             1.0 if self.opacity is None else self.opacity,
@@ -259,6 +268,7 @@ class PolygonsSettings(PrimitiveSettings):
             medium=self.medium,
             source=source,
         )
+        return self._remembered(polygons, source, {})
 
 
 def spacing(positions: NDArray[np.floating]) -> float | None:

@@ -53,6 +53,8 @@ class Primitives(MarchedBody):
     _colour: NDArray[np.float32] | None
     medium: Medium | None
     source: Path | None
+    made_from: dict[str, Any] | None = None
+    """Keys of a scene file that make it of its file, but for the medium; None: it has been made otherwise."""
     chosen: dict[str, tuple[Any, str]]
     """What its file left open: by key of the scene file what was chosen, and why."""
 
@@ -79,6 +81,11 @@ class Primitives(MarchedBody):
     @abstractmethod
     def with_density(self, factor: float) -> Self:
         """Return it with all densities times a factor."""
+
+    def to_table(self) -> dict[str, Any] | None:
+        """As `Body.to_table`."""
+        medium = None if self.medium is None else self.medium.to_dict()
+        return None if self.made_from is None else self.made_from | {"medium": medium}
 
     @property
     def narrowest(self) -> float:

@@ -13,15 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import volume_io
-from tfm_cl.files.paths import source_of
-from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, read_colour
-from tfm_cl.files.volume_io.grid import Grid, coloured_where, shown, world_from_index_of
+from tfm_cl.files.paths import real_path, source_of
+from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, is_file, read_colour
+from tfm_cl.files.volume_io.grid import COLOUR, Grid, coloured_where, shown, world_from_index_of
 from tfm_cl.files.volume_io.leaves import LEAF, Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.medium import Medium, parse_medium
+from tfm_cl.scene.movable import STEPS, said_by
 
 WISP = 0.05
 """Of the typical density: what has less is not looked at."""
@@ -80,6 +81,8 @@ class Volume(MarchedBody):
     world_from_index: NDArray[np.float64]
     notes: tuple[str, ...]
     """What a user should know of how it was read from its file: sentences for warnings."""
+    made_from: dict[str, Any] | None
+    """Keys of a scene file that make it of its file, but for density and medium; None: of arrays."""
     kept: dict[str, Any]
     """What others made of its file; copies of the volume share it."""
 
@@ -103,6 +106,7 @@ class Volume(MarchedBody):
         self.sanitize = sanitize
         self.notes = ()
         self.kept = {}
+        self.made_from = None
         self.density_scale = _non_negative(density_scale, "density_scale", self.label)
         if isinstance(data, Leaves):
             self._voxels = _Voxels(_as_density_leaves(data, self.label, sanitize=sanitize))
@@ -173,7 +177,7 @@ class Volume(MarchedBody):
         """
         path = source_of(path, error=VolumeError)
         ValueMap(offset, window).check(str(path))
-        return cls.of_grid(
+        volume = cls.of_grid(
             path,
             volume_io.choose_grid(path, grid),
             None,
@@ -185,6 +189,17 @@ class Volume(MarchedBody):
             density_scale=density_scale,
             sanitize=sanitize,
         )
+        volume.made_from = {
+            "file": str(real_path(path)),
+            "grid": volume.name or None,
+            "colour": _told_colour(colour, volume, path),
+            "offset": float(offset),
+            "window": None if window is None else list(window),
+            "voxel_size": voxel_size if voxel_size is None else np.broadcast_to(voxel_size, 3).tolist(),
+            "origin": None if origin is None else list(origin),
+            "sanitize": sanitize,
+        }
+        return volume
 
     @classmethod
     def of_grid(
@@ -497,7 +512,27 @@ class Volume(MarchedBody):
         matrix = np.asarray(world_from_volume, dtype=np.float64) @ self.world_from_index
         _check_transform(matrix, self.label)
         matrix.flags.writeable = False
-        return self._with(world_from_index=matrix)
+        made_from, moved = self.made_from, np.asarray(world_from_volume, dtype=np.float64)
+        if made_from is not None:
+            before = said_by(made_from)
+            moved = moved if before is None else moved @ before
+            made_from = made_from | dict.fromkeys(STEPS) | {"transform": moved.tolist()}
+        return self._with(world_from_index=matrix, made_from=made_from)
+
+    def to_table(self) -> dict[str, Any] | None:
+        """As `Body.to_table`."""
+        medium = None if self.medium is None else self.medium.to_dict()
+        if self.made_from is None:
+            return None
+        return self.made_from | {"density_scale": self.density_scale, "medium": medium}
+
+    def to_arrays(self) -> tuple[str, dict[str, Any], dict[str, NDArray[Any]]]:
+        """As `Body.to_arrays`; voxels that are leaves become a dense array."""
+        arrays: dict[str, NDArray[Any]] = {"density": self.data, "world_from_index": self.world_from_index}
+        keys: dict[str, Any] = {"grid": "density", "density_scale": self.density_scale}
+        if self.colour is not None:
+            arrays["colour"], keys["colour"] = self.colour, "colour"
+        return "file", keys, arrays
 
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels and colours (not copied) under another density scale."""
@@ -736,6 +771,17 @@ def _check_transform(matrix: NDArray[np.float64], label: str) -> None:
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if lengths.min() == 0 or abs(np.linalg.det(matrix[:3, :3] / lengths)) < 1e-6:  # noqa: PLR2004 - nearly flat
         raise VolumeError(f"{label}: world_from_index cannot be inverted (a voxel has no volume)")
+
+
+def _told_colour(colour: ColourSource, volume: Volume, path: Path) -> Any:
+    """Return what a scene file says of where the colour is that has been read."""
+    if isinstance(colour, Path):
+        return str(real_path(colour))
+    if isinstance(colour, str):
+        return str(real_path(source_of(colour))) if is_file(colour) else colour
+    if colour is None:
+        return COLOUR if volume.colour is not None and path.suffix.lower() == ".npz" else None
+    return colour if colour is False else list(colour)
 
 
 def _non_negative(value: float, key: str, label: str) -> float:

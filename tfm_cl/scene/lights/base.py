@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.errors import Fault, SceneError, unknown_key, words
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import RGB, Model, number_or_none
+from tfm_cl.model_fields import accepts
+from tfm_cl.scene.frames import Axis
 from tfm_cl.scene.lights.texels import look_up
 from tfm_cl.scene.transform import corners_of
 
@@ -25,6 +27,8 @@ float32."""
 MOST_LETTERS = 23
 """Of a light's name: a channel ``light.NAME.R`` then has the 31 that any reader of EXR knows."""
 
+NAME = rf"^[A-Za-z0-9_-]{{1,{MOST_LETTERS}}}$"
+"""Of a light, as a regular expression."""
 TINY = 1e-100
 """Lower bound of distances to a light, which avoids a division by 0 at the light itself."""
 
@@ -69,10 +73,11 @@ class LitCone(NamedTuple):
     """Distance beyond which there is no light, world units; may be infinite."""
 
 
+@accepts({"type": "string", "pattern": NAME})
 def _name(value: Any) -> Any:
     if value is None:
         return value
-    if not isinstance(value, str) or not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{MOST_LETTERS}}}", value):
+    if not isinstance(value, str) or not re.fullmatch(NAME, value):
         raise ValueError(f"should be text of 1 to {MOST_LETTERS} letters, digits, _ and -")
     return value
 
@@ -85,6 +90,26 @@ class Light(Model):
     """
 
     SECTION: ClassVar[str] = "light"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "from": "position location origin pos translation",
+            "to": "target lookat at aim",
+            "write to = from + direction": "direction dir rotation orientation",
+            "intensity": "strength power energy radiance irradiance brightness emission scale lumens watts",
+            "multiply intensity = [r, g, b] by it": "color colour tint rgb exposure temperature",
+            "write cone: the half angle, degrees": (
+                "angle coneangle spotsize cutoffangle cutoff outerangle spotangle innerangle beamangle"
+            ),
+            "blend": "spotblend penumbra beamwidth softness coneblend",
+            "radius": "size softsize shadowsoftsize lightsize sourceradius",
+            "texture": "file filename image map hdri gobo path cookie environmentmap",
+            "reach": "range distance maxdistance attenuationradius",
+            "falloff": "decay attenuation decayrate falloffexponent",
+            "type": "kind shape",
+            "write from and to, or up of a sky": "transform toworld matrix translate rotate",
+            "leave it out: media and solids shade every light": "shadow shadows castshadow castshadows",
+        }
+    )
     HEADER: ClassVar[str]
     """Kernel header, relative to ``kernels/``; ``kernels/light/README.md`` lists the functions it
     provides."""
@@ -231,6 +256,11 @@ class Light(Model):
         """Whether the light must be `fitted` before `frame` can be called."""
         return False
 
+    def upright(self, axis: Axis) -> Self:
+        """Return the same with its zenith along a world's axis, where it has one that is left open."""
+        del axis
+        return self
+
     def parts(self) -> tuple["Light", ...]:
         """Return the lights whose sum this one is, each with a map of its own; for most lights, itself."""
         return (self,)
@@ -302,6 +332,19 @@ LIGHTS: dict[str, type[Light]] = {}
 """Name in scene files -> class, of all that `tfm_cl.scene.lights` lists."""
 
 
+OTHER_TYPES = words(
+    {
+        "sun": "directional distant parallel directionallight distantlight sunlight",
+        "spot": "spotlight projector",
+        "point": "pointlight omni omnidirectional",
+        "environment": "envmap hdri dome domelight infinite constant environmentmap ibl",
+        "sky": "sunsky physicalsky nishita hosek skylight",
+        "write 'spot' with radius": "area arealight disk rect rectangle quad",
+    }
+)
+"""Types in other programs -> the name here, or what to do."""
+
+
 def parse_light(values: dict[str, Any]) -> Light:
     """Make a light from a scene file's table; ``type`` is ``spot`` when left out.
 
@@ -312,7 +355,8 @@ def parse_light(values: dict[str, Any]) -> Light:
     """
     name = values.get("type", "spot")
     if not isinstance(name, str) or name not in LIGHTS:
-        raise SceneError(f"light.type: {unknown_key(str(name), list(LIGHTS)).replace('key', 'light')}")
+        line = unknown_key(str(name), list(LIGHTS), words=OTHER_TYPES).replace("key", "light", 1)
+        raise SceneError(Fault(f"light.type: {line}", ("type",)))
     return LIGHTS[name].from_table(values)
 
 

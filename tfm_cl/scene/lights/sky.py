@@ -2,14 +2,15 @@
 
 import math
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model import RGB, Vec3
-from tfm_cl.scene.frames import from_y_up
+from tfm_cl.model import RGB, Point
+from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
+from tfm_cl.scene.frames import AXES, Axis, as_direction, from_y_up
 from tfm_cl.scene.lights.area import MOST_SAMPLES
 from tfm_cl.scene.lights.base import Floats, Light
 from tfm_cl.scene.lights.clear_sky import COLUMNS, DIRECTIONS, ROWS, ClearSky, direction_of
@@ -19,6 +20,13 @@ from tfm_cl.scene.transform import turned
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear Rec. 709."""
+
+Up = Axis | Literal["auto"]
+
+
+@accepts(numbers(3), {"enum": ["auto", *AXES]})
+def _up(value: Any) -> Any:
+    return value if isinstance(value, str) and value == "auto" else as_direction(value)
 
 
 class SkyLight(Surroundings):
@@ -48,7 +56,12 @@ class SkyLight(Surroundings):
     azimuth: float = Field(
         default=0.0, ge=-360, le=360, description="of the sun, degrees: 0 is +z, 90 is +x, where +y is up"
     )
-    up: Vec3 = Field(default=(0.0, 1.0, 0.0), validate_default=True, description="direction of the zenith")
+    up: Accepts[Numbers | Up, Annotated[Point | Literal["auto"], BeforeValidator(_up)]] = Field(
+        default="auto",
+        validate_default=True,
+        description="direction of the zenith, x,y,z or an axis, as z; auto: the world's axis nearest to "
+        "camera.up, y with camera.matrix",
+    )
     turbidity: float = Field(
         default=3.0, ge=1, le=10, description="haze: 2 is very clear, 3 clear, 6 warm, 10 hazy"
     )
@@ -85,13 +98,17 @@ class SkyLight(Surroundings):
         azimuth = round(math.degrees(math.atan2(x, z)), 1)
         return {**super().placed(irradiance, direction, up), "azimuth": azimuth, "up": up}
 
+    def upright(self, axis: Axis) -> Self:
+        """As `Light.upright`."""
+        return self.replace(up=AXES[axis]) if self.up == "auto" else self
+
     @property
     def _sky(self) -> ClearSky:
         return _clear_sky(self.elevation, self.azimuth, self.turbidity, self.ground_albedo)
 
     @property
     def _world_from_sky(self) -> Floats:
-        return from_y_up(np.asarray(self.up))
+        return from_y_up(np.asarray(AXES["y"] if self.up == "auto" else self.up))
 
     def parts(self) -> tuple[Light, ...]:
         """Return suns for equal shares of the light of sky and ground, then the sun itself.

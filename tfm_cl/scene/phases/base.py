@@ -11,8 +11,9 @@ from numpy.polynomial.legendre import legval
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from tfm_cl.errors import unknown_key
+from tfm_cl.errors import unknown_key, words
 from tfm_cl.model import Model
+from tfm_cl.model_fields import SECTION, accepts
 
 ANGLES = 4096
 """At which a phase function is looked at for its moments, the first of which are then right to 1e-5."""
@@ -35,6 +36,16 @@ class Phase(Model):
     """
 
     SECTION: ClassVar[str] = "medium.phase"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "g": "anisotropy asymmetry meancosine eccentricity",
+            "g1": "anisotropy1 forward",
+            "g2": "anisotropy2 backward",
+            "type": "name kind model",
+            "diameter": "size particlesize",
+            "file": "filename path",
+        }
+    )
     HEADER: ClassVar[str]
     """Kernel header, below ``kernels/``, with a function of its name: ``Floats NAME(MEDIUM, Floats mu)``."""
     ARGUMENTS: ClassVar[str] = "(medium, mu)"
@@ -155,6 +166,23 @@ def _widened(phase: Phase, _content: Hashable, spread: float) -> Phase:
     return PHASES["table"].from_table({"cosines": cosines, "values": values})
 
 
+OTHER_NAMES = words(
+    {
+        "hg": "henyeygreenstein heneygreenstein henyeygreenstien schlick anisotropic",
+        "double-hg": "doublehenyeygreenstein twolobe twotermhg dualhg twohg doublelobe",
+        "isotropic": "uniform constant none",
+        "draine": "cornetteshanks",
+        "mie": "miefog cloud water droplets",
+        "fournier-forand": "fournierforand ff",
+        "table": "tabulated tabphase measured",
+        "mix": "mixture blendphase blend",
+        "kajiya-kay": "kajiyakay hair fibre fiber",
+    }
+)
+"""Names in other programs -> the name here."""
+
+
+@accepts({SECTION: "phase"})
 def parse_phase(value: Any) -> Phase:
     """Make a phase function from a `Phase`, ``"name"``, ``"name:text"`` or a table with ``type``.
 
@@ -175,5 +203,5 @@ def parse_phase(value: Any) -> Phase:
 
 def _phase_class(name: str) -> type[Phase]:
     if name not in PHASES:
-        raise ValueError(unknown_key(name, list(PHASES)).replace("key", "phase function"))
+        raise ValueError(unknown_key(name, list(PHASES), words=OTHER_NAMES).replace("key", "phase function"))
     return PHASES[name]

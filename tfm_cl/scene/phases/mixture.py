@@ -11,13 +11,14 @@ from pydantic import BeforeValidator, Field
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import section_within
-from tfm_cl.model_fields import Accepts
+from tfm_cl.model_fields import SECTION, Accepts, accepts
 from tfm_cl.scene.phases.base import Phase, parse_phase
 from tfm_cl.scene.phases.tabulated import Listed, Samples, listed, sampled
 
 MOST_PARTS = 8
 
 
+@accepts({SECTION: "phase"})
 def _part(value: Any) -> Phase:
     # Before its own parts are looked at: they may be nested however deep.
     is_mixture = isinstance(value, PhaseMixture) or (isinstance(value, dict) and value.get("type") == "mix")

@@ -1,25 +1,26 @@
 """Solids: opaque, diffuse surfaces that block rays and receive light; one module per kind.
 
-To add a shape, write a module with an `AnalyticSolid` subclass and add the class to ``SOLIDS``.
+To add a shape, write a module with an `AnalyticSolid` subclass and list the class here.
 """
 
 from typing import Any
 
-from tfm_cl.errors import InputError, SceneError, unknown_key
+from tfm_cl.errors import InputError
 from tfm_cl.plugins import claim, register_installed
-from tfm_cl.scene.solids.base import AnalyticSolid, Solid
+from tfm_cl.scene.solids.base import MESHES, SOLIDS, AnalyticSolid, Solid, parse_solid
 from tfm_cl.scene.solids.box import BoxSolid
 from tfm_cl.scene.solids.ground import GroundSolid
 from tfm_cl.scene.solids.mesh import MeshSolid
 from tfm_cl.scene.solids.plane import PlaneSolid
 from tfm_cl.scene.solids.sphere import SphereSolid
 
-SOLIDS: dict[str, type[AnalyticSolid]] = {
-    cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid, GroundSolid)
-}
-"""The analytic shapes by their names in scene files; any other solid is a mesh."""
+SOLIDS.update(
+    {cls.model_fields["shape"].default: cls for cls in (PlaneSolid, SphereSolid, BoxSolid, GroundSolid)}
+)
+MESHES["mesh"] = MeshSolid
 
 __all__ = [
+    "MESHES",
     "SOLIDS",
     "AnalyticSolid",
     "BoxSolid",
@@ -31,31 +32,6 @@ __all__ = [
     "parse_solid",
     "register_solid",
 ]
-
-
-def parse_solid(values: dict[str, Any]) -> Solid:
-    """Make a solid from a scene file's table, which has either ``mesh`` or ``shape``.
-
-    Raises
-    ------
-    SceneError
-        Neither or both of the two, an unknown shape or key, or an impossible value.
-    """
-    if "mesh" in values and "shape" in values:
-        raise SceneError("solid: has both mesh and shape; remove one of them")
-    if "mesh" in values:
-        return MeshSolid.from_table(values)
-    if "shape" not in values:
-        known = ["mesh", *(key for key in MeshSolid.keys() if key != "mesh"), "shape"]  # noqa: SIM118 - no dict
-        known += [key for cls in SOLIDS.values() for key in cls.keys() if key not in known]  # noqa: SIM118
-        strange = next((key for key in values if key not in known), None)
-        if strange is not None:
-            raise SceneError(unknown_key(str(strange), known, "solid"))
-        raise SceneError(f"solid: should have mesh (a file) or shape ({', '.join(SOLIDS)})")
-    shape = values["shape"]
-    if not isinstance(shape, str) or shape not in SOLIDS:
-        raise SceneError(f"solid.shape: {unknown_key(str(shape), list(SOLIDS)).replace('key', 'shape', 1)}")
-    return SOLIDS[shape].from_table(values)
 
 
 def register_solid(cls: type[AnalyticSolid]) -> None:

@@ -1,6 +1,7 @@
 """The interface of a solid."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
@@ -9,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from tfm_cl.errors import Fault, SceneError, unknown_key, words
 from tfm_cl.files import mipmap
 from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.model import Model, Triple, as_colour
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model import Triple, as_colour
+from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts, numbers
+from tfm_cl.scene.frames import Axis
+from tfm_cl.scene.movable import Movable
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
 
 UPWARDS = 0.999
 """Cosine to the y axis from which a plane is level: -z is then up in its image, as seen from above."""
 
 
+@accepts({"type": "number", "minimum": 0, "maximum": 1}, numbers(3, minimum=0, maximum=1))
 def _reflects_no_more_than_all(rgb: tuple[float, float, float]) -> tuple[float, float, float]:
     if max(rgb) > 1:
         raise ValueError("should be from 0 to 1 in every channel")
@@ -32,6 +37,7 @@ Albedo = Accepts[float | Numbers, Reflectance]
 """Diffuse reflectance, linear Rec. 709, each channel in 0..1; one number means grey."""
 
 
+@accepts(TEXT)
 def _image_name(value: Any) -> Any:
     if isinstance(value, str | Path):
         name = name_of(value, "an image file")
@@ -57,10 +63,30 @@ class Mapped(NamedTuple):
     """2×4: texture coordinates of world points; v points upwards in the image."""
 
 
-class Solid(Model):
+class Solid(Movable):
     """An opaque, diffuse (Lambertian) surface."""
 
     SECTION: ClassVar[str] = "solid"
+    WORDS: ClassVar[dict[str, str]] = words(
+        {
+            "mesh": "file filename path obj model",
+            "shape": "type kind primitive",
+            "albedo": "color colour reflectance diffuse basecolor diffusecolor kd rgb",
+            "translate": "position location translation",
+            "rotate": "rotation orientation",
+            "scale": "size scaling",
+            "transform": "matrix toworld worldfromobject worldmatrix xform",
+            "from": "min low minimum",
+            "to": "max high maximum",
+            "smooth": "smoothshading shadesmooth facenormals",
+            "visible": "cameravisible hidden visibility",
+            "solids are diffuse: give albedo alone": (
+                "material bsdf roughness metallic specular ior materials shader"
+            ),
+            "leave it out: solids emit nothing; add a [[light]]": "emission emitter emissive radiance",
+            "leave it out: solids have no names": "name id",
+        }
+    )
 
     visible: bool = Field(
         default=True, description="whether the camera sees it; what it does not see still casts shadows"
@@ -101,6 +127,24 @@ class Solid(Model):
         matrix = np.array(self.transform, dtype=np.float64)
         matrix.flags.writeable = False
         return matrix
+
+    def settled(self, axis: Axis, boxes: Callable[[], list[NDArray[np.float64]]]) -> Self:
+        """Return the same with what is left open decided by the scene that it is in.
+
+        Parameters
+        ----------
+        axis
+            That points upwards.
+        boxes
+            Tells the world boxes, [2, 3], of all that has density and of solids that have one.
+
+        Raises
+        ------
+        SceneError
+            The scene does not tell.
+        """
+        del axis, boxes
+        return self
 
     def to_dict(self) -> dict[str, Any]:
         """Return the solid as a table for a scene file; `parse_solid` reads it."""
@@ -261,3 +305,50 @@ class FlatSolid(AnalyticSolid):
         axes = np.stack([right, np.cross(normal, right) * width / height]) / (self.texture_scale or 1.0)
         uv_from_object = np.column_stack([axes, -axes @ point])
         return Mapped(self._image, uv_from_object @ np.linalg.inv(self.world_from_object))
+
+
+SOLIDS: dict[str, type[AnalyticSolid]] = {}
+"""The analytic shapes by their names in scene files, of all that `tfm_cl.scene.solids` lists."""
+MESHES: dict[str, type[Solid]] = {}
+"""Key that names the file of a solid without a shape -> class, likewise."""
+
+
+OTHER_SHAPES = words(
+    {
+        "box": "cube cuboid",
+        "sphere": "ball",
+        "plane": "quad rectangle rect disk square grid",
+        "ground": "floor groundplane terrain",
+        "write mesh = FILE": "mesh obj ply stl gltf glb model trianglemesh",
+    }
+)
+"""Shapes in other programs -> the name here, or what to do."""
+
+
+def parse_solid(values: dict[str, Any]) -> Solid:
+    """Make a solid from a scene file's table, which has either ``mesh`` or ``shape``.
+
+    Raises
+    ------
+    SceneError
+        Neither or both of the two, an unknown shape or key, or an impossible value.
+    """
+    of_files = [key for key in MESHES if key in values]
+    if of_files and "shape" in values:
+        raise SceneError(f"solid: has both {of_files[0]} and shape; remove one of them")
+    if of_files:
+        return MESHES[of_files[0]].from_table(values)
+    if "shape" not in values:
+        classes = (*MESHES.values(), *SOLIDS.values())
+        known = list(dict.fromkeys([*MESHES, "shape", *(key for cls in classes for key in cls.keys())]))  # noqa: SIM118 - no dict
+        strange = [
+            Fault(unknown_key(key, known, "solid", Solid.WORDS), (key,)) for key in values if key not in known
+        ]
+        if strange:
+            raise SceneError(*strange)
+        raise SceneError(f"solid: should have {', '.join(MESHES)} (a file) or shape ({', '.join(SOLIDS)})")
+    shape = values["shape"]
+    if not isinstance(shape, str) or shape not in SOLIDS:
+        line = unknown_key(str(shape), list(SOLIDS), words=OTHER_SHAPES).replace("key", "shape", 1)
+        raise SceneError(Fault(f"solid.shape: {line}", ("shape",)))
+    return SOLIDS[shape].from_table(values)

@@ -15,7 +15,7 @@ from tfm_cl.files.albedo import read_albedo
 from tfm_cl.files.mesh_io.triangles import Textures, Triangles, checked
 from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.files.paths import name_of, source_of
-from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts
 from tfm_cl.scene.solids.base import ReflectanceOrImage, Solid
 from tfm_cl.scene.transform import IDENTITY
 
@@ -23,6 +23,7 @@ EXTENSIONS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Mesh formats that are read: they hold plain numbers, and no archives, programs or pickles."""
 
 
+@accepts(TEXT)
 def _mesh(value: Any) -> str | Triangles:
     if isinstance(value, Triangles):
         return value
@@ -36,6 +37,7 @@ ALL_EDGES = 180.0
 """Degrees: no edge is sharper."""
 
 
+@accepts({"type": "boolean"}, {"type": "number", "minimum": 0, "maximum": ALL_EDGES})
 def _smooth(value: Any) -> Any:
     if value is None or isinstance(value, bool):
         return value
