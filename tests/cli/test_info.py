@@ -242,3 +242,8 @@ def test_more_bricks_than_any_device_indexes_do_not_render(cli, monkeypatch):
     (grid,) = cli("info", "v.npy", "--json").json["grids"]
     assert grid["renders"] == "the volume has 8 bricks; kernels index 7"
     assert grid["device_bytes"] is None
+
+
+def test_a_scene_is_told_of_by_another_command(refused, folder):
+    (folder / "scene.toml").write_text("")
+    assert "`tfm render scene.toml --print-config` tells all" in refused("info", "scene.toml")

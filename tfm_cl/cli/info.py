@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.cli.paths import SOURCE
 from tfm_cl.device.structs import declared
-from tfm_cl.errors import TfmError
+from tfm_cl.errors import InputError, TfmError
 from tfm_cl.files import curves_io, points_io, volume_io
 from tfm_cl.files.curves_io.stored import StoredCurves
 from tfm_cl.files.points_io.stored import StoredPoints
@@ -36,6 +36,11 @@ LANES = 16
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 def command(path: Path, *, as_json: bool) -> None:
     """List the grids, points or curves of a file: size, place, values, memory on the device."""
+    if path.suffix.lower() == ".toml":
+        raise InputError(
+            f"{path}: a scene, of which `tfm render {path} --print-config` tells all; `tfm info` tells of "
+            "files of volumes, points and curves"
+        )
     table = bare_body(path) or {}
     kind = next((key for key in ("points", "curves") if key in table), "")
     if kind:
