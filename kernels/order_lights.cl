@@ -1,7 +1,7 @@
 /* What lights bring to the points of a lattice (view/orders.h).
    Includes expected before: a basis and a light header, and those of the bodies' kinds. Requires: what
    light/reduced_intensity.h and view/cells.h do; TFM_ORDER_DEGREE, 0 where light is scattered evenly, else that of
-   view/harmonics.h. */
+   view/harmonics.h; with that and TFM_ORDER_MEDIA, what of the media scatters on the way of light is told apart. */
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/cells.h"
@@ -12,14 +12,33 @@
 #define INVERSE_SPHERE 0.0795774715f /* 1 / 4 pi */
 #define LEAST_WEIGHT 1e-6f           /* as an optical depth of the distance between points: where there is no density */
 
+/* Of several media, their coefficients of something on a light's way in the place of extinction: of what they scatter, or of
+   what of that goes straight on. */
+#define TELLS_APART (TFM_ORDER_MEDIA && TFM_ORDER_DEGREE)
+#if TELLS_APART
+#define OF_WAY_ARGUMENTS , VIEW way_view, MEDIUM way_media
+#if TFM_GRIDS
+#define OF_WAY(scene) const Scene of_way = {way_view, way_media, (scene).bodies, (scene).grids, (scene).padded}
+#else
+#define OF_WAY(scene) const Scene of_way = {way_view, way_media, (scene).bodies, (scene).grids}
+#endif
+#else
+#define OF_WAY_ARGUMENTS
+#define OF_WAY(scene) const Scene of_way = scene
+#endif
+
 /* A light at a point, without its intensity. */
 typedef struct {
   Floats strength; /* 0 where none arrives */
   Floats tint[3];
   Floats depth[TFM_CHANNELS]; /* optical, of the way to it */
+#if TELLS_APART
+  Floats of_way[TFM_CHANNELS]; /* the same of the other coefficients */
+#endif
 } Arrival;
 
-TFM_INLINE Arrival arrival_at(const Scene *scene, LIGHT from, const LightBuffers *buffers, Vec3 point, Ints wanted)
+TFM_INLINE Arrival arrival_at(const Scene *scene, const Scene *of_way, LIGHT from, const LightBuffers *buffers, Vec3 point,
+                              Ints wanted)
 {
   Arrival arrival;
   const LightSample sample = light_at(from, point_in_light(from, point));
@@ -30,6 +49,11 @@ TFM_INLINE Arrival arrival_at(const Scene *scene, LIGHT from, const LightBuffers
   const LightPath path = light_path(scene, from, buffers, point, sample, 0, 0);
   Ints samples = ints(0);
   light_optical_depths(scene, from, buffers, &path, lit, &samples, arrival.depth);
+#if TELLS_APART
+  light_optical_depths(of_way, from, buffers, &path, lit, &samples, arrival.of_way);
+#else
+  (void)of_way;
+#endif
   light_tint(from, buffers, sample, arrival.tint);
   arrival.strength = lit ? sample.strength * light_visibility(from, buffers->shadow, sample) : floats(0.0f);
   return arrival;
@@ -49,12 +73,12 @@ TFM_INLINE float intensity_of(LIGHT from, int c)
 }
 
 /* Of light, after an optical depth: what was scattered straight on so many times, of what there was.
-   share: of what is extinguished, what goes straight on */
-TFM_INLINE Floats left_after(Floats depth, int times, float share, float log_factorial)
+   straight: the depth of what goes straight on */
+TFM_INLINE Floats left_after(Floats depth, int times, Floats straight, float log_factorial)
 {
   if (times == 0)
     return transmittance_of(depth);
-  const Floats chance = (float)times * log_of(greatest(share * depth, floats(FLT_MIN))) - log_factorial;
+  const Floats chance = (float)times * log_of(greatest(straight, floats(FLT_MIN))) - log_factorial;
   return transmittance_of(greatest(depth - chance, floats(0.0f)));
 }
 
@@ -64,9 +88,12 @@ TFM_INLINE Floats left_after(Floats depth, int times, float share, float log_fac
    light   of the points, adds to
    number  of the light among those given
    times   that it was scattered straight on; log_factorial: logarithm of times!
+   way_view, way_media  where the media are told apart: coefficients of what goes straight on
+   deposited  as of order_media
    items   first of this launch and end */
 __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global float *light, int number, int times, float log_factorial, int2 items)
+                           ORDERS orders, __global float *light, int number, int times, float log_factorial, int2 items
+                           DEPOSITED_ARGUMENT OF_WAY_ARGUMENTS)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
@@ -75,9 +102,11 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   if (!any_lane(points.wanted))
     return;
   SCENE(scene, ints(-1), ints(-1));
+  OF_WAY(scene);
   LIGHT_BUFFERS(buffers);
   LIGHT from = lights + number;
   const Vec3 centre = position_of(orders, &points);
+  const Amounts deposits = DEPOSITED_IN(orders, &points);
   const float least_weight = LEAST_WEIGHT / orders->spacing;
   Floats sum[TFM_ORDER_COLOURS], weight[TFM_CHANNELS];
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
@@ -86,19 +115,24 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     weight[c] = floats(0.0f);
   EACH_SAMPLE(orders) {
     const Vec3 point = sample_of_cell(orders, centre, i, j, k);
+    const Amounts density = density_at(&scene, orders, point, &deposits);
     Floats here[TFM_CHANNELS];
-    extinction_at(&scene, orders, point, here);
     for (int c = 0; c < TFM_CHANNELS; ++c) {
-      here[c] += least_weight;
+      here[c] = extinguished(media, &density, c) + least_weight;
       weight[c] += here[c];
     }
-    const Arrival arrival = arrival_at(&scene, from, &buffers, point, points.wanted);
+    const Arrival arrival = arrival_at(&scene, &of_way, from, &buffers, point, points.wanted);
     if (!any_lane(arrival.strength > 0.0f))
       continue;
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
       const int channel = TFM_CHANNELS == 3 ? c : 0;
+#if TELLS_APART
+      const Floats straight = arrival.of_way[channel];
+#else
+      const Floats straight = orders->straight * orders->albedo[c] * arrival.depth[channel];
+#endif
       sum[c] += arrival.tint[c] * here[channel] * arrival.strength *
-                left_after(arrival.depth[channel], times, orders->straight * orders->albedo[c], log_factorial);
+                left_after(arrival.depth[channel], times, straight, log_factorial);
     }
   }
 #if TFM_ORDER_DEGREE
@@ -125,10 +159,12 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 
 #if TFM_ORDER_DEGREE
 /* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.
-   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine
-   scattered  of the points one after the other, adds to */
+   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine; of each medium in turn
+   scattered  of the points one after the other, and there of each medium in turn; adds to
+   way_view, way_media  where the media are told apart: coefficients of what they scatter */
 __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global const float *beyond, __global float *scattered, int number, int2 items)
+                           ORDERS orders, __global const float *beyond, __global float *scattered, int number, int2 items
+                           OF_WAY_ARGUMENTS)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
@@ -137,24 +173,33 @@ __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   if (!any_lane(points.wanted))
     return;
   SCENE(scene, ints(-1), ints(-1));
+  OF_WAY(scene);
   LIGHT_BUFFERS(buffers);
   LIGHT from = lights + number;
   const Vec3 centre = position_of(orders, &points);
-  const Arrival arrival = arrival_at(&scene, from, &buffers, centre, points.wanted);
+  const Arrival arrival = arrival_at(&scene, &of_way, from, &buffers, centre, points.wanted);
   if (!any_lane(arrival.strength > 0.0f))
     return;
   const Floats mu = dot3(way_of_light(from, centre), way_to_camera(view, centre));
   Floats to_right, to_next;
   const Ints column = between_points(root_of(root_of(0.5f - 0.5f * mu)) * (float)(BEYOND_ANGLES - 1), BEYOND_ANGLES, &to_right);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    const Floats depth = arrival.depth[TFM_CHANNELS == 3 ? c : 0], met = orders->albedo[c] * depth;
+    const Floats depth = arrival.depth[TFM_CHANNELS == 3 ? c : 0];
+#if TELLS_APART
+    const Floats met = arrival.of_way[TFM_CHANNELS == 3 ? c : 0];
+#else
+    const Floats met = orders->albedo[c] * depth;
+#endif
     const Ints row = between_points(met / (met + BEYOND_HALF) * (float)(BEYOND_DEPTHS - 1), BEYOND_DEPTHS, &to_next);
     const Ints at = row * BEYOND_ANGLES + column;
-    const Floats one = lerp(gather_floats(beyond, at), gather_floats(beyond + 1, at), to_right);
-    const Floats next = lerp(gather_floats(beyond + BEYOND_ANGLES, at), gather_floats(beyond + BEYOND_ANGLES + 1, at), to_right);
-    const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);
-    const Ints place = points.number * TFM_ORDER_COLOURS + c;
-    store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + intensity_of(from, c) * more);
+    for (int m = 0; m < APART_MEDIA; ++m) {
+      __global const float *table = beyond + m * BEYOND_DEPTHS * BEYOND_ANGLES;
+      const Floats one = lerp(gather_floats(table, at), gather_floats(table + 1, at), to_right);
+      const Floats next = lerp(gather_floats(table + BEYOND_ANGLES, at), gather_floats(table + BEYOND_ANGLES + 1, at), to_right);
+      const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);
+      const Ints place = (points.number * APART_MEDIA + m) * TFM_ORDER_COLOURS + c;
+      store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + intensity_of(from, c) * more);
+    }
   }
 }
 #endif

@@ -33,9 +33,15 @@ TFM_INLINE Floats arriving(SWEEP sweep, __global const float *radiance, int turn
    radiance  of each direction and colour, what arrives; looked at where `arrives` is 1
    light     what arrives of lights by themselves, moments; out: 0
    total     moments; to which what arrives is added where `arrives` is 1
-   source    out where `scatters` is 1, of each direction and colour, over what is extinguished; 0 around the points stays */
+   shares    of several media, as order_shares finds them
+   source    out where `scatters` is 1, of each direction and colour, over what is extinguished or, of several media, what
+             is scattered; 0 around the points stays */
 __kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *radiance, __global float *light,
-                            __global float *total, __global float *source, int along, int count, int arrives, int scatters)
+                            __global float *total, __global float *source, int along, int count, int arrives, int scatters
+#if TFM_ORDER_MEDIA
+                            , __global const float *shares
+#endif
+                            )
 {
   const int nx = orders->size[0], ny = orders->size[1], nz = orders->size[2], chunks = (nx + TFM_LANES - 1) / TFM_LANES;
   const int item = (int)get_global_id(0), x = item % chunks * TFM_LANES, y = item / chunks % ny, z = item / chunks / ny;
@@ -72,8 +78,21 @@ __kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *r
     }
     if (!scatters)
       continue;
+#if TFM_ORDER_MEDIA
+    Floats bent[TFM_ORDER_DEGREE + 1];
+    for (int l = 0; l <= TFM_ORDER_DEGREE; ++l)
+      bent[l] = floats(0.0f);
+    for (int m = 0; m < TFM_ORDER_MEDIA; ++m) {
+      const Floats share = ROW(shares + (size_t)(3 * m + c) * size + at);
+      for (int l = 0; l <= TFM_ORDER_DEGREE; ++l)
+        bent[l] += orders[m].bent[l] * share;
+    }
+    EACH_HARMONIC
+      moments[n] = inside ? bent[l] * moments[n] : floats(0.0f);
+#else
     EACH_HARMONIC
       moments[n] = inside ? orders->albedo[c] * orders->bent[l] * moments[n] : floats(0.0f);
+#endif
     for (int first = 0; first < count; first += BUNDLE) {
       Floats sum[BUNDLE];
       for (int k = 0; k < BUNDLE; ++k)
@@ -87,6 +106,36 @@ __kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *r
     }
   }
 }
+
+#if TFM_ORDER_MEDIA
+#define OF_NEIGHBOURS 1e-3f
+
+/* Of what is scattered at points, each medium's share; where nothing is, that of their neighbours.
+   of_media  as order_media finds it; shares: out, likewise */
+__kernel void order_shares(ORDERS orders, __global const float *of_media, __global float *shares)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  if (!any_lane(points.wanted))
+    return;
+  const int row = orders->size[0] + 2 * PAD, layer = row * (orders->size[1] + 2), size = padded_size(orders);
+  for (int c = 0; c < 3; ++c) {
+    Floats scatters[TFM_ORDER_MEDIA], all = floats(0.0f);
+    for (int m = 0; m < TFM_ORDER_MEDIA; ++m) {
+      __global const float *of_medium = of_media + (size_t)(3 * m + c) * size;
+      Floats near = floats(0.0f);
+      for (int z = -1; z <= 1; ++z)
+        for (int y = -1; y <= 1; ++y)
+          for (int x = -1; x <= 1; ++x)
+            near += gather_floats(of_medium, points.at + (z * layer + y * row + x));
+      scatters[m] = gather_floats(of_medium, points.at) + OF_NEIGHBOURS * near;
+      all += scatters[m];
+    }
+    for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
+      store_floats(shares + (size_t)(3 * m + c) * size, points.at, points.wanted,
+                   all > 0.0f ? scatters[m] / all : floats(0.0f));
+  }
+}
+#endif
 
 /* Writes numbers of points, and of those before the first, in the other kind of rows.
    of_x   0: they are in rows along y
@@ -112,9 +161,9 @@ __kernel void order_cross(ORDERS orders, __global const float *numbers, __global
         inside ? gather_floats(numbers + (size_t)(of_x ? skip + k : k) * from_size, from) : floats(0.0f);
 }
 
-/* What all later orders scatter to the camera, over albedo and opacity.
+/* What all later orders scatter to the camera, over albedo and opacity; of each medium.
    total     moments of the points, in rows along x
-   scattered of the points one after the other: holds what order_beyond found, which is added */
+   scattered as of order_beyond: holds what that found, which is added */
 __kernel void order_view(VIEW view, ORDERS orders, __global const float *total, __global float *scattered)
 {
   const Points points = points_of(orders, (int)get_global_id(0));
@@ -122,13 +171,14 @@ __kernel void order_view(VIEW view, ORDERS orders, __global const float *total, 
     return;
   Floats y[HARMONICS];
   harmonics_of(way_to_camera(view, position_of(orders, &points)), y);
-  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    const Ints number = points.number * TFM_ORDER_COLOURS + c;
-    Floats sum = gather_floats(scattered, number);
-    EACH_HARMONIC
-      sum += orders->seen[l] * y[n] *
-             numbers_at(total + (size_t)(n * TFM_ORDER_COLOURS + c) * padded_size(orders), &points);
-    /* Moments that end somewhere may leave less than nothing. */
-    store_floats(scattered, number, points.wanted, greatest(sum, floats(0.0f)));
-  }
+  for (int m = 0; m < APART_MEDIA; ++m)
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+      const Ints number = (points.number * APART_MEDIA + m) * TFM_ORDER_COLOURS + c;
+      Floats sum = gather_floats(scattered, number);
+      EACH_HARMONIC
+        sum += orders[m].seen[l] * y[n] *
+               numbers_at(total + (size_t)(n * TFM_ORDER_COLOURS + c) * padded_size(orders), &points);
+      /* Moments that end somewhere may leave less than nothing. */
+      store_floats(scattered, number, points.wanted, greatest(sum, floats(0.0f)));
+    }
 }

@@ -13,15 +13,33 @@ TFM_INLINE int2 rays_along(float slope, int size, int planes)
   return (int2)(-1 - (last > 0 ? last : 0), size + 1 + (last > 0 ? last : -last));
 }
 
+#define BETWEEN(numbers, c) between_rows((numbers) + (size_t)(c) * size + at, row, shift_x.part, shift_y.part)
+#if TFM_ORDER_LOBE
+#define LIGHT_OF(number) (light + (size_t)(number) * TFM_ORDER_COLOURS * size)
+#else
+#define LIGHT_OF(number) light
+#endif
 /* What is scattered over what is extinguished, where rays cross a plane: of light that arrives evenly, or the source of this
    direction, and what came this way before and goes straight on. */
 #if TFM_ORDER_LOBE
-#define LIGHT_OF(number) (light + (size_t)(number) * TFM_ORDER_COLOURS * size)
-#define SCATTERED_OF(c) (between_rows(of_sweep + (size_t)(c) * size + at, row, shift_x.part, shift_y.part) + \
-                         part[c] * ROW(out + (size_t)(c) * size + at))
+#define SCATTERED_OF(c) (BETWEEN(of_sweep, c) + part[c] * ROW(out + (size_t)(c) * size + at))
 #else
-#define LIGHT_OF(number) light
-#define SCATTERED_OF(c) (part[c] * between_rows(of_sweep + (size_t)(c) * size + at, row, shift_x.part, shift_y.part))
+#define SCATTERED_OF(c) (part[c] * BETWEEN(of_sweep, c))
+#endif
+
+#if TFM_ORDER_MEDIA
+/* The same of several media. */
+typedef struct {
+  Floats share;    /* of what is extinguished, what is scattered */
+  Floats light;    /* what of that arrives, or its source in this direction */
+  Floats straight; /* the part that goes straight on, and what came this way before */
+  Floats before;
+} Mixed;
+
+TFM_INLINE Floats source_of(const Mixed *mixed, const Mixed *shares)
+{
+  return shares->share * mixed->light + (TFM_ORDER_LOBE ? shares->straight * mixed->before : floats(0.0f));
+}
 #endif
 
 /* One work-item takes as many rays, in neighbouring columns, as there are lanes.
@@ -29,10 +47,15 @@ TFM_INLINE int2 rays_along(float slope, int size, int planes)
    light     in the same rows: what arrives, or of each direction and colour what is scattered
    radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way;
              where there is a lobe, holds the same of the order before
+   scattering  of several media, as order_media says, in the same rows
    first     direction of this launch, and the end
    size      numbers that one extinction or colour has */
 __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *extinction, __global const float *light,
-                          __global float *radiance, int first, int end, int size)
+                          __global float *radiance, int first, int end, int size
+#if TFM_ORDER_MEDIA
+                          , __global const float *scattering
+#endif
+                          )
 {
   const int number = first + (int)get_global_id(1);
   if (number >= end)
@@ -47,10 +70,18 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
   __global const float *of_sweep = LIGHT_OF(number);
+#if TFM_ORDER_MEDIA
+  Mixed mixed[TFM_ORDER_COLOURS];
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    mixed[c].share = mixed[c].light = mixed[c].straight = mixed[c].before = floats(0.0f);
+#else
   float part[TFM_ORDER_COLOURS];
+#endif
   Floats radiances[TFM_ORDER_COLOURS], sources[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+#if !TFM_ORDER_MEDIA
     part[c] = TFM_ORDER_LOBE ? orders->straight * orders->albedo[c] : orders->albedo[c];
+#endif
     radiances[c] = sources[c] = floats(0.0f);
   }
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -63,6 +94,11 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
     const int plane = sweep->backwards ? planes - 1 - m : m;
     const int at = (plane + 1) * sweep->plane + (y + 1) * row + x + PAD;
     Floats depth[TFM_CHANNELS], most = floats(0.0f);
+#if TFM_ORDER_MEDIA
+    Floats before[TFM_CHANNELS];
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      before[c] = extinctions[c];
+#endif
     for (int c = 0; c < TFM_CHANNELS; ++c) {
       const Floats here = between_rows(extinction + (size_t)c * size + at, row, shift_x.part, shift_y.part);
       depth[c] = length * (here + extinctions[c]);
@@ -78,15 +114,37 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
       }
       for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
         const int channel = TFM_CHANNELS == 3 ? c : 0;
+#if TFM_ORDER_MEDIA
+        /* Where nothing is extinguished, shares are as at the step's other end. */
+        const Floats extinct = extinctions[channel];
+        Mixed now = mixed[c];
+        now.share = extinct > 0.0f ? BETWEEN(scattering, c) / extinct : now.share;
+        now.light = BETWEEN(of_sweep, c);
+#if TFM_ORDER_LOBE
+        now.straight = extinct > 0.0f ? BETWEEN(scattering, TFM_ORDER_COLOURS + c) / extinct : now.straight;
+        now.before = ROW(out + (size_t)c * size + at);
+#endif
+        const Floats here = source_of(&now, &now);
+        sources[c] = before[channel] > 0.0f ? sources[c] : source_of(&mixed[c], &now);
+        mixed[c] = now;
+#else
         const Floats here = SCATTERED_OF(c);
+#endif
         /* What is scattered over what is extinguished, linear along the step. */
         radiances[c] = radiances[c] * through[channel] + sources[c] * (mean[channel] - through[channel]) +
                        here * (1.0f - mean[channel]);
         sources[c] = here;
       }
     } else
-      for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+      for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+#if TFM_ORDER_MEDIA
+        mixed[c].light = BETWEEN(of_sweep, c);
+        mixed[c].before = TFM_ORDER_LOBE ? ROW(out + (size_t)c * size + at) : floats(0.0f);
+        sources[c] = source_of(&mixed[c], &mixed[c]);
+#else
         sources[c] = SCATTERED_OF(c);
+#endif
+      }
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
       *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
   }
@@ -140,6 +198,21 @@ __kernel void order_mean(ORDERS orders, __global const float *next, __global con
     const Ints number = points.number * TFM_ORDER_COLOURS + c;
     store_floats(total, number, points.wanted, gather_floats(total, number) + share * sum);
   }
+}
+
+/* Takes what the outermost points scatter: in a medium that is everywhere they end the lattice.
+   count: of numbers of a point, which lie one after the other */
+__kernel void order_end(ORDERS orders, __global float *scattered, int count)
+{
+  const Points points = points_of(orders, (int)get_global_id(0));
+  Ints ends = points.place[0] < 0;
+  for (int axis = 0; axis < 3; ++axis)
+    ends |= (points.place[axis] == 0) | (points.place[axis] == orders->size[axis] - 1);
+  ends &= points.wanted;
+  if (!any_lane(ends))
+    return;
+  for (int c = 0; c < count; ++c)
+    store_floats(scattered, points.number * count + c, ends, floats(0.0f));
 }
 
 /* Writes numbers of points once more, in rows along y. count: of extinctions or colours */

@@ -14,7 +14,7 @@ TFM_INLINE Vec3 sample_of_cell(ORDERS orders, Vec3 centre, int x, int y, int z)
               centre.z + (first + (float)z * part));
 }
 
-#if TFM_GRIDS
+#if TFM_GRIDS && TFM_VOXEL_GRIDS
 /* What grids hold at a point; 0 outside. */
 TFM_INLINE void add_grids(GRID grids, const Grids *padded, Vec3 point, Amounts *amounts)
 {
@@ -33,11 +33,29 @@ TFM_INLINE void add_grids(GRID grids, const Grids *padded, Vec3 point, Amounts *
 }
 #endif
 
-/* Extinction of each colour at a sample: of bodies of constant density its mean along its part of the cube. */
-TFM_INLINE void extinction_at(const Scene *scene, ORDERS orders, Vec3 point, Floats *extinction)
+#if TFM_PRIMITIVES
+/* What primitives hold in cubes: TFM_AMOUNTS of each medium, numbers of all points each. */
+#define DEPOSITED_ARGUMENT , __global const float *deposited
+#define DEPOSITED_IN(orders, points) deposited_in(orders, deposited, points)
+TFM_INLINE Amounts deposited_in(ORDERS orders, __global const float *deposited, const Points *points)
 {
-  Amounts density = no_amounts();
-#if TFM_GRIDS
+  const size_t count = (size_t)orders->size[0] * orders->size[1] * orders->size[2];
+  Amounts amounts;
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    for (int c = 0; c < TFM_AMOUNTS; ++c)
+      amounts.of[m][c] = gather_floats(deposited + (size_t)(m * TFM_AMOUNTS + c) * count, points->number);
+  return amounts;
+}
+#else
+#define DEPOSITED_ARGUMENT
+#define DEPOSITED_IN(orders, points) no_amounts()
+#endif
+
+/* Density at a sample: of bodies of constant density its mean along its part of the cube. deposited: in all of that */
+TFM_INLINE Amounts density_at(const Scene *scene, ORDERS orders, Vec3 point, const Amounts *deposited)
+{
+  Amounts density = *deposited;
+#if TFM_GRIDS && TFM_VOXEL_GRIDS
   add_grids(scene->grids, scene->padded, point, &density);
 #endif
 #if TFM_BODIES
@@ -57,8 +75,7 @@ TFM_INLINE void extinction_at(const Scene *scene, ORDERS orders, Vec3 point, Flo
 #else
   (void)orders;
 #endif
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    extinction[c] = extinguished(scene->media, &density, c);
+  return density;
 }
 
 #define EACH_SAMPLE(orders)                       \

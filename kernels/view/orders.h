@@ -2,8 +2,9 @@
    later orders scatter is read from it along camera rays, in the place of lattice.h.
    Requires: TFM_CHANNELS, the extinctions that it knows, and TFM_ORDER_COLOURS, those of light: 1 or 3; what frame.h and
    walk.h do, the latter where there are grids.
-   With TFM_ORDER_MEDIA, which is 0 else, each of the first so many media has three colours of its own: of light that was
-   not scattered evenly. */
+   With TFM_ORDER_MEDIA, which is 0 else, there are so many media, the first ones, and `orders` points to a struct of each.
+   What they scatter in the camera's pass is then known apart: TFM_ORDER_COLOURS is three times as much, unless all of
+   them scatter light alike. */
 #ifndef TFM_ORDERS_H
 #define TFM_ORDERS_H
 
@@ -12,6 +13,8 @@
 #ifndef TFM_ORDER_MEDIA
 #define TFM_ORDER_MEDIA 0
 #endif
+/* How many things points know apart. */
+#define APART_MEDIA (TFM_ORDER_MEDIA ? TFM_ORDER_MEDIA : 1)
 
 /* Numbers of points lie in memory with some 0 around them, so that what passes by the lattice reads them: row by row,
    and, for light that goes mainly along x, once more in rows along y. Each extinction and colour is by itself. */
@@ -171,6 +174,7 @@ TFM_INLINE LatticeValue lattice_at(LATTICE lattice, Floats t)
 }
 
 #if TFM_ORDER_MEDIA
+#ifdef TFM_AMOUNTS_H
 /* A step took its opacity from the ray: each medium scatters its part of that. */
 #define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity)
 TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, MEDIUM media, const Amounts *step,
@@ -179,11 +183,12 @@ TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, MEDIUM 
   for (int c = 0; c < 3; ++c) {
     Floats scattered = floats(0.0f);
     for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
-      scattered += media[m].sigma_s[c] * step->of[m][AMOUNT_OF(c)] * value->of[3 * m + c];
+      scattered += media[m].sigma_s[c] * step->of[m][AMOUNT_OF(c)] * value->of[TFM_ORDER_COLOURS == 3 ? c : 3 * m + c];
     const Floats extinct = extinguished(media, step, c);
     sums->colour[c] += extinct > 0.0f ? opacity[TFM_CHANNELS == 3 ? c : 0] * scattered / extinct : floats(0.0f);
   }
 }
+#endif
 #else
 #define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, opacity)
 /* A step took its opacity from the ray; colours are then over albedo. */

@@ -287,29 +287,42 @@ def _scattering(case: Case) -> int:
     return len({body.own_medium for body in BODIES[case["bodies"]]})
 
 
+RGB = 3
+
+
 def _of_order_media(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
-    return orders.media_variant(media, _lattice_colours(case, media))
+    return orders.media_variant(media, *_of_points(case, media))
+
+
+def _of_points(case: Case, media: MediaOnDevice) -> tuple[int, int, int]:
+    """Colours, degree, and media that are told apart."""
+    mixed = _scattering(case)
+    return _lattice_colours(case, media), case["degree"], mixed if mixed > 1 else 0
 
 
 def _of_order_lights(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return orders.lights_variant(of_lights, media, _lattice_colours(case, media), case["degree"])
+    return orders.lights_variant(of_lights, media, *_of_points(case, media))
 
 
 def _of_order_sweep(case: Case) -> Program:
-    return orders.sweep_variant(case["channels"], max(case["channels"], case["colours"]), case["degree"])
+    colours = max(case["channels"], case["colours"])
+    mixed = case["media"] if case["channels"] == RGB else 0
+    return orders.sweep_variant(case["channels"], colours, case["degree"], mixed)
 
 
 def _of_order_moments(case: Case) -> Program:
-    return orders.moments_variant(case["colours"], case["degree"])
+    mixed = case["media"] if case["colours"] == RGB else 0
+    return orders.moments_variant(case["colours"], case["degree"], mixed)
 
 
 def _of_order_pass(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
     if "colours" not in case:
         return emission.pass_variant(media, _scattering(case), has_solids=bool(case["shadow"]))
-    return orders.pass_variant(media, _lattice_colours(case, media), has_solids=bool(case["shadow"]))
+    colours, _, mixed = _of_points({"degree": 0} | case, media)
+    return orders.pass_variant(media, colours, mixed, has_solids=bool(case["shadow"]))
 
 
 LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
@@ -337,7 +350,13 @@ LATTICE: Choices = {
 }
 APART: Choices = {"apart": (1, 3)}
 ON_LATTICE: Choices = {**LATTICE, **APART, "basis": EVALUATED, **STORED, **LIGHT, "shared": (0,)}
-ORDERS: Choices = {**LATTICE, "bodies": (*LATTICE["bodies"], "box", "box, ball", "grid, box, ball")}
+ORDERS: Choices = {
+    **LATTICE,
+    "bodies": (
+        *LATTICE["bodies"],
+        *("box", "box, ball", "grid, box, ball", "2 tints", "grid in fog", "points", "every primitive"),
+    ),
+}
 LAYERS: Choices = {"layers": (0, 1)}
 DEGREE: Choices = {"degree": (0, 2, 3, 4)}
 ORDERS_LIT: Choices = {**ORDERS, **DEGREE, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
@@ -367,10 +386,13 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
-    "order_media.cl": (_of_order_media, [ORDERS]),
-    "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4)}]),
+    "order_media.cl": (_of_order_media, [ORDERS | DEGREE]),
+    "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4), "media": (0, 2)}]),
     "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}, {**EMISSION, "shadow": (0, 1)}]),
-    "order_sweep.cl": (_of_order_sweep, [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4)}]),
+    "order_sweep.cl": (
+        _of_order_sweep,
+        [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2)}],
+    ),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),

@@ -10,24 +10,16 @@ from tfm_cl.errors import SceneError
 from tfm_cl.plan import orders
 from tfm_cl.plan.lobes import lobe_of
 from tfm_cl.plan.plan import plan
+from tfm_cl.scene.fields import fields_of
 
 MANY = tfm.Medium(orders=8)
 GRID = make_scene().volume
 BOX = tfm.BoxVolume(from_=(0, 0, 0), to=(1, 2, 3))
 REFUSED = {
-    "points": (
-        {"volume": tfm.Points(np.zeros((1, 3)), 1.0)},
-        "points, curves and polygons scatter once only",
+    "octaves of one body": (
+        {"volume": [GRID, BOX.with_medium(tfm.Medium(octaves=3))]},
+        "another body has medium.octaves = 3, and both are multiple scattering",
     ),
-    "two media": (
-        {"volume": [GRID, BOX.with_medium(tfm.Medium(sigma_s=0.5))]},
-        "bodies of several media scatter once only",
-    ),
-    "orders of one body": (
-        {"volume": [GRID, BOX.with_medium(MANY.replace(orders=2))]},
-        "bodies of several media scatter once only",
-    ),
-    "everywhere": ({"volume": tfm.EverywhereVolume()}, "a medium that is everywhere scatters once only"),
     "paper": (
         {"march": tfm.MarchSettings(attenuation="paper")},
         'march.attenuation = "paper" is for single scattering',
@@ -46,8 +38,59 @@ def test_what_scatters_once_only_is_refused(what):
     with pytest.raises(SceneError) as error:
         plan(scene)
     assert str(error.value) == f"medium.orders = 8: {why}; use medium.orders = 1"
-    if what != "orders of one body":
-        plan(scene.replace(medium=tfm.Medium()))
+    plan(scene.replace(medium=tfm.Medium()))
+
+
+def test_the_most_orders_of_any_body_count():
+    two = [GRID.with_medium(MANY.replace(orders=3)), BOX.with_medium(tfm.Medium(sigma_s=0.5))]
+    assert orders.orders_of(make_scene(volume=two)) == 3
+
+
+def test_one_degree_for_all_media():
+    bodies = [GRID.with_medium(MANY), BOX.with_medium(MANY.replace(phase="hg:0.85"))]
+    even, narrow = orders.lobes(make_scene(volume=bodies))
+    assert even == (4, (1, 0, 0, 0, 0), 0)
+    assert narrow == lobe_of(tfm.HenyeyGreenstein(0.85))
+
+
+def test_what_is_scattered_on_the_way_is_known_of_each_field():
+    """Two fields are of one medium each; in a third body, of the first one's colour, their mean counts."""
+    red, blue = tfm.Medium(sigma_s=(1, 0.5, 0.5)), tfm.Medium(sigma_s=(0.2, 0.4, 0.8), sigma_a=0.1)
+    scene = make_scene(volume=[GRID.with_medium(red), GRID.with_medium(blue), BOX])
+    scattered = [np.asarray(medium.sigma_s) for medium in orders.media_of(scene)]
+    fields = fields_of(scene)
+    found = orders.of_fields(scene, fields.rgb_from_field, fields.weights, scattered)
+    shares = np.divide(found, fields.rgb_from_field)
+    np.testing.assert_allclose(shares.T, [scattered[0] / red.sigma_t, scattered[1] / blue.sigma_t])
+    black = red.replace(sigma_s=0.0, sigma_a=red.sigma_s)
+    scene = make_scene(volume=[GRID.with_medium(red), GRID.with_medium(black)])
+    fields = fields_of(scene)
+    found = orders.of_fields(scene, fields.rgb_from_field, fields.weights, [np.ones(3), np.zeros(3)])
+    np.testing.assert_allclose(found, [[0.5], [0.5], [0.5]])
+
+
+def test_a_medium_everywhere_is_bounded_by_what_is_in_it():
+    """Bodies, solids, and what a spot is aimed at; and by free paths where these are near."""
+    fog = tfm.EverywhereVolume(density=1e-3)
+    spot = tfm.SpotLight(from_=(0, 0, 8), to=(0, 0, 0), cone=45)
+    ball = tfm.SphereSolid(centre=(0, 20, 0), radius=2)
+    scene = tfm.Scene([BOX, fog], MANY, make_scene().camera, [spot], solids=[ball, tfm.PlaneSolid()])
+    within = orders.region_of(scene)
+    np.testing.assert_allclose(within, [[-8 - 15, -8 - 15, -2 - 15], [8 + 15, 22 + 15, 8 + 15]], atol=1e-6)
+    alone = tfm.Scene([fog], MANY, make_scene().camera, [tfm.PointLight(from_=(1, 2, 3))])
+    np.testing.assert_allclose(orders.region_of(alone) - (1, 2, 3), [[-2000] * 3, [2000] * 3])
+    assert "beyond a box of 46 x 60 x 40 what is everywhere" in orders.lattice_of(scene).why
+
+
+def test_thin_bodies_have_few_points_across():
+    slab = tfm.BoxVolume(from_=(0, 0, 0), to=(10, 10, 0.1))
+    lattice = orders.lattice_of(make_scene(volume=slab, medium=MANY))
+    assert orders.FEWEST_ACROSS <= 0.1 / lattice.spacing < 8
+    assert lattice.points * 7 <= orders.OF_BODIES * orders.WORK
+    assert lattice.points * lattice.samples**3 <= orders.SAMPLES
+    assert "along the thinnest body: every order takes its time" in lattice.why
+    cube = tfm.BoxVolume(from_=(0, 0, 0), to=(1, 1, 1))
+    assert orders.lattice_of(make_scene(volume=cube, medium=MANY)).spacing == orders.OF_SMALLEST_BODY
 
 
 @pytest.mark.parametrize("count", [0, -1, 1001, 1.5, "auto", True])

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF, MOST_DEGREE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tfm_cl.scene.phases.base import Phase
 
 Floats = NDArray[np.float64]
@@ -76,17 +78,23 @@ class Lobe(NamedTuple):
         return min(orders, math.ceil(math.log(LEAST_STRAIGHT) / math.log(self.straight)))
 
 
-def lobe_of(phase: Phase) -> Lobe:
-    """Choose the degree, by the moments of the phase function."""
+def lobe_of(phase: Phase, degree: int = 0) -> Lobe:
+    """Choose the degree, by the moments of the phase function; ``degree``: the least."""
     moments = phase.legendre_moments(MOST_DEGREE + 2)
     if np.abs(moments[1:]).max() < EVEN:
-        return Lobe(0, (1.0,), 0.0)
-    degree = LEAST_DEGREE
+        return Lobe(degree, (1.0,) + (0.0,) * degree, 0.0)
+    degree = max(degree, LEAST_DEGREE)
     while degree < MOST_DEGREE and np.abs(moments[degree + 1 :]).max() > SMALL:
         degree += 1
     # A peak backwards is none straight on.
     straight = max(float(moments[degree + 1]), 0.0) if moments[1] > EVEN else 0.0
     return Lobe(degree, tuple(moments[: degree + 1].tolist()), straight)
+
+
+def lobes_of(phases: Sequence[Phase]) -> list[Lobe]:
+    """Choose one degree for several phase functions: that of the narrowest lobe."""
+    degree = max(lobe_of(phase).degree for phase in phases)
+    return [lobe_of(phase, degree) for phase in phases]
 
 
 def quadrature() -> tuple[Floats, Floats]:
@@ -150,30 +158,37 @@ def zonal(moments: Floats, mu: Floats) -> Floats:
     return np.asarray(legendre.legval(mu, (weights * moments.T).T), dtype=np.float64)
 
 
-def beyond(phase: Phase, lobe: Lobe, orders: int) -> NDArray[np.float32]:
+def far_moments(phase: Phase) -> Floats:
+    """Return the Legendre moments ``[FARTHEST_DEGREE]``, fading out towards the last."""
+    fades: Floats = np.exp(-8 * (np.arange(FARTHEST_DEGREE) / FARTHEST_DEGREE) ** 2)
+    return phase.legendre_moments(FARTHEST_DEGREE) * fades
+
+
+def beyond(phase: Phase, lobe: Lobe, orders: int, way: Floats | None = None) -> NDArray[np.float32]:
     """Tabulate what the orders after the first scatter of a light beyond the lobe's degree.
 
     In a small angle around its way, light that was scattered k times has the moments χ_l^k, and there is
     e^-τ (ϖ τ)^k / k! of it, with the optical depth τ of that way. ``[BEYOND_DEPTHS, BEYOND_ANGLES]``, per
     steradian: the sum over k from 1 to orders - 1 of e^-s s^k / k! Σ (2l + 1) / 4π χ_l^(k+1) P_l(μ) over all
     l > degree, and of the others as far as they are not trusted. Rows are even in s / (s + BEYOND_HALF), of
-    s = ϖ τ, columns in ((1 - μ) / 2)^(1/4).
+    s = ϖ τ, columns in ((1 - μ) / 2)^(1/4). ``way``: the moments `far_moments` of what scatters on the way,
+    where that is not this phase function alone, which then is that of the last scattering.
 
     Source: H. C. van de Hulst, "Multiple Light Scattering" (1980), small-angle scattering.
     """
     table = np.zeros((BEYOND_DEPTHS, BEYOND_ANGLES), np.float32)
     if lobe.straight == 0:  # light that turns back does not stay on its way
         return table
-    moments = phase.legendre_moments(FARTHEST_DEGREE)
+    moments = far_moments(phase)
     unknown = np.ones(FARTHEST_DEGREE)
     unknown[: lobe.degree + 1] -= lobe.trusted
-    moments *= np.exp(-8 * (np.arange(FARTHEST_DEGREE) / FARTHEST_DEGREE) ** 2)
+    way = moments if way is None else way
     mu = 1 - 2 * np.linspace(0, 1, BEYOND_ANGLES) ** 4
     part = np.linspace(0, 1, BEYOND_DEPTHS)[:-1]  # nothing is left at the last
     depth = BEYOND_HALF * part / (1 - part)
     term, total = np.exp(-depth)[:, None] * moments, np.zeros((len(depth), len(moments)))
     for k in range(1, orders):
-        term = term * (depth[:, None] / k * moments)
+        term = term * (depth[:, None] / k * way)
         total += term
         if np.abs(term).max() < EVEN * np.abs(total).max() and k > depth.max():
             break

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.plan.lobes import lobe_of
+from tfm_cl.plan.lobes import beyond, far_moments, lobes_of
+from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from tfm_cl.plan.lobes import Lobe
+    from tfm_cl.scene.bodies.homogeneous import Homogeneous
+    from tfm_cl.scene.lights import Light
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
@@ -24,6 +27,10 @@ VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
 """The same, in parts of the shortest edge of a body of constant density."""
+FEWEST_ACROSS = 4
+"""Points along that edge, where as many as that would take too long."""
+OF_BODIES = 4.0
+"""How much more work than that of voxels is too long."""
 WORK, WORK_OF_LOBE = 1 << 22, 1 << 21
 """Points times orders after the first, from which on points are further apart than voxels."""
 MOST_POINTS = 1 << 22
@@ -36,8 +43,16 @@ FEWEST_SAMPLES = 4
 """Of the density along an edge of a point's cube, where it is no grid's."""
 MOST_SAMPLES = 4
 """Of the density along an edge of a point's cube: where points are far apart, the rest is left to chance."""
+SAMPLES = 1 << 26
+"""Of all cubes together, from which on there are fewer in each."""
+FREE_PATHS = 2.0
+"""By which the lattice reaches beyond what bounds it in a medium that is everywhere, if that is near."""
+LARGEST_REACH = 0.5
+"""The same, at most, in parts of the longest edge of that."""
 FARTHER = 1.05
 """Factor of the distance between points as long as they are too many."""
+TINY = 1e-300
+"""More than what scatters nothing."""
 SAME = 1e-6
 """Of a distance: what is nearer counts as there."""
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
@@ -67,9 +82,19 @@ def orders_of(scene: Scene) -> int:
     return max(scene.medium_of(body).orders for body in scene.bodies)
 
 
-def medium_of(scene: Scene) -> Medium:
-    """Return the medium of all bodies of a scene with more than one order."""
-    return scene.medium_of(scene.bodies[0])
+def media_of(scene: Scene) -> tuple[Medium, ...]:
+    """Return what the bodies are made of, each medium once, in the order in which kernels know them."""
+    return tuple(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
+
+
+def lobes(scene: Scene) -> list[Lobe]:
+    """Return what is known of the phase function of each of the `media_of` a scene."""
+    return lobes_of([medium.phase for medium in media_of(scene)])
+
+
+def is_endless(scene: Scene) -> bool:
+    """Tell whether any medium is everywhere."""
+    return not np.isfinite(scene.bounds).all()
 
 
 def check(scene: Scene) -> None:
@@ -86,66 +111,214 @@ def check(scene: Scene) -> None:
 
 
 def _why_not(scene: Scene) -> Iterator[str]:
-    if scene.primitives:
-        yield "points, curves and polygons scatter once only"
-    if len({scene.medium_of(body) for body in scene.bodies}) > 1:
-        yield "bodies of several media scatter once only"
-    if not np.isfinite(scene.bounds).all():
-        yield "a medium that is everywhere scatters once only"
+    if octaves := max(medium.octaves for medium in media_of(scene)) - 1:
+        yield f"another body has medium.octaves = {octaves + 1}, and both are multiple scattering"
     if scene.march.attenuation == "paper":
         yield 'march.attenuation = "paper" is for single scattering'
     if scene.map.max_error is not None:
         yield f"map.max_error = {scene.map.max_error:g} measures single scattering"
 
 
+def region_of(scene: Scene) -> NDArray[np.float64]:
+    """Return the world box [2, 3] in which light is scattered again.
+
+    It is that of all bodies. In a medium that is everywhere, it is that of the other bodies, the solids, and
+    the spots' cones up to what they are aimed at, and somewhat more; beyond, light is extinguished only.
+    """
+    if not is_endless(scene):
+        return scene.occupied_bounds
+    endless = [body for body in scene.homogeneous if not np.isfinite(body.bounds).all()]
+    boxes = [body.occupied_bounds for body in scene.bodies if np.isfinite(body.bounds).all()]
+    boxes += [box for solid in scene.solids if (box := solid.bounds()) is not None]
+    boxes += [box for light in scene.lights for part in light.parts() if (box := _lit_by(part)) is not None]
+    low, high = around(boxes)
+    extinction = sum(body.density * float(scene.medium_of(body).sigma_t.mean()) for body in endless)
+    longest = float((high - low).max())
+    reach = FREE_PATHS / extinction if extinction > 0 else math.inf
+    if longest > 0:
+        reach = min(reach, LARGEST_REACH * longest)
+    return np.stack([low - reach, high + reach])
+
+
+def _lit_by(light: Light) -> NDArray[np.float64] | None:
+    """Return the world box [2, 3] around a light and where it is aimed at; None of one from infinity."""
+    if light.needs_fitting:
+        return None
+    from_ = np.asarray(getattr(light, "from_"))  # noqa: B009 - all that need no fitting have a place
+    to, cone = getattr(light, "to", None), getattr(light, "cone", None)
+    if to is None or cone is None:
+        return np.stack([from_, from_])
+    axis = np.subtract(to, from_)
+    distance = float(np.linalg.norm(axis))
+    # Of a disc: its extent along each axis of the world.
+    across = distance * math.tan(math.radians(cone)) * np.sqrt(np.maximum(1 - (axis / distance) ** 2, 0))
+    return np.stack([np.minimum(from_, to - across), np.maximum(from_, to + across)])
+
+
+class _Work(NamedTuple):
+    """What the orders take: points times orders after the first."""
+
+    extent: NDArray[np.float64]
+    """Edges of the lattice's box."""
+    orders: int
+    most: int
+
+    def over(self, spacing: float) -> float:
+        """Return how much more it is than it may be, as a factor."""
+        return math.prod(points_along(self.extent, spacing)) * self.orders / self.most
+
+    def farther(self, spacing: float, most: float, times: float = 1.0) -> float:
+        """Return a distance of points that takes no more, so many times, if one up to ``most`` does."""
+        while self.over(spacing) > times and spacing * FARTHER <= most:
+            spacing *= FARTHER
+        return spacing
+
+
 def lattice_of(scene: Scene) -> Lattice:
     """Decide where the points lie."""
-    low, high = scene.occupied_bounds
+    low, high = region_of(scene)
     extent = np.maximum(high - low, 0.0)
-    finest = min((grid.detail for grid in scene.grids), default=math.inf)
-    spacing, why = finest, "as far apart as voxels"
-    lobe = lobe_of(medium_of(scene).phase)
-    if scene.grids:
-        work = math.prod(points_along(extent, finest)) * (orders_of(scene) - 1)
-        apart = min(max((work / (WORK_OF_LOBE if lobe.degree else WORK)) ** (1 / 3), 1.0), VOXELS_APART)
-        if apart > 1:
-            spacing, why = apart * finest, f"{apart:.2g} voxels apart: every order takes its time"
-    for body in scene.homogeneous:
-        edge = float(np.subtract(*body.bounds[::-1]).min())
-        if OF_SMALLEST_BODY * edge < spacing:
-            spacing, why = OF_SMALLEST_BODY * edge, f"{1 / OF_SMALLEST_BODY:g} along the thinnest body"
-    wanted = spacing
+    media, lobe = len(media_of(scene)), max(lobes(scene), key=lambda one: one.degree)
+    work = _Work(extent, orders_of(scene) - 1, WORK_OF_LOBE if lobe.degree else WORK)
+    wanted, why = _wanted(scene, work)
+    spacing = wanted
     while math.prod(points_along(extent, spacing)) > MOST_POINTS:
         spacing *= FARTHER
     if spacing > wanted:
         why = f"as near as {MOST_POINTS:,} points allow"
     wanted = spacing
-    while lobe.degree and bytes_of(points_along(extent, spacing), lobe) > MOST_BYTES:
+    while lobe.degree and bytes_of(points_along(extent, spacing), lobe, media) > MOST_BYTES:
         spacing *= FARTHER
     if spacing > wanted:
-        why = f"as near as {MOST_BYTES / 2**30:g} GiB allow, at {numbers_of(lobe)} numbers a point"
+        why = f"as near as {MOST_BYTES / 2**30:g} GiB allow, at {numbers_of(lobe, media)} numbers a point"
+    if is_endless(scene):
+        box = " x ".join(f"{edge:.3g}" for edge in extent)
+        why += f"; beyond a box of {box} what is everywhere scatters once only"
     size = points_along(extent, spacing)
     first = (low + high) / 2 - spacing * (np.array(size) - 1) / 2
-    samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if scene.homogeneous else 1)
+    finest = min((grid.detail for grid in scene.grids), default=math.inf)
+    samples = max(math.ceil(spacing / finest - SAME), FEWEST_SAMPLES if _bounded(scene) else 1)
     samples = min(samples, MOST_SAMPLES)
+    while not scene.grids and samples > 1 and math.prod(size) * samples**3 > SAMPLES:
+        samples -= 1
     x, y, z = first.tolist()
     return Lattice((x, y, z), spacing, size, samples, why)
 
 
-def numbers_of(lobe: Lobe) -> int:
+def _bounded(scene: Scene) -> list[Homogeneous]:
+    """Bodies of constant density that have an end."""
+    return [body for body in scene.homogeneous if np.isfinite(body.bounds).all()]
+
+
+def _wanted(scene: Scene, work: _Work) -> tuple[float, str]:
+    """Return the distance of points that bodies ask for, and why."""
+    spacing, why = math.inf, ""
+    if scene.grids:
+        spacing, why = min(grid.detail for grid in scene.grids), "as far apart as voxels"
+        apart = min(max(work.over(spacing) ** (1 / 3), 1.0), VOXELS_APART)
+        if apart > 1:
+            spacing, why = apart * spacing, f"{apart:.2g} voxels apart: every order takes its time"
+    edge = min((float((body.bounds[1] - body.bounds[0]).min()) for body in _bounded(scene)), default=math.inf)
+    if OF_SMALLEST_BODY * edge < spacing:
+        most = min(edge / FEWEST_ACROSS, spacing)
+        spacing, why = OF_SMALLEST_BODY * edge, f"{1 / OF_SMALLEST_BODY:g} along the thinnest body"
+        if work.over(spacing) > OF_BODIES:
+            spacing = work.farther(spacing, most, OF_BODIES)
+            why = f"{edge / spacing:.2g} along the thinnest body: every order takes its time"
+    detail = min((body.detail for body in scene.primitives), default=math.inf)
+    if detail < spacing:
+        spacing, why = detail, "as near as points, curves and polygons have details"
+        if work.over(spacing) > 1:
+            spacing = work.farther(spacing, OF_SMALLEST_BODY * float(work.extent.max()))
+            why = "as near as the time of every order allows"
+    if is_endless(scene):
+        widest = OF_SMALLEST_BODY * float(work.extent.max())
+        if not math.isfinite(spacing):
+            spacing, why = widest, f"{1 / OF_SMALLEST_BODY:g} along the longest edge"
+        elif work.over(spacing) > 1:
+            spacing = work.farther(spacing, max(spacing, widest))
+            why = "as near as the time of every order allows"
+    return spacing, why
+
+
+def numbers_of(lobe: Lobe, media: int = 1) -> int:
     """Return how many numbers a point has of each colour, at most, where scattering has a lobe.
 
     Moments of lights, and of all orders; of each direction its radiance, and what is scattered, both twice of
-    those along x, which are less than half.
+    those along x, which are less than half; what each of several media scatters.
     """
-    return 2 * lobe.harmonics + 3 * DIRECTIONS
+    return 2 * lobe.harmonics + 3 * DIRECTIONS + (2 * media if media > 1 else 0)
 
 
-def bytes_of(size: tuple[int, int, int], lobe: Lobe) -> int:
+def albedo_of(medium: Medium) -> NDArray[np.float64]:
+    """Return the part of what is extinguished that is scattered, RGB."""
+    return np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
+
+
+def beyond_of_media(scene: Scene) -> NDArray[np.float32]:
+    """Return the table `beyond` of each medium ``[media, BEYOND_DEPTHS, BEYOND_ANGLES]``.
+
+    On the way of light all media together scatter it, by how much each of them does in the whole scene.
+    """
+    media, count = media_of(scene), orders_of(scene)
+    if len(media) == 1:
+        return beyond(media[0].phase, lobes(scene)[0], count)[None]
+    low, high = region_of(scene)
+    room, scatters = float(np.prod(high - low)), np.zeros(len(media))
+    for body in scene.bodies:
+        medium = scene.medium_of(body)
+        scatters[media.index(medium)] += body.mass_in(room) * float(np.mean(medium.sigma_s))
+    shares = scatters / max(float(scatters.sum()), TINY)
+    moments = [far_moments(medium.phase) for medium in media]
+    way = shares @ np.array(moments)
+    tables = [
+        beyond(medium.phase, lobe, count, way) for medium, lobe in zip(media, lobes(scene), strict=True)
+    ]
+    return np.stack(tables)
+
+
+def of_fields(
+    scene: Scene,
+    rgb_from_field: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    coefficients: Sequence[NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return what a density of 1 of each field has of a coefficient in the place of extinction.
+
+    Exact where all bodies of a field are of one medium; else that of their mean.
+
+    Parameters
+    ----------
+    rgb_from_field, weights
+        As of `scene.fields.Fields`.
+    coefficients
+        RGB, of each of the `media_of` the scene at density 1, per world unit.
+
+    Returns
+    -------
+    float64 [3, K], as ``rgb_from_field``.
+    """
+    media = media_of(scene)
+    shares, masses = [], []
+    for body in scene.marched:
+        medium = scene.medium_of(body)
+        coefficient = np.asarray(coefficients[media.index(medium)])
+        sigma_t = medium.sigma_t
+        shares.append(np.divide(coefficient, sigma_t, out=np.zeros(3), where=sigma_t > 0))
+        masses.append(body.mass_in(math.inf))
+    # What each body adds to each field, in all.
+    held = np.array(masses)[:, None] * weights.sum(axis=1)
+    total = held.sum(axis=0)
+    mean = np.array(shares).T @ np.divide(held, total, out=np.zeros_like(held), where=total > 0)
+    found: NDArray[np.float64] = rgb_from_field * mean
+    return found
+
+
+def bytes_of(size: tuple[int, int, int], lobe: Lobe, media: int = 1) -> int:
     """Return the bytes that a lattice takes at most, where scattering has a lobe."""
     x, y, z = size
     padded = max((x + MOST_PAD) * (y + 2), (y + MOST_PAD) * (x + 2)) * (z + 2)
-    return padded * numbers_of(lobe) * 3 * 4
+    return padded * numbers_of(lobe, media) * 3 * 4
 
 
 def points_along(extent: NDArray[np.float64], spacing: float) -> tuple[int, int, int]:

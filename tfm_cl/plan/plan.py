@@ -17,7 +17,6 @@ from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 from tfm_cl.plan import emission, lattice, octaves, orders, resolution
-from tfm_cl.plan.lobes import lobe_of
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
@@ -198,12 +197,13 @@ def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
     if orders.orders_of(scene) > 1 and scene.is_lit:
         points = orders.lattice_of(scene)
         yield "orders.points", Decision("{}x{}x{}".format(*points.size), points.why)
-        lobe = lobe_of(orders.medium_of(scene).phase)
-        if lobe.degree:
+        lobes = orders.lobes(scene)
+        if lobes[0].degree:
             yield "orders.directions", Decision(orders.DIRECTIONS, "of each order")
+            straight = ", ".join(dict.fromkeys(f"{lobe.straight:.2g}" for lobe in lobes))
             yield (
                 "orders.degree",
-                Decision(lobe.degree, f"of the moments; {lobe.straight:.2g} of the light goes straight on"),
+                Decision(lobes[0].degree, f"of the moments; {straight} of the light goes straight on"),
             )
         else:
             yield (

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from tfm_cl.plan.orders import Lattice
     from tfm_cl.reference.bodies import Matter
     from tfm_cl.reference.geometry import Floats
+    from tfm_cl.reference.light import Brought
     from tfm_cl.reference.march import Step
-    from tfm_cl.reference.orders import Brought
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from tfm_cl.model import decided
+from tfm_cl.plan.orders import media_of, of_fields
 from tfm_cl.reference.bodies import body_interval, march_bounds, optical_depths
 from tfm_cl.reference.fitting import fitted, light_rays, margin_of, with_numbers
 from tfm_cl.scene.fields import fields_of
@@ -15,12 +16,30 @@ from tfm_cl.scene.fields import fields_of
 if TYPE_CHECKING:
     from tfm_cl.reference.geometry import Floats
     from tfm_cl.scene.lights import Light
+    from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
 NEAREST = 1e-6
 """Of the size of all that has density: the distance below which inverse-square falloff stops growing."""
 SMALLEST_SIZE = 1e-6
 """World units, of that size."""
+
+
+Coefficients = Mapping["Medium", "Floats"]
+"""RGB of each medium at density 1, per world unit."""
+
+
+class Brought(NamedTuple):
+    """What arrives of a light at points ``[n, 3]``."""
+
+    radiance: Floats
+    """RGB, after solids, but not bodies."""
+    transmittance: Floats
+    """RGB, of the bodies."""
+    direction: Floats
+    """In which it goes."""
+    depth_of: Callable[[Coefficients], Floats]
+    """RGB optical depth of other coefficients in the place of the media's extinction."""
 
 
 class Bounded(Protocol):
@@ -72,12 +91,36 @@ def light_transmittance(
 
     ``field_depths`` gives τ, the fields' optical depths ``[points, K]`` between the light and points.
     """
-    depth = field_depths(points) @ fields_of(scene).rgb_from_field.T
+    transmittance: Floats = np.exp(-light_depth(scene, None, light, points, field_depths))
+    return transmittance
+
+
+def light_depth(
+    scene: Scene,
+    coefficients: Coefficients | None,
+    light: Light,
+    points: Floats,
+    field_depths: Callable[[Floats], Floats],
+) -> Floats:
+    """RGB optical depth of all bodies between a fitted light and points ``[points, 3]``.
+
+    Parameters
+    ----------
+    coefficients
+        In the place of the media's extinctions; of fields of several media they are those of their mean.
+    """
+    fields = fields_of(scene)
+    matrix = fields.rgb_from_field
+    if coefficients is not None and scene.marched:
+        found = [coefficients[medium] for medium in media_of(scene)]
+        matrix = of_fields(scene, matrix, fields.weights, found)
+    depth = field_depths(points) @ matrix.T
     ways = light_ways(scene, light, points)
     for body, way in zip(scene.homogeneous, ways.T, strict=True):
-        depth += body.density * np.outer(way, scene.medium_of(body).sigma_t)
-    transmittance: Floats = np.exp(-depth)
-    return transmittance
+        medium = scene.medium_of(body)
+        sigma = medium.sigma_t if coefficients is None else coefficients[medium]
+        depth += body.density * np.outer(way, sigma)
+    return depth
 
 
 # --- what arrives ----------------------------------------------------------------------------------------

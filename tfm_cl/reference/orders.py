@@ -8,31 +8,35 @@ from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF
 from tfm_cl.plan import orders
-from tfm_cl.plan.lobes import beyond, lobe_of, quadrature, zonal
-from tfm_cl.plan.orders import Lattice, lattice_of, medium_of, orders_of
+from tfm_cl.plan.deposits import deposited
+from tfm_cl.plan.lobes import quadrature, zonal
+from tfm_cl.plan.orders import (
+    Lattice,
+    albedo_of,
+    beyond_of_media,
+    is_endless,
+    lattice_of,
+    lobes,
+    media_of,
+    orders_of,
+)
 from tfm_cl.reference.bodies import body_interval, channel_densities
-from tfm_cl.reference.geometry import Floats
+from tfm_cl.reference.geometry import Floats, between
 
 if TYPE_CHECKING:
+    from tfm_cl.plan.lobes import Lobe
+    from tfm_cl.reference.bodies import Matter
+    from tfm_cl.reference.light import Brought, Coefficients
+    from tfm_cl.reference.march import Step
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
 
-class Brought(NamedTuple):
-    """What arrives of a light at points ``[n, 3]``."""
-
-    radiance: Floats
-    """RGB, after solids, but not bodies."""
-    transmittance: Floats
-    """RGB, of the bodies."""
-    direction: Floats
-    """In which it goes."""
-
-
-Arrives = Callable[[Floats], Brought]
+Arrives = Callable[[Floats], "Brought"]
 LEAST_WEIGHT = 1e-6
 """As an optical depth of the distance between points, of what has no density."""
 DARK = 1e-300
@@ -52,21 +56,35 @@ class LaterOrders:
 
     def __init__(self, scene: Scene, lights: Sequence[Arrives]) -> None:
         self._scene, self.lattice, self._lights = scene, lattice_of(scene), lights
-        medium = medium_of(scene)
-        self._albedo, self._lobe = _albedo(medium), lobe_of(medium.phase)
-        found = self._of_lobe() if self._lobe.degree else self._even()
-        self.source = self._albedo * found
-        """``[x, y, z, RGB]`` over opacity."""
+        self._media, self._lobes = media_of(scene), lobes(scene)
+        self._held = (
+            deposited(scene, self.lattice, is_grey=False).swapaxes(2, 4) if scene.primitives else None
+        )
+        amounts = self._amounts()
+        self._matter = _Matter.of(self._media, self._lobes, amounts)
+        found = self._of_lobe() if self._lobes[0].degree else [self._even()] * len(self._media)
+        if is_endless(scene):
+            for one in found:
+                one[_outermost(one.shape)] = 0
+        self._found = dict(zip(self._media, found, strict=True))
+
+    def source(self, matter: Matter, step: Step, points: Floats) -> Floats:
+        """RGB ``[n, 3]`` that a step at points scatters to the camera, over its opacity."""
+        scattered = np.zeros((len(points), 3))
+        for medium, sigma_s, amount in zip(matter.media, matter.sigma_s, step.amounts, strict=True):
+            if sigma_s.any():
+                scattered += sigma_s * amount * between(self._found[medium], self.lattice, points)
+        return np.divide(scattered, step.depth, out=np.zeros_like(scattered), where=step.depth > 0)
 
     def _even(self) -> Floats:
         light = np.sum([self._brought(arrives) for arrives in self._lights], axis=0) / (4 * np.pi)
-        count = orders_of(self._scene)
-        return scattered_again(light, self._extinction(), self._albedo, self.lattice, count)
+        return scattered_again(light, self._matter, self.lattice, orders_of(self._scene))
 
-    def _of_lobe(self) -> Floats:
-        lobe, albedo, spacing = self._lobe, self._albedo, self.lattice.spacing
+    def _of_lobe(self) -> list[Floats]:
+        """Of each medium, what of the light it would scatter to the camera, over what it scatters."""
+        spacing, matter, shares = self.lattice.spacing, self._matter, self._matter.shares()
         ways, weights = quadrature()
-        extinction, centres = self._extinction(), self._centres()
+        centres = self._centres()
         to_camera = np.subtract(self._scene.camera.from_, centres)
         to_camera /= np.maximum(np.linalg.norm(to_camera, axis=-1, keepdims=True), DARK)
         at_centres = [arrives(centres.reshape(-1, 3)) for arrives in self._lights]
@@ -75,33 +93,40 @@ class LaterOrders:
         radiance = np.zeros((len(ways), *centres.shape))
         rays: list[Floats | None] = [None] * len(ways)
         last = orders_of(self._scene) - 1
-        between = weights * zonal(lobe.bent, ways @ ways.T)
-        total = np.zeros(centres.shape)
+        times = max(lobe.times_straight(last) for lobe in self._lobes)
+        total = [np.zeros(centres.shape) for _ in self._lobes]
+        straight = {
+            medium: lobe.straight * np.asarray(medium.sigma_s)
+            for medium, lobe in zip(self._media, self._lobes, strict=True)
+        }
         for order in range(1, last + 1):
-            sources = np.tensordot(between, radiance, axes=1)
-            for travel, one in zip(travels, left, strict=True):
-                sources += zonal(lobe.bent, np.moveaxis(travel @ ways.T, -1, 0))[..., None] * one
+            sources = np.sum(
+                [
+                    share * _bent(lobe, ways, weights, radiance, travels, left)
+                    for lobe, share in zip(self._lobes, shares, strict=True)
+                ],
+                axis=0,
+            )
             for number, direction in enumerate(ways):
                 radiance[number], rays[number] = swept(
-                    albedo * sources[number],
-                    extinction,
-                    direction,
-                    spacing,
-                    straight=lobe.straight * albedo,
-                    before=rays[number],
+                    sources[number], matter, direction, spacing, before=rays[number]
                 )
-                seen = zonal(lobe.seen, to_camera @ direction)[..., None]
-                total += weights[number] * seen * radiance[number]
-            if order > lobe.times_straight(last):
+                for i, lobe in enumerate(self._lobes):
+                    seen = zonal(lobe.seen, to_camera @ direction)[..., None]
+                    total[i] += weights[number] * seen * radiance[number]
+            if order > times:
                 left = [np.zeros_like(one) for one in left]
             else:
-                left = [_straight_on(one, lobe.straight * albedo, order, centres.shape) for one in at_centres]
+                left = [_straight_on(one, straight, order, centres.shape) for one in at_centres]
             for travel, one in zip(travels, left, strict=True):
-                total += zonal(lobe.seen, (to_camera * travel).sum(axis=-1))[..., None] * one
-        table = beyond(medium_of(self._scene).phase, lobe, last + 1).astype(np.float64)
+                for i, lobe in enumerate(self._lobes):
+                    total[i] += zonal(lobe.seen, (to_camera * travel).sum(axis=-1))[..., None] * one
+        scattered = {medium: np.asarray(medium.sigma_s) for medium in self._media}
+        tables = beyond_of_media(self._scene).astype(np.float64)
         for travel, light in zip(travels, at_centres, strict=True):
-            total += _beyond(table, light, albedo, (to_camera * travel).sum(axis=-1))
-        return np.maximum(total, 0)
+            for i, table in enumerate(tables):
+                total[i] += _beyond(table, light, scattered, (to_camera * travel).sum(axis=-1))
+        return [np.maximum(one, 0) for one in total]
 
     def _centres(self) -> Floats:
         """Points ``[x, y, z, 3]``."""
@@ -118,24 +143,29 @@ class LaterOrders:
         for offset in product(offsets, repeat=3):
             yield centres + offset
 
-    def _extinction_at(self, points: Floats) -> Floats:
-        """RGB at samples ``[..., 3]``; of bodies of constant density the mean along its part of x."""
+    def _amounts_at(self, points: Floats) -> Floats:
+        """Density of each medium at samples, ``[media, ..., RGB]``.
+
+        Of bodies of constant density it is the mean along its part of x, of primitives that of the cube.
+        """
         scene = self._scene
-        medium, part = medium_of(scene), self.lattice.spacing / self.lattice.samples
-        total = np.zeros(points.shape)
+        part = self.lattice.spacing / self.lattice.samples
+        total = np.zeros((len(self._media), *points.shape))
+        if self._held is not None:
+            total += np.moveaxis(self._held[: len(self._media)], 1, -1)
         for grid in scene.grids:
-            total += medium.sigma_t * channel_densities(grid, points)
+            total[self._media.index(scene.medium_of(grid))] += channel_densities(grid, points)
         starts = points.reshape(-1, 3) - (part / 2, 0, 0)
         along_x = np.broadcast_to((1.0, 0.0, 0.0), starts.shape)
         for body in scene.homogeneous:
             begin, end = body_interval(body, starts, along_x, part)
             share = ((end - begin) / part).reshape(*points.shape[:-1], 1)
-            total += medium.sigma_t * body.density * share
+            total[self._media.index(scene.medium_of(body))] += body.density * share
         return total
 
-    def _extinction(self) -> Floats:
-        """Mean RGB of the cubes around the points, ``[x, y, z, 3]``."""
-        samples = [self._extinction_at(points) for points in self._samples()]
+    def _amounts(self) -> Floats:
+        """Mean of the cubes around the points, ``[media, x, y, z, 3]``."""
+        samples = [self._amounts_at(points) for points in self._samples()]
         mean: Floats = np.mean(samples, axis=0)
         return mean
 
@@ -143,7 +173,7 @@ class LaterOrders:
         """RGB that arrives from a light, ``[x, y, z, 3]``."""
         total, weight = np.zeros((2, *self.lattice.size, 3))
         for points in self._samples():
-            here = self._extinction_at(points) + LEAST_WEIGHT / self.lattice.spacing
+            here = _extinguished(self._media, self._amounts_at(points)) + LEAST_WEIGHT / self.lattice.spacing
             weight += here
             one = arrives(points.reshape(-1, 3))
             total += here * (one.radiance * one.transmittance).reshape(points.shape)
@@ -155,16 +185,16 @@ def _depth(arrival: Brought) -> Floats:
     return -np.log(np.maximum(arrival.transmittance, DARK))
 
 
-def _straight_on(arrival: Brought, share: Floats, times: int, shape: tuple[int, ...]) -> Floats:
+def _straight_on(arrival: Brought, straight: Coefficients, times: int, shape: tuple[int, ...]) -> Floats:
     """RGB of a light that was scattered straight on so many times, ``[x, y, z, 3]``."""
-    chance = (share * _depth(arrival)) ** times / math.factorial(times)
+    chance = arrival.depth_of(straight) ** times / math.factorial(times)
     return (arrival.radiance * arrival.transmittance * chance).reshape(shape)
 
 
-def _beyond(table: Floats, arrival: Brought, albedo: Floats, mu: Floats) -> Floats:
+def _beyond(table: Floats, arrival: Brought, scattered: Coefficients, mu: Floats) -> Floats:
     """RGB of a light that a lobe scatters beyond its degree, ``[x, y, z, 3]``; linear in the table."""
     depth = _depth(arrival).reshape(*mu.shape, 3)
-    met = albedo * depth
+    met = arrival.depth_of(scattered).reshape(depth.shape)
     row = met / (met + BEYOND_HALF) * (BEYOND_DEPTHS - 1)
     column = np.sqrt(np.sqrt(np.clip((1 - mu) / 2, 0, 1)))[..., None] * (BEYOND_ANGLES - 1)
     total = np.zeros_like(met)
@@ -175,49 +205,106 @@ def _beyond(table: Floats, arrival: Brought, albedo: Floats, mu: Floats) -> Floa
     return total * np.exp(met - depth) * arrival.radiance.reshape(depth.shape)
 
 
-def _albedo(medium: Medium) -> Floats:
-    return np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
-
-
-def scattered_again(
-    light: Floats, extinction: Floats, albedo: Floats, lattice: Lattice, count: int
+def _bent(
+    lobe: Lobe,
+    ways: Floats,
+    weights: Floats,
+    radiance: Floats,
+    travels: Sequence[Floats],
+    left: Sequence[Floats],
 ) -> Floats:
+    """Return what a lobe scatters into directions, ``[ways, x, y, z, RGB]``, of theirs and of lights."""
+    bent: Floats = np.tensordot(weights * zonal(lobe.bent, ways @ ways.T), radiance, axes=1)
+    for travel, one in zip(travels, left, strict=True):
+        bent += zonal(lobe.bent, np.moveaxis(travel @ ways.T, -1, 0))[..., None] * one
+    return bent
+
+
+def _extinguished(media: Sequence[Medium], amounts: Floats) -> Floats:
+    """RGB, of densities ``[media, ..., RGB]``."""
+    total: Floats = np.sum([one.sigma_t * part for one, part in zip(media, amounts, strict=True)], axis=0)
+    return total
+
+
+class _Matter(NamedTuple):
+    """What the points hold, ``[x, y, z, RGB]``, per world unit."""
+
+    extinction: Floats
+    albedo: Floats | None
+    """RGB, where all is of one medium."""
+    straight: Floats
+    """That of what goes straight on; or, of several media, at the points."""
+    scattering: list[Floats]
+    """Of each medium."""
+
+    @classmethod
+    def of(cls, media: Sequence[Medium], known: Sequence[Lobe], amounts: Floats) -> _Matter:
+        """Return what densities ``[media, x, y, z, RGB]`` do."""
+        scattering = [np.asarray(one.sigma_s) * part for one, part in zip(media, amounts, strict=True)]
+        straight = [lobe.straight * part for lobe, part in zip(known, scattering, strict=True)]
+        extinction = _extinguished(media, amounts)
+        if len(media) == 1:
+            albedo = albedo_of(media[0])
+            return cls(extinction, albedo, known[0].straight * albedo, scattering)
+        return cls(extinction, None, np.sum(straight, axis=0), scattering)
+
+    def shares(self) -> list[Floats]:
+        """Of what is scattered, each medium's share; where nothing is, that of the points around."""
+        if self.albedo is not None:
+            return [np.ones_like(self.extinction)]
+        near = [part + OF_NEIGHBOURS * _around(part) for part in self.scattering]
+        total = np.sum(near, axis=0)
+        return [np.divide(part, total, out=np.zeros_like(part), where=total > 0) for part in near]
+
+
+OF_NEIGHBOURS = 1e-3
+"""As kernels have it."""
+
+
+def _around(values: Floats) -> Floats:
+    """Sum of points ``[x, y, z, RGB]`` and of their 26 neighbours."""
+    wide = np.pad(values, [(1, 1)] * 3 + [(0, 0)])
+    x, y, z = values.shape[:3]
+    total: Floats = np.sum(
+        [wide[i : i + x, j : j + y, k : k + z] for i, j, k in product(range(3), repeat=3)], axis=0
+    )
+    return total
+
+
+def _outermost(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask of a lattice's outermost points ``[x, y, z]``."""
+    ends = np.ones(shape[:3], dtype=bool)
+    ends[1:-1, 1:-1, 1:-1] = False
+    return ends
+
+
+def scattered_again(light: Floats, matter: _Matter, lattice: Lattice, count: int) -> Floats:
     """Sum of what arrives at points ``[x, y, z, RGB]`` after each scattering but the last.
 
     Parameters
     ----------
     light
         That arrives unscattered: mean over all directions.
-    extinction
-        Per world unit.
     count
         Orders.
     """
     total = np.zeros_like(light)
     for order in range(1, count):
         directions = orders.directions(orders.DIRECTIONS, order)
-        arriving = [
-            swept(albedo * light, extinction, direction, lattice.spacing)[0] for direction in directions
-        ]
+        arriving = [swept(light, matter, direction, lattice.spacing)[0] for direction in directions]
         light = np.mean(arriving, axis=0)
         total += light
     return total
 
 
 def swept(
-    source: Floats,
-    extinction: Floats,
-    direction: Floats,
-    spacing: float,
-    *,
-    straight: Floats | float = 0.0,
-    before: Floats | None = None,
+    light: Floats, matter: _Matter, direction: Floats, spacing: float, *, before: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Radiance ``[x, y, z, RGB]`` that goes in a direction, of a source over extinction; plane by plane.
+    """Radiance ``[x, y, z, RGB]`` that goes in a direction, plane by plane.
 
     Between the rays, which pass through each plane in the same distances as its points, it is linear, as are
-    extinction and source between the points. The second result is of the rays: of ``before``, that of the
-    last order, a part is ``straight`` on added to the source.
+    the light that is scattered and what scatters it between the points. The second result is of the rays: of
+    ``before``, that of the last order, a part goes straight on.
     """
     axis = int(np.abs(direction).argmax())
     along = abs(direction[axis])
@@ -229,21 +316,30 @@ def swept(
         ordered = np.moveaxis(values, axis, 0)[way]
         return np.pad(ordered, [(0, 0), (reach, reach), (reach, reach), (0, 0)])
 
-    reach = source.shape[axis] + 1
-    sources, extinctions = planes(source), planes(extinction)
-    found = np.zeros_like(sources)
-    rays = np.zeros_like(sources)
-    radiance = last = dense = np.zeros_like(sources[0])
-    for m in range(len(sources)):
+    reach = light.shape[axis] + 1
+    lights, extinctions = planes(light), planes(matter.extinction)
+    is_mixed = matter.albedo is None
+    scatters = planes(np.sum(matter.scattering, axis=0))
+    straight = planes(matter.straight) if is_mixed else np.zeros_like(scatters)
+    found = np.zeros_like(lights)
+    rays = np.zeros_like(lights)
+    radiance = dense = arrived = passed = share = on = source = np.zeros_like(lights[0])
+    for m in range(len(lights)):
         shift = slope * m
-        here, thick = _shifted(sources[m], -shift), _shifted(extinctions[m], -shift)
-        if before is not None:
-            here = here + straight * before[m]
+        arrives, thick = _shifted(lights[m], -shift), _shifted(extinctions[m], -shift)
+        passes = np.zeros_like(arrives) if before is None else before[m]
+        if is_mixed:  # where nothing is extinguished, shares are as at the step's other end
+            share = np.divide(_shifted(scatters[m], -shift), thick, out=share.copy(), where=thick > 0)
+            on = np.divide(_shifted(straight[m], -shift), thick, out=on.copy(), where=thick > 0)
+        elif matter.albedo is not None:
+            share, on = matter.albedo, matter.straight
+        here = share * arrives + on * passes
+        last = np.where(dense > 0, source, share * arrived + on * passed) if is_mixed else source
         depth = spacing / along * (dense + thick) / 2
         through = np.exp(-depth)
         mean = np.divide(-np.expm1(-depth), depth, out=np.ones_like(depth), where=depth > 0)
         radiance = radiance * through + last * (mean - through) + here * (1 - mean)
-        last, dense, rays[m] = here, thick, radiance
+        source, dense, rays[m], arrived, passed = here, thick, radiance, arrives, passes
         found[m] = _shifted(radiance, shift)
     inside = found[way, reach:-reach, reach:-reach]
     return np.moveaxis(inside, 0, axis), rays

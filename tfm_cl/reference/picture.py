@@ -19,8 +19,15 @@ from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
 from tfm_cl.reference.emission import EmittedLight
 from tfm_cl.reference.fitting import lights_of, margin_of, with_numbers
-from tfm_cl.reference.geometry import FAR, Floats, Rays, between, intersection
-from tfm_cl.reference.light import arriving, light_transmittance, marched_depths, nearest_distance
+from tfm_cl.reference.geometry import FAR, Floats, Rays, intersection
+from tfm_cl.reference.light import (
+    Brought,
+    arriving,
+    light_depth,
+    light_transmittance,
+    marched_depths,
+    nearest_distance,
+)
 from tfm_cl.reference.maps import build_map, density_weighting, map_optical_depth
 from tfm_cl.reference.march import (
     Crossing,
@@ -34,7 +41,7 @@ from tfm_cl.reference.march import (
     scattered_light,
     segments,
 )
-from tfm_cl.reference.orders import Brought, LaterOrders
+from tfm_cl.reference.orders import LaterOrders
 from tfm_cl.reference.primitives import bounds_of
 from tfm_cl.reference.solids import Obstacles, Shadows, Surfaces
 from tfm_cl.scene.bodies.thin import thickness_of
@@ -122,6 +129,7 @@ def render_with_aovs(
             light,
             partial(arriving, light, nearest=nearest_distance(scene, light)),
             partial(light_transmittance, light=light, field_depths=field_depths),
+            partial(light_depth, light=light, field_depths=field_depths),
             bias,
             layer,
         )
@@ -164,6 +172,8 @@ class _Light(NamedTuple):
     """Without bodies and solids."""
     transmittance: Callable[..., Floats]
     """What the bodies of a scene leave of it; the scene comes first."""
+    depth: Callable[..., Floats]
+    """The optical depth that is why; of other coefficients than the media's extinction, if any are given."""
     bias: float
     """World units, by which thin primitives are looked up nearer to it."""
     layer: str
@@ -229,7 +239,8 @@ def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) 
     """Return what arrives of a light at points ``[n, 3]`` of a scene."""
     visible = light.arrives(points) * obstacles.visibility(light.light, points)[:, None]
     transmittance = np.broadcast_to(light.transmittance(scene, points=points), visible.shape)
-    return Brought(visible, transmittance, light.light.arrival(points).direction)
+    depth_of = partial(light.depth, scene, points=points)
+    return Brought(visible, transmittance, light.light.arrival(points).direction, depth_of)
 
 
 def _trace(
@@ -392,7 +403,7 @@ def _scattered_again(
     through, parts = np.ones_like(radiance), segments(crossing, crossing.medium, steps)
     for step in march(matter, rays, crossing, parts, through):
         points = rays.part(step.rays).at(step.distance)
-        radiance[step.rays] += step.opacity * between(later.source, later.lattice, points)
+        radiance[step.rays] += step.opacity * later.source(matter, step, points)
     return radiance
 
 

@@ -20,7 +20,7 @@ from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
 from tfm_cl.plan import emission
 from tfm_cl.plan.lattice import smooth_lights
-from tfm_cl.plan.orders import lattice_of, medium_of, orders_of
+from tfm_cl.plan.orders import lattice_of, media_of, orders_of
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
@@ -368,11 +368,17 @@ class Frame:
             shared.orders = self._orders(work)
         orders, towards_camera = shared.orders
         done = _reporter(self.progress, "view pass, later orders")
-        work.seconds += orders.see(work.view, towards_camera, work.raster.bounds, work.frame, done)
+        met, bounds = work.met.arguments, work.raster.bounds
+        work.seconds += orders.see(work.view, met, towards_camera, bounds, work.frame, done)
 
     def _orders(self, work: _Work) -> tuple[Orders, TowardsCamera]:
         """Find the later orders of scattering on a lattice; those of the last frames are there."""
-        orders = Orders(self.launcher, self.scene, self.media, work.view, lattice_of(self.scene))
+        struct = view_struct(
+            self.scene, self.media.fields, work.raster.bounds, is_listed=work.raster.is_listed
+        )
+        orders = Orders(
+            self.launcher, self.scene, self.media, work.met.arguments, struct, lattice_of(self.scene)
+        )
         told: set[int] = set()
 
         def arrive(add: Callable[[Batch], None]) -> None:
@@ -390,12 +396,13 @@ class Frame:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
-        scene, medium = work.scene, medium_of(work.scene)
+        scene, media = work.scene, media_of(work.scene)
         key = (
             # Nothing of what is emitted.
-            (medium.sigma_s, medium.sigma_a, medium.orders, medium.phase, medium.phase.content),
+            tuple((one.sigma_s, one.sigma_a, one.orders, one.phase, one.phase.content) for one in media),
+            tuple(media.index(scene.medium_of(body)) for body in scene.bodies),
             orders.lattice,
-            tuple(body.density_key for body in scene.grids),
+            tuple(body.density_key for body in scene.marched),
             tuple(body.with_medium(None) for body in scene.homogeneous),
             light_structs(scene, scene.lights).tobytes(),
             tuple((light.map_key(), light.falloff, Same(light.texture_image())) for light in scene.lights),

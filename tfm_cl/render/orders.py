@@ -17,6 +17,11 @@ moments leave out what a small angle around the way of each light has of it.
 For each of a few directions that are evenly spread, light is swept through the lattice plane by plane
 (``kernels/order_sweep.cl``). This is the method of discrete ordinates (Chandrasekhar, "Radiative Transfer",
 1950), by successive orders. Directions are turned from order to order where none goes straight on.
+
+Several media make a point's extinction, what is scattered there, and the moments of its phase function, each
+weighed by how much of light it scatters. Sources are then per world unit, over the extinction between the
+points. How much of a light went straight on follows what each medium on its way leaves so: known of bodies of
+constant density and of each field; of several media in one field (`tfm_cl.scene.fields`), of their mean.
 """
 
 from __future__ import annotations
@@ -33,9 +38,21 @@ from numpy.typing import NDArray
 from tfm_cl.constants import MOST_DEGREE
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import ORDERS, SWEEP
+from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.model import decided
-from tfm_cl.plan.lobes import beyond, harmonics, lobe_of, quadrature
-from tfm_cl.plan.orders import DIRECTIONS, directions, medium_of, orders_of
+from tfm_cl.plan.deposits import deposited
+from tfm_cl.plan.lobes import harmonics, quadrature
+from tfm_cl.plan.orders import (
+    DIRECTIONS,
+    albedo_of,
+    beyond_of_media,
+    directions,
+    is_endless,
+    lobes,
+    media_of,
+    of_fields,
+    orders_of,
+)
 from tfm_cl.render.lattice_points import TowardsCamera, see_points
 from tfm_cl.scene.lights.colours import common_colour
 
@@ -50,6 +67,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
 RADIANCE_BYTES = 256 << 20
@@ -68,22 +86,24 @@ Both = tuple["cl.Buffer", "cl.Buffer"]
 """Numbers of points in rows along x, and along y."""
 
 
-def media_variant(media: MediaOnDevice, colours: int) -> Variant:
-    """Return those of the kernel that looks at the density; ``colours``: numbers that hold light."""
+def media_variant(media: MediaOnDevice, colours: int, degree: int, mixed: int) -> Variant:
+    """Return those of the kernel that looks at the density.
+
+    ``colours``: numbers that hold light; ``degree``: of the lobe, or 0; ``mixed``: media that are told apart,
+    0 where all bodies are of one.
+    """
     return media.headers, media.defines | {
         "TFM_CHANNELS": channels_of(media),
         "TFM_ORDER_COLOURS": colours,
-    }
-
-
-def lights_variant(batch: Batch, media: MediaOnDevice, colours: int, degree: int) -> Variant:
-    """Return those of the kernels that look lights up; ``degree``: of the lobe, or 0."""
-    headers, defines = batch.variant(media)
-    return headers, defines | {
-        "TFM_ORDER_COLOURS": colours,
-        "TFM_CHANNELS": channels_of(media),
         "TFM_ORDER_DEGREE": degree,
+        "TFM_ORDER_MEDIA": mixed,
     }
+
+
+def lights_variant(batch: Batch, media: MediaOnDevice, colours: int, degree: int, mixed: int) -> Variant:
+    """Return those of the kernels that look lights up, as `media_variant`."""
+    headers, defines = batch.variant(media)
+    return headers, defines | media_variant(media, colours, degree, mixed)[1]
 
 
 def channels_of(media: MediaOnDevice) -> int:
@@ -91,27 +111,34 @@ def channels_of(media: MediaOnDevice) -> int:
     return media.channels(textured=False)["TFM_CHANNELS"]
 
 
-def moments_variant(colours: int, degree: int) -> Variant:
+def moments_variant(colours: int, degree: int, mixed: int) -> Variant:
     """Return those of the kernels that scatter what has a lobe of this degree."""
-    return (), {"TFM_CHANNELS": 1, "TFM_ORDER_COLOURS": colours, "TFM_ORDER_DEGREE": degree}
+    return (), {
+        "TFM_CHANNELS": 1,
+        "TFM_ORDER_COLOURS": colours,
+        "TFM_ORDER_DEGREE": degree,
+        "TFM_ORDER_MEDIA": mixed,
+    }
 
 
-def sweep_variant(channels: int, colours: int, degree: int) -> Variant:
+def sweep_variant(channels: int, colours: int, degree: int, mixed: int) -> Variant:
     """Return those of the kernels that sweep light through the lattice."""
     return (), {
         "TFM_CHANNELS": channels,
         "TFM_ORDER_COLOURS": colours,
         "TFM_ORDER_LOBE": int(degree > 0),
+        "TFM_ORDER_MEDIA": mixed,
     }
 
 
-def pass_variant(media: MediaOnDevice, colours: int, *, has_solids: bool) -> Variant:
+def pass_variant(media: MediaOnDevice, colours: int, mixed: int, *, has_solids: bool) -> Variant:
     """Return those of the camera's pass through what later orders scatter."""
     defines = media.defines | {
         "TFM_CHANNELS": channels_of(media),
         "TFM_SHADOW": int(has_solids),
         "TFM_LATTICE": 2,
         "TFM_ORDER_COLOURS": colours,
+        "TFM_ORDER_MEDIA": mixed,
     }
     return media.headers, defines
 
@@ -177,7 +204,7 @@ class Scattered:
     numbers
         Of the points one after the other; the moments, in rows along x, where scattering has a lobe.
     beyond
-        In that case, the table of what the moments leave out.
+        In that case, the tables of what the moments leave out.
     colour
         RGB that it is a multiple of, where a point has one number for three.
     """
@@ -202,6 +229,26 @@ class _Room(NamedTuple):
     """Of rays."""
 
 
+class _Density(NamedTuple):
+    """Of the points."""
+
+    extinction: Both
+    scattering: Both | None
+    """Of several media, as ``order_media`` finds it."""
+    shares: cl.Buffer | None
+    """Likewise, as ``order_shares`` finds them where scattering has a lobe."""
+
+    def of_sweeps(self, turned: int) -> dict[str, cl.Buffer]:
+        """Arguments of kernels that sweep rows of one kind."""
+        more = {} if self.scattering is None else {"scattering": self.scattering[turned]}
+        return {"extinction": self.extinction[turned], **more}
+
+    @property
+    def of_points(self) -> dict[str, cl.Buffer]:
+        """Arguments of kernels that scatter what has a lobe."""
+        return {} if self.shares is None else {"shares": self.shares}
+
+
 class _Ways(NamedTuple):
     """A lobe's directions of one kind of rows, and what is known of each."""
 
@@ -221,21 +268,38 @@ class Orders:
         Of single, fitted lights.
     media
         On the device.
-    view
-        The struct of the camera, which says how maps speak of media, too.
+    met
+        Arguments of kernels that meet these.
+    struct
+        Of the camera, which says how maps speak of media, too.
     """
 
     launcher: Launcher
     scene: Scene
     media: MediaOnDevice
-    view: cl.Buffer
+    met: dict[str, Any]
+    struct: NDArray[Any]
     lattice: Lattice
     seconds: float = 0.0
 
     @cached_property
+    def lobes(self) -> list[Lobe]:
+        """What is known of the phase function of each medium."""
+        return lobes(self.scene)
+
+    @property
     def lobe(self) -> Lobe:
-        """What is known of the phase function."""
-        return lobe_of(medium_of(self.scene).phase)
+        """The same, of all or of the first."""
+        return self.lobes[0]
+
+    @property
+    def _mixed(self) -> int:
+        """Media that are told apart; 0: there is but one."""
+        return len(self.lobes) if len(self.lobes) > 1 else 0
+
+    @cached_property
+    def _view(self) -> cl.Buffer:
+        return self.launcher.upload(WHAT, self.struct)
 
     @cached_property
     def _struct(self) -> cl.Buffer:
@@ -247,25 +311,24 @@ class Orders:
         return self.launcher.upload(WHAT, self._of_samples(1))
 
     def _of_samples(self, samples: int) -> NDArray[Any]:
-        struct = np.zeros((), ORDERS.dtype)
+        structs = np.zeros(len(self.lobes), ORDERS.dtype)
+        for struct, medium, lobe in zip(structs, media_of(self.scene), self.lobes, strict=True):
+            self._fill(struct, medium, lobe, samples)
+        return structs
+
+    def _fill(self, struct: NDArray[Any], medium: Medium, lobe: Lobe, samples: int) -> None:
         struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
         struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
         struct["samples"] = samples
-        struct["albedo"], struct["straight"] = self._albedo, self.lobe.straight
-        degrees = slice(self.lobe.degree + 1)
-        struct["bent"][degrees], struct["seen"][degrees] = self.lobe.bent, self.lobe.seen
-        return struct
-
-    @property
-    def _albedo(self) -> NDArray[np.float64]:
-        medium = medium_of(self.scene)
-        return np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
+        struct["albedo"], struct["straight"] = albedo_of(medium), lobe.straight
+        degrees = slice(lobe.degree + 1)
+        struct["bent"][degrees], struct["seen"][degrees] = lobe.bent, lobe.seen
 
     @cached_property
     def _colour(self) -> NDArray[np.float64] | None:
         """The colour of all that is scattered, at most 1; None where lights or orders differ in theirs."""
-        lights, albedo = self.scene.lights, self._albedo
-        is_grey = channels_of(self.media) == 1 and np.ptp(albedo) == 0
+        lights, albedo = self.scene.lights, albedo_of(media_of(self.scene)[0])
+        is_grey = not self._mixed and channels_of(self.media) == 1 and np.ptp(albedo) == 0
         if not is_grey or any(light.is_textured for light in lights):
             return None
         return common_colour([light.intensity for light in lights])
@@ -277,29 +340,73 @@ class Orders:
     @property
     def _known(self) -> dict[str, Any]:
         """Arguments of kernels that look at media."""
-        return {**self.media.arguments, "view": self.view}
+        return {**self.met, "view": self._view}
+
+    @cached_property
+    def _deposited(self) -> dict[str, Any]:
+        """What primitives hold in the points' cubes, as an argument."""
+        if not self.scene.primitives:
+            return {}
+        amounts = deposited(self.scene, self.lattice, self.media.defines["TFM_AMOUNTS"] == 1)
+        return {"deposited": self.launcher.upload(WHAT, amounts.astype(np.float32))}
+
+    def _of_way(self, shares: list[float]) -> dict[str, Any]:
+        """Arguments that tell several media's part of what they scatter, in the place of extinction."""
+        if not (self._mixed and self.lobe.degree):
+            return {}
+        media = media_of(self.scene)
+        coefficients = [share * np.asarray(one.sigma_s) for share, one in zip(shares, media, strict=True)]
+        matrix = np.zeros((3, 3))
+        fields = self.media.fields
+        matrix[:, : fields.count] = of_fields(self.scene, fields.rgb_from_field, fields.weights, coefficients)
+        view = self.struct.copy()
+        view["rgb_from_field"] = matrix.ravel()
+        # Those of flames neither scatter nor extinguish.
+        structs = medium_structs([one.dark for one in self.scene.media])
+        for struct, coefficient in zip(structs, coefficients, strict=False):
+            struct["sigma_t"] = coefficient
+        upload = self.launcher.upload
+        return {"way_view": upload(WHAT, view), "way_media": upload(WHAT, structs)}
+
+    @cached_property
+    def _straight(self) -> dict[str, Any]:
+        """`_of_way`, of what goes straight on."""
+        return self._of_way([lobe.straight for lobe in self.lobes])
 
     def scatter(self, arrive: Arrive, done: Callable[[float], None]) -> Scattered:
         """Find all later orders; ``done`` is called with the part that is done."""
         lattice, channels = self.lattice, channels_of(self.media)
-        extinction = self._numbers(channels)
-        headers, defines = media_variant(self.media, self._colours)
+        extinction, scattering, shares = self._numbers(channels), None, None
+        headers, defines = media_variant(self.media, self._colours, self.lobe.degree, self._mixed)
         of_density = self.launcher.kernels.kernel("order_media", "order_media.cl", headers, defines)
-        known = self._known | {"orders": self._struct, "extinction": extinction[0]}
+        known = self._known | self._deposited | {"orders": self._struct, "extinction": extinction[0]}
+        of_media = None
+        if self._mixed:
+            has_lobe = self.lobe.degree > 0
+            scattering = self._numbers(RGB * (1 + has_lobe))
+            nbytes = 4 * RGB * self._mixed * self._rows[0].numbers if has_lobe else 4
+            of_media, shares = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
+            known |= {"scattering": scattering[0], "of_media": of_media}
         self._over_points(of_density, known, lattice.samples**3)
         self._turn(extinction, channels)
+        if scattering is not None:
+            self._turn(scattering, RGB * (1 + (self.lobe.degree > 0)))
+            if self.lobe.degree:
+                known = {"orders": self._struct, "of_media": of_media, "shares": shares}
+                self._run(self._of_moments("order_shares"), (self._items,), known)
+        density = _Density(extinction, scattering, shares)
         colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
         found = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
-        total, nbytes = found(extinction, arrive, done)
+        total, nbytes = found(density, arrive, done)
         table = None
         if self.lobe.degree:
-            of_lobe = beyond(medium_of(self.scene).phase, self.lobe, orders_of(self.scene))
+            of_lobe = beyond_of_media(self.scene)
             table = self.launcher.upload(WHAT, of_lobe)
             nbytes += of_lobe.nbytes
         return Scattered(total, table, nbytes, self._colours, colour)
 
     def _scatter_evenly(
-        self, extinction: Both, arrive: Arrive, done: Callable[[float], None]
+        self, density: _Density, arrive: Arrive, done: Callable[[float], None]
     ) -> tuple[cl.Buffer, int]:
         light, nbytes = self._numbers(self._colours), 4 * self.lattice.points * self._colours
         total = self.launcher.zeros(WHAT, nbytes)
@@ -311,12 +418,19 @@ class Orders:
         last = orders_of(self.scene) - 1
         for order in range(1, last + 1):
             self._turn(light, self._colours)
-            self._sweep(order, extinction, light, room, total)
+            self._sweep(order, density, light, room, total)
             done(order / last)
+        if is_endless(self.scene):
+            self._end(total, self._colours)
         return total, nbytes
 
+    def _end(self, scattered: cl.Buffer, count: int) -> None:
+        """End the lattice in a medium that goes on."""
+        known = {"orders": self._struct, "scattered": scattered, "count": count}
+        self._run(self._kernel("order_end"), (self._items,), known)
+
     def _scatter_lobe(
-        self, extinction: Both, arrive: Arrive, done: Callable[[float], None]
+        self, density: _Density, arrive: Arrive, done: Callable[[float], None]
     ) -> tuple[cl.Buffer, int]:
         count = self.lobe.harmonics * self._colours
         nbytes = 4 * count * self._rows[0].numbers
@@ -326,17 +440,17 @@ class Orders:
         # All that arrives is summed in rows along x.
         ways = self._ways(np.concatenate([along_x, along_y]), 0), self._ways(along_y, 1)
         last = orders_of(self.scene) - 1
-        most = self.lobe.times_straight(last)
+        most = max(lobe.times_straight(last) for lobe in self.lobes)
         for order in range(1, last + 1):
-            self._scatter_moments(ways, light, total, arrives=order > 1, scatters=True)
+            self._scatter_moments(ways, light, total, density, arrives=order > 1, scatters=True)
             self._cross(ways[0].source, ways[1].source, ways, of_x=True)
-            self._sweep_ways(ways[0], 0, len(along_x), extinction[0])
-            self._sweep_ways(ways[1], 1, len(along_y), extinction[1])
+            self._sweep_ways(ways[0], 0, len(along_x), density)
+            self._sweep_ways(ways[1], 1, len(along_y), density)
             self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
             if order <= most:
                 arrive(partial(self._add_lights, light=light, times=order))
             done(order / last)
-        self._scatter_moments(ways, light, total, arrives=True, scatters=False)
+        self._scatter_moments(ways, light, total, density, arrives=True, scatters=False)
         return total, nbytes
 
     def _ways(self, sweeps: NDArray[Any], turned: int) -> _Ways:
@@ -345,12 +459,19 @@ class Orders:
         return _Ways(sweeps, self.launcher.upload("the directions", sweeps), source, radiance)
 
     def _scatter_moments(
-        self, ways: tuple[_Ways, _Ways], light: cl.Buffer, total: cl.Buffer, *, arrives: bool, scatters: bool
+        self,
+        ways: tuple[_Ways, _Ways],
+        light: cl.Buffer,
+        total: cl.Buffer,
+        density: _Density,
+        *,
+        arrives: bool,
+        scatters: bool,
     ) -> None:
         """Sum what arrives at points, and scatter it into all directions."""
         x, y, z = self.lattice.size
         count = len(ways[0].sweeps)
-        known = {
+        known = density.of_points | {
             "orders": self._struct,
             "sweeps": ways[0].uploaded,
             "radiance": ways[0].radiance,
@@ -382,13 +503,12 @@ class Orders:
         items = (inner + 1) * -(-outer // self.launcher.lanes) * (z + 1)
         self._run(self._of_moments("order_cross"), (items,), known)
 
-    def _sweep_ways(self, ways: _Ways, turned: int, count: int, extinction: cl.Buffer) -> None:
+    def _sweep_ways(self, ways: _Ways, turned: int, count: int, density: _Density) -> None:
         """Let what was scattered into directions go on, as many at once as a launch of bounded time takes."""
         numbers = self._rows[turned].numbers
-        known = {
+        known = density.of_sweeps(turned) | {
             "orders": self._struct,
             "sweeps": ways.uploaded,
-            "extinction": extinction,
             "light": ways.source,
             "radiance": ways.radiance,
             "size": numbers,
@@ -442,11 +562,13 @@ class Orders:
             "light": light,
             "times": times,
             "log_factorial": math.lgamma(times + 1),
+            **self._deposited,
+            **self._straight,
         }
         self._over_lights("order_lights", batch, of_lights, samples**3)
 
     def _over_lights(self, name: str, batch: Batch, arguments: dict[str, Any], cost: int) -> None:
-        headers, defines = lights_variant(batch, self.media, self._colours, self.lobe.degree)
+        headers, defines = lights_variant(batch, self.media, self._colours, self.lobe.degree, self._mixed)
         kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
         steps = decided(self.scene.map.steps) if batch.is_dual else 1
         known = self._known | batch.arguments | arguments
@@ -454,11 +576,13 @@ class Orders:
             self._over_points(kernel, known | {"number": number}, cost * steps)
 
     def _kernel(self, name: str) -> Kernel:
-        headers, defines = sweep_variant(channels_of(self.media), self._colours, self.lobe.degree)
+        headers, defines = sweep_variant(
+            channels_of(self.media), self._colours, self.lobe.degree, self._mixed
+        )
         return self.launcher.kernels.kernel(name, "order_sweep.cl", headers, defines)
 
     def _of_moments(self, name: str) -> Kernel:
-        headers, defines = moments_variant(self._colours, self.lobe.degree)
+        headers, defines = moments_variant(self._colours, self.lobe.degree, self._mixed)
         return self.launcher.kernels.kernel(name, "order_moments.cl", headers, defines)
 
     def _run(self, kernel: Kernel, size: tuple[int, ...], arguments: dict[str, Any]) -> None:
@@ -475,7 +599,7 @@ class Orders:
         known = {"orders": self._struct, "numbers": along_x, "turned": along_y, "count": count}
         self._run(self._kernel("order_turn"), (self._items,), known)
 
-    def _sweep(self, order: int, extinction: Both, light: Both, room: _Room, total: cl.Buffer) -> None:
+    def _sweep(self, order: int, density: _Density, light: Both, room: _Room, total: cl.Buffer) -> None:
         """Let what was scattered last arrive at all points, and add it to the total."""
         lanes, together = self.launcher.lanes, self._together
         ways, weights = directions(DIRECTIONS, order), np.full(DIRECTIONS, 1 / DIRECTIONS)
@@ -489,9 +613,8 @@ class Orders:
                     "radiance": room.radiance,
                     "size": rows.numbers,
                 }
-                of_points = {
+                of_points = density.of_sweeps(turned) | {
                     "orders": self._struct,
-                    "extinction": extinction[turned],
                     "light": light[turned],
                     "first": 0,
                     "end": len(some),
@@ -508,6 +631,7 @@ class Orders:
     def see(
         self,
         view: cl.Buffer,
+        met: dict[str, Any],
         found: TowardsCamera,
         bounds: Rectangle,
         frame: FrameBuffers,
@@ -519,12 +643,15 @@ class Orders:
         ----------
         view
             The camera's struct, of the rays.
+        met
+            Arguments of kernels whose rays these are.
         bounds
             Pixels x0, y0, x1, y1 of the frame's buffers.
         """
-        headers, defines = pass_variant(self.media, found.colours, has_solids=bool(self.scene.solids))
+        has_solids = bool(self.scene.solids)
+        headers, defines = pass_variant(self.media, found.colours, self._mixed, has_solids=has_solids)
         kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
-        known = self.media.arguments | {"view": view, "orders": self._struct}
+        known = met | {"view": view, "orders": self._struct}
         steps = decided(self.scene.march.steps)
         return see_points(self.launcher, kernel, known, found, bounds, steps, frame, done)
 
@@ -532,9 +659,13 @@ class Orders:
         """Find what points scatter to the camera, which the pass then takes for the same everywhere."""
         if found.beyond is None:
             return TowardsCamera(found.numbers, found.colours, found.colour)
-        numbers = self.launcher.zeros(WHAT, 4 * self.lattice.points * self._colours)
+        count = max(self._mixed, 1) * self._colours
+        numbers = self.launcher.zeros(WHAT, 4 * self.lattice.points * count)
         of_lights = {"orders": self._of_middles, "beyond": found.beyond, "scattered": numbers}
+        of_lights |= self._of_way([1.0] * len(self.lobes))
         arrive(lambda batch: self._over_lights("order_beyond", batch, of_lights, 1))
-        known = {"view": self.view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
+        known = {"view": self._view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
         self._run(self._of_moments("order_view"), (self._items,), known)
-        return TowardsCamera(numbers, found.colours, found.colour)
+        if is_endless(self.scene):
+            self._end(numbers, count)
+        return TowardsCamera(numbers, count, found.colour)

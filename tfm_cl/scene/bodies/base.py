@@ -89,6 +89,10 @@ class Body:
     def occupied_bounds(self) -> NDArray[np.float64]:
         """World box around what has density, [2, 3]."""
 
+    @abstractmethod
+    def mass_in(self, room: float) -> float:
+        """Integral over space of the density; of what is everywhere, over so much of it, world units³."""
+
     def outline(self) -> NDArray[np.float64]:
         """World points [n, 3] around what is seen of it; none of what is everywhere."""
         box = self.occupied_bounds

@@ -70,6 +70,10 @@ class Homogeneous(Model, Body):
     def content(self) -> float:
         """Its volume, world units³; infinite where it is everywhere."""
 
+    def mass_in(self, room: float) -> float:
+        """As `Body.mass_in`."""
+        return self.density * min(self.content, room)
+
     @property
     def largest_density(self) -> NDArray[np.float64]:
         """The density that it has everywhere, [3]: the same for red, green and blue."""

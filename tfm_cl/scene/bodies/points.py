@@ -15,7 +15,11 @@ from tfm_cl.errors import VolumeError, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.primitives import (
     Primitives,
+    Spread,
     colours_of,
+    counts_along,
+    in_groups,
+    mean_opacity,
     medium_of,
     numbers_of,
     positions_of,
@@ -23,7 +27,7 @@ from tfm_cl.scene.bodies.primitives import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike
 
@@ -59,6 +63,8 @@ def _of_smooth(s: Floats, x: Floats) -> Floats:
     return x**3 * s - x**2 * s**3 + 0.6 * x * s**5 - s**7 / 7
 
 
+NEAR_MIDDLE = 1e-6
+"""Of the radius: the density there is as in the middle of a line."""
 _ERF = erf(3 / sqrt(2))
 PROFILES = {
     "ball": Profile(4 * pi / 3, 2.0, _of_ball),
@@ -174,6 +180,22 @@ class Points(Primitives):
     def masses(self) -> Floats:
         """As `Primitives.masses`."""
         return self.unit_mass * self.radii**3 * self.densities
+
+    def held(self, sigma_t: float) -> Floats:
+        """As `Primitives.held`, by the mean over what each covers."""
+        return self.masses * mean_opacity(sigma_t * self.masses / (np.pi * self.radii**2))
+
+    def spread(self, apart: float) -> Iterator[Spread]:
+        """As `Primitives.spread`: a block of places, by the density there."""
+        for count, numbers in in_groups(counts_along(2 * self.radii, apart, 3), 3):
+            along = (np.arange(count) + 0.5) / count * 2 - 1
+            offsets = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+            x = 1 - (offsets**2).sum(axis=1)
+            offsets, x = offsets[x > 0], x[x > 0]
+            shares = PROFILES[self.profile].part(np.full_like(x, NEAR_MIDDLE), x)
+            shares /= shares.sum()
+            places = self.positions[numbers, None] + self.radii[numbers, None, None] * offsets
+            yield Spread(places.reshape(-1, 3), np.tile(shares, len(numbers)), numbers.repeat(len(offsets)))
 
     def fill_sources(self, structs: NDArray[Any], origin: Floats) -> None:
         """As `Primitives.fill_sources`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from abc import abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.base import MarchedBody
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import ArrayLike
@@ -27,6 +28,50 @@ LINES = 64
 """Along each side, at most, of the pictures of a body, from three sides, that tell its optical depth."""
 
 _NUMBERS = itertools.count()
+
+
+MOST_PLACES = 1 << 21
+"""That stand for primitives at once, and those of all of them, roughly."""
+
+
+class Spread(NamedTuple):
+    """Places that stand for primitives."""
+
+    places: NDArray[np.float64]
+    """[m, 3], world."""
+    shares: NDArray[np.float64]
+    """[m], of what a primitive holds; they add up to 1."""
+    numbers: NDArray[np.intp]
+    """[m], of the primitive."""
+
+
+def counts_along(lengths: NDArray[np.float64], apart: float, power: int) -> NDArray[np.intp]:
+    """Return into how many parts lengths [n] are cut, so that each has these to a power of places.
+
+    As short as ``apart``, where that does not make too many.
+    """
+    while True:
+        counts = np.maximum(np.ceil(lengths / apart), 1)
+        if (counts**power).sum() <= max(MOST_PLACES, len(lengths)):
+            return counts.astype(np.intp)
+        apart *= 1.25
+
+
+def in_groups(counts: NDArray[np.intp], power: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield each count of parts, and numbers of those that have it, as many as are taken at once."""
+    for count in np.unique(counts).tolist():
+        numbers = np.flatnonzero(counts == count)
+        together = max(1, MOST_PLACES // count**power)
+        for first in range(0, len(numbers), together):
+            yield count, numbers[first : first + together]
+
+
+def mean_opacity(depths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the opacity of optical depths over these: 1 where they are thin."""
+    found: NDArray[np.float64] = np.divide(
+        -np.expm1(-depths), depths, out=np.ones_like(depths), where=depths > 0
+    )
+    return found
 
 
 class Primitives(MarchedBody):
@@ -106,6 +151,28 @@ class Primitives(MarchedBody):
     @abstractmethod
     def masses(self) -> NDArray[np.float64]:
         """Integral over space of the density of each, [n]."""
+
+    def mass_in(self, room: float) -> float:
+        """As `Body.mass_in`."""
+        del room
+        return float(self.masses.sum())
+
+    @abstractmethod
+    def held(self, sigma_t: float) -> NDArray[np.float64]:
+        """Return the masses [n] of a thin density that takes as much from light of all directions as each.
+
+        Parameters
+        ----------
+        sigma_t
+            Extinction of the medium at density 1, per world unit.
+        """
+
+    @abstractmethod
+    def spread(self, apart: float) -> Iterator[Spread]:
+        """Yield places that stand for all of them, at most so many world units apart in each.
+
+        Or somewhat farther in what is far larger: there are never more than some millions.
+        """
 
     @abstractmethod
     def fill_sources(self, structs: NDArray[Any], origin: NDArray[np.float64]) -> None:

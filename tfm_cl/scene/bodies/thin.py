@@ -10,9 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfm_cl.constants import MOST_OPACITY
-from tfm_cl.scene.bodies.primitives import Primitives, medium_of, numbers_of, rigid_scale
+from tfm_cl.scene.bodies.primitives import (
+    Primitives,
+    Spread,
+    counts_along,
+    in_groups,
+    mean_opacity,
+    medium_of,
+    numbers_of,
+    rigid_scale,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tfm_cl.scene.medium import Medium
 
 Floats = NDArray[np.float64]
@@ -46,6 +57,20 @@ class ThinPrimitives(Primitives):
     @abstractmethod
     def crossed(self, origin: Floats, direction: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Tell which primitives a ray crosses, [n], and where, distances of those, for a unit direction."""
+
+    def held(self, sigma_t: float) -> Floats:
+        """As `Primitives.held`: their optical depths are those of a medium of any extinction."""
+        return self.masses * mean_opacity(self.densities) / (sigma_t or 1.0)
+
+    def spread(self, apart: float) -> Iterator[Spread]:
+        """As `Primitives.spread`: the middles of even parts, of strands or of triangles."""
+        edges = np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=1), axis=2).max(axis=1)
+        power = self.corners.shape[1] - 1
+        for count, numbers in in_groups(counts_along(edges, apart, power), power):
+            weights = middles(count, power)
+            places = np.einsum("pc,nci->npi", weights, self.corners[numbers])
+            share = np.full(len(weights) * len(numbers), 1 / len(weights))
+            yield Spread(places.reshape(-1, 3), share, numbers.repeat(len(weights)))
 
     @property
     @abstractmethod
@@ -103,6 +128,21 @@ class ThinPrimitives(Primitives):
         coloured = "" if self._colour is None else "coloured, "
         name = type(self).__name__
         return f"{name}({self.label}, {len(self.corners)} in all, {coloured}opacity up to {self.opacity:g})"
+
+
+def middles(count: int, power: int) -> Floats:
+    """Weights of the corners ``[parts, power + 1]`` of the middles of count^power even parts.
+
+    Of a line (1), or of a triangle (2), whose parts are triangles.
+    """
+    if power == 1:
+        along = (np.arange(count) + 0.5) / count
+        return np.stack([1 - along, along], axis=1)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
+    upright, turned = i + j < count, i + j < count - 1
+    first = np.concatenate([i[upright] + 1 / 3, i[turned] + 2 / 3]) / count
+    second = np.concatenate([j[upright] + 1 / 3, j[turned] + 2 / 3]) / count
+    return np.stack([1 - first - second, first, second], axis=1)
 
 
 def depths_of(opacity: ArrayLike, count: int, label: str) -> Floats:

@@ -436,6 +436,11 @@ class Volume(MarchedBody):
         """The shortest edge of a voxel, world units."""
         return float(self.voxel_size.min())
 
+    def mass_in(self, room: float) -> float:
+        """As `Body.mass_in`."""
+        del room
+        return self.density_scale * float(self.line_sums(0).sum()) * float(np.prod(self.voxel_size))
+
     def outline(self) -> NDArray[np.float64]:
         """As `Body.outline`: corners of blocks of voxels, without wisps and what is fainter."""
         leaves = self.leaves
