@@ -42,7 +42,7 @@ TFM_INLINE Arrival arrival_at(const Scene *scene, const Scene *of_way, LIGHT fro
 {
   Arrival arrival;
   const LightSample sample = light_at(from, point_in_light(from, point));
-  const Ints lit = wanted & (sample.strength > 0.0f);
+  const Ints lit = wanted & (sample.strength > 0.0f) & light_reaches(from, point);
   arrival.strength = floats(0.0f);
   if (!any_lane(lit))
     return arrival;

@@ -93,6 +93,16 @@ def test_orders_of_primitives_equal_the_reference(renderer, what):
     assert np.abs(found.aovs["orders"] - layers["orders"]).max() < 20 * PASS
 
 
+@pytest.mark.usefixtures("coarse")
+def test_points_outside_a_cone_are_dark(renderer):
+    """A cone half as wide lights a quarter; on a coarse lattice roughly."""
+    wide, narrow = (
+        renderer.render(SCENE.replace(lights=[SPOT.replace(cone=cone)])).aovs["orders"].sum()
+        for cone in (8, 4)
+    )
+    assert 0.15 < narrow / wide < 0.4
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 def test_points_a_voxel_apart(renderer, monkeypatch):

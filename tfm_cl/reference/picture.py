@@ -238,6 +238,7 @@ def _map_depths(
 def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) -> Brought:
     """Return what arrives of a light at points ``[n, 3]`` of a scene."""
     visible = light.arrives(points) * obstacles.visibility(light.light, points)[:, None]
+    visible *= light.light.reaches(points)[:, None]
     transmittance = np.broadcast_to(light.transmittance(scene, points=points), visible.shape)
     depth_of = partial(light.depth, scene, points=points)
     return Brought(visible, transmittance, light.light.arrival(points).direction, depth_of)
