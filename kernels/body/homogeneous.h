@@ -42,6 +42,18 @@ TFM_INLINE void add_bodies(BODY bodies, const BodiesOnRay *on_ray, Floats begin,
   }
 }
 
+/* From the first to the last of the bodies between two places. */
+TFM_INLINE Interval part_in_bodies(const BodiesOnRay *on_ray, Floats begin, Floats end)
+{
+  Interval part = {end, begin};
+  for (int i = 0; i < TFM_BODIES; ++i) {
+    const Floats first = greatest(begin, on_ray->within[i].begin), last = least(end, on_ray->within[i].end);
+    part.begin = first < last ? least(part.begin, first) : part.begin;
+    part.end = first < last ? greatest(part.end, last) : part.end;
+  }
+  return part;
+}
+
 /* Extinction of one colour in a body, per world unit. */
 TFM_INLINE float body_extinction(MEDIUM media, BODY bodies, int i, int colour)
 {

@@ -1,7 +1,8 @@
 /* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, eq. 7's ambient light,
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
-   requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires. */
+   requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires;
+   TFM_DEEP, 1 where deep samples are made on the way. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
 
@@ -14,19 +15,26 @@
 #elif TFM_LATTICE == 2
 #include "view/orders.h"
 #endif
+#ifndef TFM_DEEP
+#define TFM_DEEP 0
+#endif
 #if TFM_LATTICE
-#define LATTICE_PARAMETERS , LATTICE lattice, LightSums *lit
-#define LATTICE_ARGUMENTS , lattice, lit
+#define WAY_PARAMETERS , LATTICE lattice, LightSums *lit
+#define WAY_ARGUMENTS , lattice, lit
+#elif TFM_DEEP
+#include "view/deep.h"
+#define WAY_PARAMETERS , DeepRay *deep
+#define WAY_ARGUMENTS , deep
 #else
-#define LATTICE_PARAMETERS
-#define LATTICE_ARGUMENTS
+#define WAY_PARAMETERS
+#define WAY_ARGUMENTS
 #endif
 
 #if TFM_GRIDS
 /* The stretch that holds grids, in equal steps. Bodies of constant density add to it what lies along each step.
    as_many: all rays have as many steps. */
 TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps, int as_many,
-                          Ints active, CameraSums *sums LATTICE_PARAMETERS)
+                          Ints active, CameraSums *sums WAY_PARAMETERS)
 {
   active &= steps > 0;
   if (!any_lane(active))
@@ -61,6 +69,11 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       LATTICE_STEP(lit, &light[k], media, &step[k], opacity, weight);
 #endif
       camera_sums_step(media, sums, &sums->ray, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
+#if TFM_DEEP
+      const Place place = place_of(&walk, list.n[k]);
+      const Floats to_end = 0.5f * place.length;
+      deep_step(deep, media, &sums->total, place.t - to_end, place.t + to_end, active & (list.n[k] < walk.steps));
+#endif
     }
     alive = active & is_visible(view, &sums->ray);
   }
@@ -71,7 +84,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
 #if TFM_BODIES
 /* A stretch without grids. */
 TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interval part, Ints steps,
-                           CameraSums *sums LATTICE_PARAMETERS)
+                           CameraSums *sums WAY_PARAMETERS)
 {
   MEDIUM media = scene->media;
   const int most = -least_int(-steps);
@@ -94,6 +107,10 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
 #endif
     camera_sums_step(media, sums, &sums->ray, &step, begin, opacity, weight);
     sums->distance_sum += mean;
+#if TFM_DEEP
+    const Interval held = part_in_bodies(&on_ray->bodies, begin, begin + length);
+    deep_step(deep, media, &sums->total, held.begin, held.end, here);
+#endif
   }
 }
 #endif
@@ -102,14 +119,14 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
 /* A part of the rays, from where they meet the first of the media. only_dims: what it takes from the rays is wanted, not
    where. */
 TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, Interval part, int only_dims,
-                                Ints active LATTICE_PARAMETERS)
+                                Ints active WAY_PARAMETERS)
 {
   const int steps = scene->view->steps;
   CameraSums sums = camera_sums_begin(scene->media, active);
   active &= part.begin < part.end;
 #if TFM_BODIES == 0
   const Ints wanted = only_dims ? steps_in_grids(on_ray, part, steps) : ints(steps);
-  see_grids(scene, on_ray, part, wanted, !only_dims, active, &sums LATTICE_ARGUMENTS);
+  see_grids(scene, on_ray, part, wanted, !only_dims, active, &sums WAY_ARGUMENTS);
 #else
   /* Beyond nothing is seen, and steps that reach farther would be too long. */
   Interval visible = part;
@@ -127,22 +144,26 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
 #else
   const int at_once = 0;
 #endif
-  see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums LATTICE_ARGUMENTS);
+  see_bodies(scene, on_ray, visible, active ? ints(at_once ? 1 : steps) : ints(0), &sums WAY_ARGUMENTS);
 #else
   Interval stretch[STRETCHES];
   split_at_grids(on_ray, visible, stretch);
   for (int i = 0; i < STRETCHES; ++i) {
     const Ints here = active & (stretch[i].begin < stretch[i].end);
     if (i == 1)
-      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), 0, here, &sums LATTICE_ARGUMENTS);
+      see_grids(scene, on_ray, stretch[i], steps_in_grids(on_ray, stretch[i], steps), 0, here, &sums WAY_ARGUMENTS);
     else {
       const Ints wanted = only_dims ? ints(1) : steps_of_stretch(stretch[i], visible, steps);
-      see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums LATTICE_ARGUMENTS);
+      see_bodies(scene, on_ray, stretch[i], here ? wanted : ints(0), &sums WAY_ARGUMENTS);
     }
   }
 #endif
-  if (any_lane(active & (visible.end < part.end)))
+  if (any_lane(active & (visible.end < part.end))) {
     add_bodies(scene->bodies, &on_ray->bodies, greatest(visible.end, part.begin), part.end, &sums.total);
+#if TFM_DEEP
+    deep_step(deep, scene->media, &sums.total, greatest(visible.end, part.begin), part.end, active);
+#endif
+  }
 #endif
   return sums;
 }

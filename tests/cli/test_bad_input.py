@@ -178,7 +178,7 @@ def test_impossible_options(bad, cloud, arguments, message):
     ("out", "message"),
     [
         ("no/a.png", "no/a.png: there is no directory"),
-        ("a.jpg", "a.jpg: not a known image format '.jpg'; known: .exr .npy .png"),
+        ("a.jpg", "a.jpg: not a known image format '.jpg'; known: .deep.exr .exr .npy .png"),
         ("a", "a: not a known image format"),
         ("folder.png", "folder.png: is a directory"),
         ("cloud.npy", "cloud.npy: is the input itself"),

@@ -164,6 +164,18 @@ def test_cutoff_and_voxels_reach_the_render(render, cloud):
     np.testing.assert_allclose(pixels("d.npy"), pixels("a.npy"), atol=1e-5)
 
 
+def test_deep_images_have_one_ray_a_pixel_and_that_is_told(render, cloud):
+    done = render(cloud, "-o", "a.deep.exr", "-o", "a.npy", "--deep-tolerance", "0.1", "--samples", "4")
+    assert "tfm: note: a.deep.exr: has one ray a pixel, through its centre (--samples 4 is" in done.err
+    few = OpenEXR.File("a.deep.exr", separate_channels=True).parts[0].channels["A"].pixels
+    render(cloud, "-o", "b.deep.exr", "--deep-tolerance", "0", "--crop", "3,1,13,8")
+    many = OpenEXR.File("b.deep.exr", separate_channels=True).parts[0].channels["A"].pixels
+    assert few.shape == (9, 16)
+    assert many.shape == (7, 10)
+    counts = [sum(len(pixel) for pixel in part.ravel() if pixel is not None) for part in (few, many)]
+    assert 0 < counts[0] < counts[1]
+
+
 def test_a_volume_far_from_the_origin_looks_the_same(render, folder):
     np.save(folder / "cloud.npy", blobs())
     render("cloud.npy", "-o", "a.npy", "-q")

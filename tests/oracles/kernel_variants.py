@@ -227,6 +227,11 @@ def _of_camera(case: Case) -> Program:
     return media.headers, media.defines | media.channels(textured=False) | macros
 
 
+def _of_deep(case: Case) -> Program:
+    headers, defines = _of_camera({**case, "layers": 0})
+    return headers, defines | {"TFM_DEEP": 1}
+
+
 def _of_scatter(case: Case) -> Program:
     headers, defines = scatter_variant(*_batch(case))
     return headers, defines | {"TFM_LIGHT_LAYERS": case["layers"]}
@@ -381,6 +386,7 @@ PRIMITIVES: Choices = {"bodies": ("points", "every primitive"), "from_light": (0
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS}]),
+    "deep_pass.cl": (_of_deep, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
     "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART}]),
     "emission_lights.cl": (_of_emission_lights, [EMISSION_LIT]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     type=TARGET,
     cls=GroupedOption,
     group="Output",
-    help=".exr .png .npy, by extension, or .toml: a scene file that reproduces this run; may be repeated",
+    help=".exr .png .npy .deep.exr, by extension, or .toml: a scene file that reproduces this run; may be "
+    "repeated",
 )
 @scene_options()
 @look_option
@@ -120,7 +121,16 @@ def command(
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         image = scene_file.image
-        result = renderer.render(scene, progress=progress, **image.frame)
+        deep = [image_io.is_deep(path) for path in pictures]
+        frame = image.frame
+        if all(deep):
+            frame["samples"] = 1  # they have no use for more
+        result = renderer.render(
+            scene,
+            deep=image.deep_tolerance if any(deep) else None,
+            progress=progress,
+            **frame,
+        )
     _warn(result.warnings, quiet=quiet)
     stops = _exposure(result, pictures, image)
     if stops is not None:
@@ -239,6 +249,12 @@ def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
         if image.transparent and image.has_background and path.suffix.lower() == ".png":
             print(
                 f"tfm: note: {path}: has alpha in place of the background (--no-transparent shows it)",
+                file=sys.stderr,
+            )
+        if image.samples > 1 and image_io.is_deep(path):
+            print(
+                f"tfm: note: {path}: has one ray a pixel, through its centre (--samples {image.samples} is "
+                "for other pictures)",
                 file=sys.stderr,
             )
         if image.aov and not image_io.holds_layers(path):

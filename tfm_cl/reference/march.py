@@ -15,7 +15,17 @@ from typing import NamedTuple
 import numpy as np
 
 from tfm_cl.reference.bodies import Matter, body_interval, channel_densities, march_bounds, optical_depths
-from tfm_cl.reference.geometry import Floats, Integers, Interval, Rays, hull, interval, overlap, warped
+from tfm_cl.reference.geometry import (
+    Floats,
+    Integers,
+    Interval,
+    Rays,
+    hull,
+    intersection,
+    interval,
+    overlap,
+    warped,
+)
 from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.phases.base import Phase
@@ -80,6 +90,8 @@ class Step(NamedTuple):
     """``[n]``: the share of these in what it holds."""
     tangents: Floats
     """``[n, 3, 3]``: ∑ depth t tᵀ over the strands in it."""
+    held: Interval
+    """``[n]`` each: from where to where it holds anything; all of it where grids may be."""
 
 
 def crossing_of(matter: Matter, rays: Rays, limit: Floats, cutoff: float) -> Crossing:
@@ -163,16 +175,17 @@ def march(
             ends[:, which] = t0, t1
             amounts += [one.between(*ends)[which] for one in met]
             tangents = sum((one.tangents(*ends)[which] for one in met), np.zeros((len(which), 3, 3)))
-            for body, (low, high) in zip(matter.homogeneous, crossing.inside, strict=True):
-                amounts.append(body.density * overlap((low[which], high[which]), t0, t1)[:, None])
+            inside = [(low[which], high[which]) for low, high in crossing.inside]
+            for body, one in zip(matter.homogeneous, inside, strict=True):
+                amounts.append(body.density * overlap(one, t0, t1)[:, None])
+            held = (t0, t1) if in_boxes else hull(len(which), [intersection(one, (t0, t1)) for one in inside])
             lit, thin = _lit_place(t, amounts, [one.thin(*ends)[:, which] for one in met])
             depth = _summed(matter.sigma_t, amounts)
             middle = np.broadcast_to(t[:, None], depth.shape)
             within = mean_distance(depth / np.where(length > 0, length, 1), length)
             mean = middle if in_boxes else t0[:, None] + within
-            yield Step(
-                which, t, mean, amounts, depth, through[which] * -np.expm1(-depth), lit, thin, tangents
-            )
+            opacity = through[which] * -np.expm1(-depth)
+            yield Step(which, t, mean, amounts, depth, opacity, lit, thin, tangents, held)
             through[which] *= np.exp(-depth)
 
 

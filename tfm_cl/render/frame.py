@@ -25,6 +25,7 @@ from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
+from tfm_cl.render.deep import see_deep
 from tfm_cl.render.emission import EmissionLattice
 from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.orders import Orders
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.files.image_io.image import DeepSamples
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.antialiasing import Antialiasing
     from tfm_cl.render.batches import Batch
@@ -108,6 +110,7 @@ class _Shared:
     lattice: Lattice | None = None
     emitted: EmissionLattice | None = None
     orders: tuple[Orders, TowardsCamera] | None = None
+    deep: DeepSamples | None = None
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,8 @@ class Frame:
         asked: Collection[str],
         wanted: Rectangle,
         layers: list[int] | None = None,
-    ) -> tuple[Sums, tuple[str, ...]]:
+        deep: float | None = None,
+    ) -> tuple[Sums, DeepSamples | None, tuple[str, ...]]:
         """Sum all that the scene sends to the camera.
 
         Parameters
@@ -160,16 +164,20 @@ class Frame:
         layers
             Number, from 1, of the layer that each light but those of emission belongs to: what ambient light
             and each of these add is then kept by itself.
+        deep
+            Tolerance of deep samples; None: there are none.
 
         Returns
         -------
-        The sums, and warnings.
+        The sums, deep samples of one ray through each pixel's centre, and warnings.
         """
         whole = Crop(self.crop)
         gbuffer = self.visibility.gbuffer(self.scene, whole)
         shared = _Shared(self._touched(gbuffer))
         first = self._work(whole, gbuffer, shared, method, maps, asked, layers)
         shared.batches = first.batches
+        if deep is not None:
+            shared.deep = self._deep(first, wanted, deep)
         sums = self._passes(first, shared)
 
         def look(samples: Samples) -> Sums:
@@ -181,7 +189,7 @@ class Frame:
             (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
             sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
         self.stats.refined_pixels += refined
-        return sums, (*first.warnings,)
+        return sums, shared.deep, (*first.warnings,)
 
     def _work(
         self,
@@ -477,6 +485,24 @@ class Frame:
             frame,
             has_solids=has_solids,
         )
+
+    def _deep(self, work: _Work, wanted: Rectangle, tolerance: float) -> DeepSamples:
+        """Make the deep samples of some pixels."""
+        deep, seconds = see_deep(
+            self.launcher,
+            self.media,
+            work.met,
+            work.view,
+            work.frame,
+            work.raster.shape,
+            wanted,
+            tolerance,
+            decided(self.scene.march.steps),
+            has_solids=work.gbuffer is not None,
+        )
+        work.seconds += seconds
+        (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
+        return deep.read(self.launcher, slice(top - y0, bottom - y0), slice(left - x0, right - x0))
 
     def _one_light_reaches_all(self) -> bool:
         """Tell whether there are but primitives and one light, which reaches them all.

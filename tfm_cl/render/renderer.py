@@ -214,6 +214,7 @@ class Renderer:
         background: Any = 0.0,
         samples: int = 1,
         filter: str = "box",  # noqa: A002 - the key's name in scene files
+        deep: float | None = None,
         progress: Progress | None = None,
     ) -> RenderResult:
         """Render a scene.
@@ -241,6 +242,9 @@ class Renderer:
         filter
             How pixels are made of them: ``box``, ``gaussian`` or ``blackman-harris``
             (`tfm_cl.scene.pixel_filters`).
+        deep
+            Tolerance of deep samples (`ImageSettings.deep_tolerance`), of one ray through each pixel's centre
+            whatever ``samples``: `RenderResult.deep`. None: there are none.
         progress
             Called as ``progress(stage, fraction)``.
 
@@ -258,6 +262,8 @@ class Renderer:
         self._launcher.begin()
         # Before anything is rendered.
         image = ImageSettings(background=background, samples=samples, filter=filter)
+        if deep is not None:
+            image = image.replace(deep_tolerance=deep)
         if image.shows_environment:
             check_surrounded(scene.lights)
         scene.read_files()
@@ -274,6 +280,7 @@ class Renderer:
             aovs=aovs,
             progress=progress,
             antialiasing=Antialiasing(image.samples, image.filter),
+            deep=None if deep is None else image.deep_tolerance,
         )
         result.stats.error_estimate = estimate
         if image.has_background:
@@ -329,6 +336,7 @@ class Renderer:
         aovs: Collection[str],
         progress: Progress | None,
         antialiasing: Antialiasing = PLAIN,
+        deep: float | None = None,
     ) -> RenderResult:
         """Render a scene, and ask nothing of the picture."""
         progress = progress or _silent
@@ -356,7 +364,8 @@ class Renderer:
             antialiasing,
         )
         names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
-        sums, warnings = frame.render(method, maps, aovs, crop, _layers_of_lights(scene, aovs))
+        layers_of_lights = _layers_of_lights(scene, aovs)
+        sums, samples, warnings = frame.render(method, maps, aovs, crop, layers_of_lights, deep)
         made_here = {
             "always": True,
             "solids": bool(scene.solids),
@@ -388,6 +397,7 @@ class Renderer:
             lit,
             _meets_medium(sums, emits=scene.emits),
             shows_through=sums.shows_through,
+            deep=samples,
         )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
-from tfm_cl.files.image_io.image import Image, Metadata
+from tfm_cl.files.image_io.image import DeepSamples, Image, Metadata
 from tfm_cl.scene.background import check_surrounded, radiance_behind
 from tfm_cl.scene.layers import GROUPS, members
 from tfm_cl.scene.lights.base import names_of
@@ -100,6 +100,8 @@ class RenderResult:
     """``image`` without the background; None without one."""
     shows_through: NDArray[np.float32] | None = None
     """[H, W, 3], how much of the background pixels show that have several samples; None without such."""
+    deep: DeepSamples | None = None
+    """What lies along one ray through each pixel's centre, if that was asked for."""
 
     def over(self, background: Any) -> Self:
         """Return the picture over another background.
@@ -151,7 +153,7 @@ class RenderResult:
         metadata: dict[str, Metadata] | None = None,
         **png: Unpack[image_io.PngOptions],
     ) -> None:
-        """Write ``.exr`` (with the AOVs named), ``.png`` or ``.npy``; the file appears whole or not at all.
+        """Write ``.exr`` (with the AOVs named), ``.png``, ``.npy`` or ``.deep.exr``, whole or not at all.
 
         Parameters
         ----------
@@ -170,7 +172,8 @@ class RenderResult:
         Raises
         ------
         ImageError
-            Unknown extension, an option that is none, or the file cannot be written.
+            Unknown extension, an option that is none, no deep samples for a deep file, or the file cannot be
+            written.
         """
         camera = self.scene.camera
         lights = names_of(self.scene.lights) if GROUPS.keys() & set(aovs) else []
@@ -181,6 +184,7 @@ class RenderResult:
             aovs={name: self.aovs[name] for asked in aovs for name in members(asked, lights)},
             display_window=camera.res,
             crop=self.crop,
+            deep=self.deep,
             metadata={
                 "software": f"tfm_cl {__version__}",
                 "tfm_cl:device": self.stats.device,

@@ -376,6 +376,13 @@ class ImageSettings(Model):
         validate_default=True,
         description="extra EXR layers: " + ", ".join(NAMES) + " (light.NAME for each of them)",
     )
+    deep_tolerance: float = Field(
+        0.01,
+        ge=0,
+        le=0.5,
+        description="deep images (.deep.exr): by how much the transmittance of their samples may be off, "
+        "anywhere along a ray; 0: a sample for each step",
+    )
     pixel_type: Literal["float", "half"] = Field(
         default="float", description="type of the colour channels in EXR files"
     )

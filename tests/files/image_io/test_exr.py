@@ -292,7 +292,7 @@ def test_places_that_cannot_be_written(tmp_path, check):
     (tmp_path / "folder.exr").mkdir()
     (tmp_path / "file").touch()
     for name, message in {
-        "a.tif": r"'\.tif'; known: \.exr \.npy \.png",
+        "a.tif": r"'\.tif'; known: \.deep\.exr \.exr \.npy \.png",
         "a": "known",
         "none/a.exr": r"no directory .*none; create it first",
         "file/a.exr": "no directory",

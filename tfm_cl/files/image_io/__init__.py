@@ -20,8 +20,10 @@ from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, so
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.plugins import claim, register_installed
 
-FORMATS: dict[str, str] = {".exr": ".exr", ".png": ".png", ".npy": ".npy"}
+FORMATS: dict[str, str] = {".exr": ".exr", ".png": ".png", ".npy": ".npy", ".deep.exr": ".deep_exr"}
 """Modules by file extension, those of this package as ``.NAME``; imported when one is met."""
+DEEP = ".deep.exr"
+"""Extension of deep images, which hold samples along the rays of pixels."""
 
 MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image that is read (4 GiB of float32 RGBA)."""
@@ -40,6 +42,7 @@ __all__ = [
     "WriteOptions",
     "check_writable",
     "holds_layers",
+    "is_deep",
     "load_image",
     "load_picture",
     "register_image_format",
@@ -121,8 +124,8 @@ def save(
     Parameters
     ----------
     path
-        ``.exr`` (colours, AOVs, windows and metadata), ``.png`` (sRGB, as a view shows it) or ``.npy``
-        (float32 [H, W, 4]).
+        ``.exr`` (colours, AOVs, windows and metadata), ``.png`` (sRGB, as a view shows it), ``.npy``
+        (float32 [H, W, 4]) or ``.deep.exr`` (deep samples, windows and metadata).
     image
         The picture.
     pixel_type
@@ -183,6 +186,11 @@ def holds_layers(path: str | Path) -> bool:
     return _format(path_of(path, ImageError)).HOLDS_LAYERS
 
 
+def is_deep(path: str | Path) -> bool:
+    """Tell whether `save` writes deep samples to a file of that name."""
+    return str(path).lower().endswith(DEEP)
+
+
 def check_writable(path: str | Path) -> None:
     """Check that `save` can write to a path, before hours are spent on the image.
 
@@ -197,7 +205,7 @@ def check_writable(path: str | Path) -> None:
 
 
 def _format(path: Path) -> ImageFormat:
-    module_name = FORMATS.get(path.suffix.lower())
+    module_name = FORMATS.get(DEEP if is_deep(path) else path.suffix.lower())
     if module_name is None:
         raise ImageError(
             f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"

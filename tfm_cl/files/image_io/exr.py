@@ -2,8 +2,6 @@
 
 Channels: ``R G B A``; a scalar AOV by its name (``depth``); a colour AOV as ``name.R name.G name.B``,
 where the name may have a dot itself (``light.key.R``).
-Here matrices in the metadata act on column vectors, ``v' = M v``; those of EXR act on row vectors, so the
-transpose is stored.
 """
 
 import contextlib
@@ -22,36 +20,19 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError
 from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions
+from tfm_cl.files.image_io.exr_header import header_of, line_of
 from tfm_cl.files.image_io.exr_layers import Part, beauty
-from tfm_cl.files.image_io.image import Image, Metadata, Picture, Window
+from tfm_cl.files.image_io.image import Image, Picture, Window
 
 HOLDS_LAYERS = True
-REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Rec. 709 chromaticities: x and y of red, green, blue and white."""
-
 _HALF_MAX = 65504.0
-_INT32_MAX = 2**31 - 1
 _MAX_RATIO = 1 << 16  # pixels per byte, more than any of the compressions reaches on real pictures
-_RESERVED = {
-    *("channels", "chromaticities", "compression", "dataWindow", "displayWindow", "lineOrder"),
-    *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles"),
-    *("type", "name", "version", "chunkCount"),
-}
 _stderr_lock = threading.Lock()
 
 
 def write(path: Path, image: Image, options: WriteOptions) -> None:
     """Write the colours, the AOVs and the metadata; ZIP compression."""
-    x0, y0, x1, y1 = image.data_window
-    width, height = image.frame_size
-    header: dict[str, Any] = {name: _attribute(name, value) for name, value in image.metadata.items()}
-    header |= {
-        "type": OpenEXR.scanlineimage,
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "chromaticities": REC_709,
-        "dataWindow": ((x0, y0), (x1 - 1, y1 - 1)),  # EXR includes the last pixel
-        "displayWindow": ((0, 0), (width - 1, height - 1)),
-    }
+    header = header_of(image, OpenEXR.scanlineimage, OpenEXR.ZIP_COMPRESSION)
     channels = {"RGBA": _colours(image.rgba, options.pixel_type)}
     for name, aov in image.aovs.items():
         scalar = aov.ndim == 2  # noqa: PLR2004 - height and width
@@ -107,21 +88,6 @@ def read_aov(path: Path, name: str) -> NDArray[np.float32]:
     return _stacked(colours, path)
 
 
-def _attribute(name: str, value: Metadata) -> Any:
-    """Convert metadata to types that OpenEXR stores (it writes other integers as 0 or refuses them)."""
-    if name in _RESERVED or not name or not name.isprintable():
-        raise ImageError(
-            f"metadata '{name}' cannot be set: EXR has an attribute of that name for its own use"
-        )
-    if isinstance(value, np.ndarray):
-        if value.shape != (4, 4) or not np.isfinite(value).all():
-            raise ImageError(f"metadata '{name}' is a finite 4×4 matrix; got the shape {value.shape}")
-        return np.ascontiguousarray(value.T, dtype=np.float32)
-    if isinstance(value, int | np.integer):
-        return int(value) if abs(value) <= _INT32_MAX else str(value)
-    return float(value) if isinstance(value, float | np.floating) else str(value)
-
-
 def _colours(values: NDArray[np.float32], pixel_type: PixelType) -> NDArray[np.float16 | np.float32]:
     if pixel_type == "float":
         return np.ascontiguousarray(values, np.float32)
@@ -139,7 +105,7 @@ def _write_file(
                 stream
             )  # OpenEXR changes the dictionary that it is given
     except (RuntimeError, ValueError, TypeError) as error:
-        raise ImageError(f"OpenEXR cannot write it ({_line(error)})") from error
+        raise ImageError(f"OpenEXR cannot write it ({line_of(error)})") from error
     suffixes = {2: ("",), 3: (".R", ".G", ".B")}
     names = {
         f"{name}{suffix}" for name, a in channels.items() if name != "RGBA" for suffix in suffixes[a.ndim]
@@ -161,7 +127,7 @@ def _declared(path: Path) -> list[Part]:
         with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
             parts = [_part(part.header) for part in file.parts]
     except Exception as error:  # the binding passes on any error of its C++ side
-        raise ImageError(f"{path}: not a readable EXR ({_line(error)})") from error
+        raise ImageError(f"{path}: not a readable EXR ({line_of(error)})") from error
     if not parts:
         raise ImageError(f"{path}: damaged EXR (no part of it can be read)")
     for part in parts:
@@ -193,7 +159,7 @@ def _pixels_of(path: Path, declared: list[Part]) -> list[dict[str, NDArray[Any]]
         with _silence(), path.open("rb") as stream, OpenEXR.File(stream, separate_channels=True) as file:
             parts = [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
     except Exception as error:
-        raise ImageError(f"{path}: damaged EXR ({_line(error)})") from error
+        raise ImageError(f"{path}: damaged EXR ({line_of(error)})") from error
     if [set(part) for part in parts] != [set(part.channels) for part in declared]:
         raise ImageError(f"{path}: damaged EXR (not all that it declares can be read)")
     return parts
@@ -226,7 +192,3 @@ def _silence() -> Iterator[None]:
             os.dup2(null, 2)
             stack.callback(os.dup2, kept, 2)
         yield
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:160] or type(error).__name__
