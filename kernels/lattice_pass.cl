@@ -27,8 +27,13 @@ __kernel void lattice_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
   SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   CameraSums camera = camera_sums_begin(media, on_ray.meets);
   LightSums sums = light_sums_begin();
-  see_grids(&scene, &on_ray, on_ray.all, ints(view->steps), 1, on_ray.meets, &camera, lattice, &sums);
   const float scale[3] = {media->albedo[0] * colour.x, media->albedo[1] * colour.y, media->albedo[2] * colour.z};
+#if TFM_DEEP_COLOURS
+  sums.deep = DEEP_COLOURS(view, ray, pixels);
+  for (int c = 0; c < 3; ++c)
+    sums.deep.scale[c] = scale[c];
+#endif
+  see_grids(&scene, &on_ray, on_ray.all, ints(view->steps), 1, on_ray.meets, &camera, lattice, &sums);
 #if TFM_LIGHT_LAYERS
   const LightLayers of_crop = light_layers_of(view, added, pixels);
   for (int i = 0; i < TFM_LATTICE_APART; ++i) {

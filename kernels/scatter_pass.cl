@@ -40,6 +40,9 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
 #if TFM_LIGHT_LAYERS
   sums.layers = light_layers_of(view, added, pixels);
 #endif
+#if TFM_DEEP_COLOURS
+  sums.deep = DEEP_COLOURS(view, ray, pixels);
+#endif
 #if TFM_SHARED
   (void)serves_camera;
   const CameraSums none = camera_sums_begin(media, on_ray.meets);

@@ -52,21 +52,17 @@ TFM_INLINE Floats albedo_of(MEDIUM media, const Amounts *step, int colour)
 /* Optical depth up to which a stretch dims nothing that float32 could tell. */
 #define LEAST_DEPTH 1e-20f
 
-#if TFM_MEDIA > 1
-/* Adds what a step emits towards the camera. Constant density along it integrates exactly:
+/* What a step emits towards the camera, of one colour. Constant density along it integrates exactly:
    T emission D (1 - e^(-sigma_t D d)) / (sigma_t D). after: the ray behind the step, which took its opacity. */
-TFM_INLINE void add_emission(MEDIUM media, CameraSums *sums, const CameraRay *after, const Amounts *step,
-                             const Floats *opacity)
+TFM_INLINE void add_emission(MEDIUM media, const CameraRay *after, const Amounts *step, const Floats *opacity, int colour,
+                             Floats *emitted)
 {
-  for (int c = 0; c < 3; ++c) {
-    const int channel = TFM_CHANNELS == 3 ? c : 0;
-    const Floats depth = extinguished(media, step, c);
-    const Floats mean = depth > LEAST_DEPTH ? opacity[channel] / greatest(depth, floats(LEAST_DEPTH)) : after->through[channel];
-    for (int m = 0; m < TFM_MEDIA; ++m)
-      sums->emitted[c] += media[m].emission[c] * (mean * step->of[m][AMOUNT_OF(c)]);
-  }
+  const int channel = TFM_CHANNELS == 3 ? colour : 0;
+  const Floats depth = extinguished(media, step, colour);
+  const Floats mean = depth > LEAST_DEPTH ? opacity[channel] / greatest(depth, floats(LEAST_DEPTH)) : after->through[channel];
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    *emitted += media[m].emission[colour] * (mean * step->of[m][AMOUNT_OF(colour)]);
 }
-#endif
 #endif
 
 /* A step at distance t took its opacity, of mean `weight`, from the ray, which is then as `after` says. */
@@ -80,7 +76,8 @@ TFM_INLINE void camera_sums_step(MEDIUM media, CameraSums *sums, const CameraRay
   for (int c = 0; c < 3; ++c)
     sums->scattered[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * albedo_of(media, step, c);
 #if TFM_EMISSION
-  add_emission(media, sums, after, step, opacity);
+  for (int c = 0; c < 3; ++c)
+    add_emission(media, after, step, opacity, c, &sums->emitted[c]);
 #else
   (void)after;
 #endif

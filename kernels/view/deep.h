@@ -8,6 +8,7 @@
 #define TFM_DEEP_H
 
 #include "view/camera_ray.h"
+#include "view/deep_colours.h"
 
 /* Optical depth that counts as opaque: of a sample with more of it float32's opacity, near 1, would not say how much. */
 #define DEEP_MOST 10.0f
@@ -17,14 +18,12 @@
 #define DEEP_KEPT 0.9f
 /* By how much the transmittance of a whole ray may be off: as much as a march leaves, by default, where it ends. */
 #define DEEP_WHOLE 1e-4f
-/* Numbers of a sample: Z, ZBack and opacity. */
-#define DEEP_NUMBERS 3
-
 typedef struct {
   float tolerance;
   Floats begin, depth;       /* of the sample that is being made: where, and the optical depth there */
   Floats low, high;          /* slopes that keep to the tolerance */
   Ints open;                 /* mask: it has any points */
+  Ints full;                 /* mask: with colours, it has anything, which may only emit */
   Floats last, last_depth;   /* the last point: where, and the optical depth there as marched */
   Floats prior, prior_depth; /* the one before it */
   Floats per_distance;       /* Z of a distance along the ray */
@@ -57,23 +56,23 @@ TFM_INLINE Floats deep_adds(const DeepRay *deep, Floats end, Floats depth)
 TFM_INLINE void deep_close(DeepRay *deep, Ints closes, Floats end, Floats adds)
 {
   const Floats opacity = opacity_of(adds);
-  deep_emit(deep, closes & (opacity > 0.0f), deep->begin, end, opacity);
+  deep_emit(deep, closes & ((opacity > 0.0f) | deep->full), deep->begin, end, opacity);
   deep->begin = closes ? end : deep->begin;
   deep->depth = closes ? deep->depth + adds : deep->depth;
   deep->open &= !closes;
+  deep->full &= !closes;
 }
 
-/* The line goes on to a point, of the optical depth as marched. */
-TFM_INLINE void deep_point(DeepRay *deep, Ints here, Floats t, Floats depth)
+/* The line goes on to a point, of the optical depth as marched. full: there is anything on the way to it. */
+TFM_INLINE void deep_point(DeepRay *deep, Ints here, Floats t, Floats depth, Ints full)
 {
   here &= t > deep->last;
   /* Where nothing is yet, nothing begins. */
-  const Ints empty = here & !deep->open & (depth <= deep->last_depth);
+  const Ints empty = here & !deep->open & !full & (depth <= deep->last_depth);
   deep->begin = empty ? t : deep->begin;
   const Ints goes_on = here & !empty;
   const Floats through = transmittance_of(depth), tolerance = floats(DEEP_KEPT * deep->tolerance);
   const Floats least_depth = least(-log_of(through + tolerance), depth);
-
   Floats inverse = 1.0f / (t - deep->begin);
   Floats low = (least_depth - deep->depth) * inverse, high = (depth - deep->depth) * inverse;
   const Ints breaks = goes_on & deep->open & ((low > deep->high) | (high < deep->low));
@@ -88,6 +87,7 @@ TFM_INLINE void deep_point(DeepRay *deep, Ints here, Floats t, Floats depth)
   deep->low = goes_on ? (deep->open ? greatest(deep->low, low) : low) : deep->low;
   deep->high = goes_on ? (deep->open ? least(deep->high, high) : high) : deep->high;
   deep->open |= goes_on;
+  deep->full |= goes_on & full;
   deep->prior = here ? deep->last : deep->prior;
   deep->prior_depth = here ? deep->last_depth : deep->prior_depth;
   deep->last = here ? t : deep->last;
@@ -111,8 +111,15 @@ TFM_INLINE Floats deep_depth(MEDIUM media, const Amounts *total)
 }
 
 /* A step of constant density from begin to end, up to which the media have the amounts `total`. */
-TFM_INLINE void deep_step(DeepRay *deep, MEDIUM media, const Amounts *total, Floats begin, Floats end, Ints here)
+TFM_INLINE void deep_step(DeepRay *deep, MEDIUM media, const Amounts *total, const Amounts *step, Floats begin, Floats end,
+                          Ints here)
 {
+#if TFM_DEEP_COLOURS
+  const Ints full = any_amount(step);
+#else
+  const Ints full = ints(0);
+  (void)step;
+#endif
   const Floats before = deep->last_depth;
   const Floats after = greatest(deep_depth(media, total), before);
   here &= (end > begin) & (before < DEEP_MOST);
@@ -121,14 +128,14 @@ TFM_INLINE void deep_step(DeepRay *deep, MEDIUM media, const Amounts *total, Flo
   deep->begin = starts ? begin : deep->begin;
   const Ints gap = here & (begin - deep->last > 0.25f * (end - begin));
   if (any_lane(gap))
-    deep_point(deep, gap, begin, before);
+    deep_point(deep, gap, begin, before, ints(0));
   const Floats adds = least(after, floats(DEEP_MOST)) - before;
   /* Nothing is seen beyond, however long the step is. */
   const Floats length = (end - begin) * (after > DEEP_MOST ? adds / (after - before) : floats(1.0f));
   const int parts = -least_int(here ? -rounded_up(adds * (1.0f / DEEP_STEP)) : ints(-1));
   for (int i = 1; i < parts; ++i)
-    deep_point(deep, here, begin + length * ((float)i / (float)parts), before + adds * ((float)i / (float)parts));
-  deep_point(deep, here, begin + length, before + adds);
+    deep_point(deep, here, begin + length * ((float)i / (float)parts), before + adds * ((float)i / (float)parts), full);
+  deep_point(deep, here, begin + length, before + adds, full);
 }
 
 /* samples: DEEP_NUMBERS each, of which `most` in each lane, from `first` on, are this ray's; 0 where they are counted. */
@@ -138,7 +145,7 @@ TFM_INLINE DeepRay deep_begin(VIEW view, Ray ray, float tolerance, __global floa
   deep.tolerance = tolerance;
   deep.begin = deep.depth = deep.low = deep.high = deep.last_depth = floats(0.0f);
   deep.last = deep.prior = deep.prior_depth = floats(0.0f);
-  deep.open = deep.count = ints(0);
+  deep.open = deep.full = deep.count = ints(0);
   deep.per_distance = dot3(ray.direction, uniform_vec3(view->forward));
   deep.first = first;
   deep.most = most;

@@ -1,10 +1,11 @@
 /* The pixels' sums in memory: what the camera sees of the media whatever the lights, and what lights add.
    Requires: TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light; TFM_LIGHT_LAYERS, 1 where what each light adds is
-   kept by itself too. */
+   kept by itself too; what deep_colours.h does. */
 #ifndef TFM_FRAME_H
 #define TFM_FRAME_H
 
 #include "view/camera.h"
+#include "view/deep_colours.h"
 
 #ifndef TFM_LIGHT_LAYERS
 #define TFM_LIGHT_LAYERS 0
@@ -55,6 +56,9 @@ typedef struct {
   Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
   Floats seen_opacity;
   Ints samples;              /* densities read, and samples taken in closed form */
+#if TFM_DEEP_COLOURS
+  DeepColours deep; /* where that goes stretch by stretch */
+#endif
 #if TFM_LIGHT_LAYERS
   LightLayers layers; /* where that goes light by light */
 #ifdef TFM_LATTICE_APART
@@ -113,7 +117,7 @@ typedef struct {
 #endif
 #define FRAME_ARGUMENTS                                                                  \
   __global float4 *transmittance, __global float4 *radiance, __global float4 *light_seen, \
-      __global uint *samples AND_EMISSION_ARGUMENT AND_ADDED_ARGUMENT
+      __global uint *samples AND_EMISSION_ARGUMENT AND_ADDED_ARGUMENT AND_DEEP_ARGUMENTS
 #define FRAME(name) const Frame name = {transmittance, radiance, light_seen, samples AND_EMISSION AND_ADDED}
 
 /* What is stored first. */

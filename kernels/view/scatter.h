@@ -120,18 +120,25 @@ TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArriva
   return source;
 }
 
-/* Adds a light's sums, which lack its colour. */
+/* What a light's sums lack. */
+TFM_INLINE float colour_of_light(MEDIUM media, LIGHT light, int colour)
+{
+#if TFM_MEDIA == 1
+  return media->albedo[colour] * light->intensity[colour];
+#else
+  (void)media;
+  return light->intensity[colour];
+#endif
+}
+
+/* Adds a light's sums. */
 TFM_INLINE void add_light(MEDIUM media, LIGHT light, const Floats *sum, LightSums *sums)
 {
 #if TFM_LIGHT_LAYERS
   Floats adds[3];
 #endif
   for (int c = 0; c < 3; ++c) {
-#if TFM_MEDIA == 1
-    const float colour = media->albedo[c] * light->intensity[c];
-#else
-    const float colour = light->intensity[c];
-#endif
+    const float colour = colour_of_light(media, light, c);
     sums->colour[c] += colour * sum[TFM_CHANNELS == 3 ? c : 0];
 #if TFM_LIGHT_LAYERS
     adds[c] = colour * sum[TFM_CHANNELS == 3 ? c : 0];
@@ -141,6 +148,17 @@ TFM_INLINE void add_light(MEDIUM media, LIGHT light, const Floats *sum, LightSum
   add_to_layer(&sums->layers, light->layer, adds);
 #endif
 }
+
+#if TFM_DEEP_COLOURS
+/* Of a step. */
+TFM_INLINE void add_deep(MEDIUM media, LIGHT light, const Floats *sum, Floats t, LightSums *sums)
+{
+  Floats adds[3];
+  for (int c = 0; c < 3; ++c)
+    adds[c] = colour_of_light(media, light, c) * sum[TFM_CHANNELS == 3 ? c : 0];
+  deep_add(&sums->deep, t, adds);
+}
+#endif
 
 #if TFM_SHARED
 #define LIGHTS_OF_MARCH(lights) (lights)->count
@@ -262,13 +280,22 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
         if (camera)
           camera_sums_step(media, camera, state, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
 #endif
+#if TFM_DEEP_COLOURS
+        Floats adds[TFM_CHANNELS];
+#endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
           const Floats source = source_of(media, &step[k], &arrival[k], c, arrives[k][c]);
           sum[c] += opacity[c] * (HAS_OCTAVES ? arrival[k].visible : left) * source;
           sums->seen[c] += weight * left;
+#if TFM_DEEP_COLOURS
+          adds[c] = opacity[c] * (HAS_OCTAVES ? arrival[k].visible : left) * source;
+#endif
         }
         sums->seen_opacity += weight;
+#if TFM_DEEP_COLOURS
+        add_deep(media, light, adds, place_of(&walk, list.n[k]).t, sums);
+#endif
 #if TFM_SHARED
         add_light(media, light, sum, sums);
 #endif
@@ -484,8 +511,19 @@ TFM_INLINE void scatter_light_in_bodies(const Scene *scene, const Lights *lights
         step[k] = light_of_step(scene, lights, light, ray, light_space_ray, on_ray, steps, depth, n + begin + k,
                                 placed[k], rule < 0 ? 1.0f : gauss_weights[rule + begin + k], stretch.lit,
                                 &sums->samples);
-      for (int k = 0; k < some; ++k)
+      for (int k = 0; k < some; ++k) {
+#if TFM_DEEP_COLOURS
+        Floats adds[TFM_CHANNELS];
+        for (int c = 0; c < TFM_CHANNELS; ++c)
+          adds[c] = -sum[c];
+#endif
         add_step_light(&step[k], sums, sum);
+#if TFM_DEEP_COLOURS
+        for (int c = 0; c < TFM_CHANNELS; ++c)
+          adds[c] += sum[c];
+        add_deep(scene->media, light, adds, steps->begin + steps->length * placed[k].middle, sums);
+#endif
+      }
     }
     n += count;
     first = last;

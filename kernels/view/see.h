@@ -2,7 +2,7 @@
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
    requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires;
-   TFM_DEEP, 1 where deep samples are made on the way. */
+   TFM_DEEP, 1 where deep samples are made on the way, 2 where they are given the ambient light and what media emit. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
 
@@ -21,6 +21,9 @@
 #if TFM_LATTICE
 #define WAY_PARAMETERS , LATTICE lattice, LightSums *lit
 #define WAY_ARGUMENTS , lattice, lit
+#elif TFM_DEEP == 2
+#define WAY_PARAMETERS , DeepColours *deep
+#define WAY_ARGUMENTS , deep
 #elif TFM_DEEP
 #include "view/deep.h"
 #define WAY_PARAMETERS , DeepRay *deep
@@ -28,6 +31,52 @@
 #else
 #define WAY_PARAMETERS
 #define WAY_ARGUMENTS
+#endif
+
+#if TFM_LATTICE && TFM_DEEP_COLOURS
+/* Light so far, which each step adds to: what it adds goes to the sample there. */
+TFM_INLINE void light_so_far(const LightSums *lit, Floats *colour)
+{
+  for (int c = 0; c < 3; ++c) {
+    colour[c] = lit->colour[c];
+#if TFM_LIGHT_LAYERS && defined(TFM_LATTICE_APART)
+    for (int i = 0; i < TFM_LATTICE_APART; ++i)
+      colour[c] += lit->apart[i][c];
+#endif
+  }
+}
+#define LIT_STEP(t, lit, value, media, step, opacity, weight)    \
+  do {                                                           \
+    Floats lit_before[3], lit_after[3];                          \
+    light_so_far(lit, lit_before);                               \
+    LATTICE_STEP(lit, value, media, step, opacity, weight);      \
+    light_so_far(lit, lit_after);                                \
+    for (int lit_c = 0; lit_c < 3; ++lit_c)                      \
+      lit_after[lit_c] -= lit_before[lit_c];                     \
+    deep_add(&(lit)->deep, t, lit_after);                        \
+  } while (0)
+#elif TFM_LATTICE
+#define LIT_STEP(t, lit, value, media, step, opacity, weight) LATTICE_STEP(lit, value, media, step, opacity, weight)
+#endif
+
+#if TFM_DEEP == 2
+/* What a step sends to the camera without lights: camera_sums_step and camera_sums_end, for each by itself.
+   after: the ray behind it, which took its opacity. */
+TFM_INLINE void deep_add_own(DeepColours *deep, const Scene *scene, const CameraRay *after, const Amounts *step, Floats t,
+                             const Floats *opacity)
+{
+  MEDIUM media = scene->media;
+  Floats adds[3];
+  for (int c = 0; c < 3; ++c) {
+    const Floats taken = opacity[TFM_CHANNELS == 3 ? c : 0];
+    adds[c] = scene->view->ambient[c] * taken * albedo_of(media, step, c);
+#if TFM_EMISSION
+    add_emission(media, after, step, opacity, c, &adds[c]);
+#endif
+  }
+  (void)after;
+  deep_add(deep, t, adds);
+}
 #endif
 
 #if TFM_GRIDS
@@ -66,13 +115,16 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       Floats opacity[TFM_CHANNELS];
       const Floats weight = camera_ray_step(media, &sums->ray, &step[k], opacity);
 #if TFM_LATTICE
-      LATTICE_STEP(lit, &light[k], media, &step[k], opacity, weight);
+      LIT_STEP(place_of(&walk, list.n[k]).t, lit, &light[k], media, &step[k], opacity, weight);
 #endif
       camera_sums_step(media, sums, &sums->ray, &step[k], place_of(&walk, list.n[k]).t, opacity, weight);
-#if TFM_DEEP
+#if TFM_DEEP == 2
+      deep_add_own(deep, scene, &sums->ray, &step[k], place_of(&walk, list.n[k]).t, opacity);
+#elif TFM_DEEP
       const Place place = place_of(&walk, list.n[k]);
       const Floats to_end = 0.5f * place.length;
-      deep_step(deep, media, &sums->total, place.t - to_end, place.t + to_end, active & (list.n[k] < walk.steps));
+      deep_step(deep, media, &sums->total, &step[k], place.t - to_end, place.t + to_end,
+                active & (list.n[k] < walk.steps));
 #endif
     }
     alive = active & is_visible(view, &sums->ray);
@@ -103,13 +155,15 @@ TFM_INLINE void see_bodies(const Scene *scene, const MediaOnRay *on_ray, Interva
       mean += opacity[c] * mean_distance(depth[c], length) * (1.0f / TFM_CHANNELS);
 #if TFM_LATTICE
     const LatticeValue light = LATTICE_AT(lattice, 0, 0, 0, begin + 0.5f * length);
-    LATTICE_STEP(lit, &light, media, &step, opacity, weight);
+    LIT_STEP(begin + 0.5f * length, lit, &light, media, &step, opacity, weight);
 #endif
     camera_sums_step(media, sums, &sums->ray, &step, begin, opacity, weight);
     sums->distance_sum += mean;
-#if TFM_DEEP
+#if TFM_DEEP == 2
+    deep_add_own(deep, scene, &sums->ray, &step, begin + 0.5f * length, opacity);
+#elif TFM_DEEP
     const Interval held = part_in_bodies(&on_ray->bodies, begin, begin + length);
-    deep_step(deep, media, &sums->total, held.begin, held.end, here);
+    deep_step(deep, media, &sums->total, &step, held.begin, held.end, here);
 #endif
   }
 }
@@ -160,8 +214,8 @@ TFM_INLINE CameraSums see_media(const Scene *scene, const MediaOnRay *on_ray, In
 #endif
   if (any_lane(active & (visible.end < part.end))) {
     add_bodies(scene->bodies, &on_ray->bodies, greatest(visible.end, part.begin), part.end, &sums.total);
-#if TFM_DEEP
-    deep_step(deep, scene->media, &sums.total, greatest(visible.end, part.begin), part.end, active);
+#if TFM_DEEP == 1
+    deep_step(deep, scene->media, &sums.total, &sums.total, greatest(visible.end, part.begin), part.end, active);
 #endif
   }
 #endif

@@ -168,8 +168,10 @@ def test_deep_images_have_one_ray_a_pixel_and_that_is_told(render, cloud):
     done = render(cloud, "-o", "a.deep.exr", "-o", "a.npy", "--deep-tolerance", "0.1", "--samples", "4")
     assert "tfm: note: a.deep.exr: has one ray a pixel, through its centre (--samples 4 is" in done.err
     few = OpenEXR.File("a.deep.exr", separate_channels=True).parts[0].channels["A"].pixels
-    render(cloud, "-o", "b.deep.exr", "--deep-tolerance", "0", "--crop", "3,1,13,8")
-    many = OpenEXR.File("b.deep.exr", separate_channels=True).parts[0].channels["A"].pixels
+    render(cloud, "-o", "b.deep.exr", "--deep-tolerance", "0", "--deep-colour", "--crop", "3,1,13,8")
+    channels = OpenEXR.File("b.deep.exr", separate_channels=True).parts[0].channels
+    assert [*channels] == ["A", "B", "G", "R", "Z", "ZBack"]
+    many = channels["A"].pixels
     assert few.shape == (9, 16)
     assert many.shape == (7, 10)
     counts = [sum(len(pixel) for pixel in part.ravel() if pixel is not None) for part in (few, many)]

@@ -224,6 +224,7 @@ def _of_primitives(case: Case) -> Program:
 def _of_camera(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
     macros = {"TFM_SHADOW": case["shadow"], "TFM_LIGHT_LAYERS": case["layers"]}
+    macros["TFM_DEEP_COLOURS"] = case["colours of samples"]
     return media.headers, media.defines | media.channels(textured=False) | macros
 
 
@@ -232,9 +233,15 @@ def _of_deep(case: Case) -> Program:
     return headers, defines | {"TFM_DEEP": 1}
 
 
+def _of_deep_own(case: Case) -> Program:
+    headers, defines = _of_camera({**case, "layers": 0, "colours of samples": 1})
+    return headers, defines | {"TFM_DEEP": 2}
+
+
 def _of_scatter(case: Case) -> Program:
     headers, defines = scatter_variant(*_batch(case))
-    return headers, defines | {"TFM_LIGHT_LAYERS": case["layers"]}
+    macros = {"TFM_LIGHT_LAYERS": case["layers"], "TFM_DEEP_COLOURS": case["colours of samples"]}
+    return headers, defines | macros
 
 
 def _of_surface(case: Case) -> Program:
@@ -276,7 +283,8 @@ def _of_lattice_voxels(case: Case) -> Program:
 def _of_lattice_pass(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
     headers, defines = pass_variant(media, _lattice_colours(case, media), case["apart"])
-    return headers, defines | {"TFM_LIGHT_LAYERS": int(case["apart"] > 1)}
+    macros = {"TFM_LIGHT_LAYERS": int(case["apart"] > 1), "TFM_DEEP_COLOURS": case["colours of samples"]}
+    return headers, defines | macros
 
 
 def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
@@ -324,10 +332,13 @@ def _of_order_moments(case: Case) -> Program:
 
 def _of_order_pass(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    has_solids = bool(case["shadow"])
     if "colours" not in case:
-        return emission.pass_variant(media, _scattering(case), has_solids=bool(case["shadow"]))
-    colours, _, mixed = _of_points({"degree": 0} | case, media)
-    return orders.pass_variant(media, colours, mixed, has_solids=bool(case["shadow"]))
+        headers, defines = emission.pass_variant(media, _scattering(case), has_solids=has_solids)
+    else:
+        colours, _, mixed = _of_points({"degree": 0} | case, media)
+        headers, defines = orders.pass_variant(media, colours, mixed, has_solids=has_solids)
+    return headers, defines | {"TFM_DEEP_COLOURS": case["colours of samples"]}
 
 
 LIT: Choices = {**LIGHT, "shadow": (0, 1, 2), "texture": (0, 1), "shared": (0, 1)}
@@ -363,6 +374,7 @@ ORDERS: Choices = {
     ),
 }
 LAYERS: Choices = {"layers": (0, 1)}
+DEEP: Choices = {"colours of samples": (0, 1)}
 DEGREE: Choices = {"degree": (0, 2, 3, 4)}
 ORDERS_LIT: Choices = {**ORDERS, **DEGREE, "basis": (*EVALUATED, "dual"), **STORED, **LIT, "shared": (0,)}
 EMISSION: Choices = {
@@ -385,16 +397,20 @@ PRIMITIVES: Choices = {"bodies": ("points", "every primitive"), "from_light": (0
 
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
-    "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS}]),
-    "deep_pass.cl": (_of_deep, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1)}]),
-    "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART}]),
+    "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS, **DEEP}]),
+    "deep_own.cl": (_of_deep_own, [{**EMISSION, "shadow": (0, 1)}]),
+    "deep_pass.cl": (_of_deep, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **DEEP}]),
+    "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART, **DEEP}]),
     "emission_lights.cl": (_of_emission_lights, [EMISSION_LIT]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
     "order_media.cl": (_of_order_media, [ORDERS | DEGREE]),
     "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4), "media": (0, 2)}]),
-    "order_pass.cl": (_of_order_pass, [{**ORDERS, "shadow": (0, 1)}, {**EMISSION, "shadow": (0, 1)}]),
+    "order_pass.cl": (
+        _of_order_pass,
+        [{**ORDERS, "shadow": (0, 1), **DEEP}, {**EMISSION, "shadow": (0, 1), **DEEP}],
+    ),
     "order_sweep.cl": (
         _of_order_sweep,
         [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2)}],
@@ -402,7 +418,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
-    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS, OTHERS_LIT | LAYERS]),
+    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP]),
     "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS | LAYERS, OTHERS_LIT | ON_SOLIDS | LAYERS]),
 }
 """Entry -> how it is compiled, and with what."""

@@ -1,5 +1,7 @@
 """Deep samples: the transmittance along rays, the picture's opacity, and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import make_scene
@@ -15,6 +17,11 @@ WHOLE = 2e-4
 ROUNDED = 4e-5
 """Transmittance inside a sample whose opacity is near 1, of which float32 keeps 6e-8: e^10 of that by the
 slope, at most e^-1 of a tenth."""
+
+SUMS = 20 * FLOAT32
+"""Of the brightest: what each step adds goes to the picture and to samples in another order."""
+EVEN = 0.02
+"""Of the brightest: what is cut in the middle of a sample, whose light is not as even as its extinction."""
 
 SMALL = make_scene()
 GREY = SMALL.replace(medium=tfm.Medium(sigma_s=1.8, sigma_a=0.2))
@@ -132,6 +139,67 @@ def test_a_finer_tolerance_has_more_samples(renderer):
     counts = [len(renderer.render(SMALL, deep=tolerance).deep.z) for tolerance in (0.1, 0.01, 1e-3, 0)]
     assert counts == sorted(counts)
     assert counts[0] < 0.3 * counts[-1]
+
+
+GLOWING = SMALL.medium.replace(emission=(0.5, 1.0, 2.0))
+SUN = tfm.SunLight(from_=(1, 2, 1), to=(0, 0, 0))
+SKY = tfm.EnvironmentLight(samples=3, intensity=0.3)
+AMBIENT = tfm.Ambient(radiance=(0.1, 0.2, 0.3))
+COLOURS = {
+    "a spot": SMALL,
+    "solids, ambient light and emission": SMALL.replace(medium=GLOWING, ambient=AMBIENT, solids=SOLIDS),
+    "lights that share samples": SMALL.replace(
+        lights=[SUN, SUN.replace(from_=(-1, 2, 3)), SKY], march=SMALL.march.replace(sampling="world")
+    ),
+    "all kinds": SMALL.replace(volume=[SMALL.volume, BALL.with_medium(BROWN), FOG], ambient=AMBIENT),
+    "a ball": GREY.replace(volume=[BALL]),
+    "a lattice": SMALL.replace(
+        lights=[SUN, SKY], medium=SMALL.medium.replace(octaves=2), map=SMALL.map.replace(lookup="lattice")
+    ),
+    "later orders": SMALL.replace(medium=SMALL.medium.replace(orders=3)),
+    "emission lights": SMALL.replace(medium=GLOWING.replace(emission_lights=3)),
+    "what only glows": SMALL.replace(
+        medium=GLOWING.replace(sigma_s=0, sigma_a=0), lights=[], ambient=AMBIENT
+    ),
+}
+
+
+@pytest.mark.quick("solids, ambient light and emission")
+@pytest.mark.parametrize("case", COLOURS)
+def test_colours_of_samples_flatten_to_the_picture(renderer, case):
+    scene = COLOURS[case]
+    result = renderer.render(scene, deep=0.01, deep_colour=True)
+    np.testing.assert_array_equal(result.image, renderer.render(scene).image)
+    flat, image = result.deep.flattened(), result.image
+    assert image[..., :3].max() > 0.05
+    assert np.abs(flat - image)[..., :3].max() < SUMS * image[..., :3].max()
+    assert np.abs(flat - image)[..., 3].max() < WHOLE
+    assert result.deep.rgb.min() >= -SUMS * image[..., :3].max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [3.6, 4.2, 4.8])
+def test_samples_cut_at_a_depth_are_the_picture_with_a_holdout_there(renderer, depth):
+    """A part s of a sample has the opacity 1 - (1 - α)^s, and as much of its colour as of its opacity."""
+    scene = SMALL.replace(
+        lights=[SMALL.lights[0].replace(from_=SMALL.camera.from_, cone=40)],
+        medium=GLOWING,
+        ambient=AMBIENT,
+        march=SMALL.march.replace(steps=200),
+    )
+    samples = renderer.render(scene, deep=0.002, deep_colour=True).deep
+    share = np.clip((depth - samples.z) / np.maximum(samples.z_back - samples.z, 1e-9), 0, 1)
+    alpha = -np.expm1(share * np.log1p(-np.minimum(samples.alpha.astype(np.float64), 1 - 1e-7)))
+    kept = np.divide(alpha, samples.alpha, out=np.zeros_like(alpha), where=samples.alpha > 0)
+    cut = replace(
+        samples, alpha=alpha.astype(np.float32), rgb=(samples.rgb * kept[:, None]).astype(np.float32)
+    )
+    *_, forward, position = scene.camera.world_from_camera[:3].T
+    wall = tfm.PlaneSolid(point=position + depth * forward, normal=-forward, holdout=True)
+    expected = renderer.render(scene.replace(solids=[wall])).image
+    flat = cut.flattened()
+    assert np.abs(flat - expected)[..., 3].max() < 0.004
+    assert np.abs(flat - expected)[..., :3].max() < EVEN * expected[..., :3].max()
 
 
 def test_nothing_is_made_unless_it_is_asked_for(renderer, tmp_path):

@@ -157,6 +157,7 @@ SCENE_OPTIONS = (
     SceneOption("Image", "--png-bits", "image.png_bits", "8|16", click.INT),
     SceneOption("Image", "--dither", "image.dither", "", click.BOOL),
     SceneOption("Image", "--deep-tolerance", "image.deep_tolerance", "E", click.FLOAT),
+    SceneOption("Image", "--deep-colour", "image.deep_colour", "", click.BOOL),
     SceneOption("Image", "--aov", "image.aov", "NAME[,NAME]", names, "none"),
     SceneOption("Method", "--method", "march.method", "", click.Choice(["tfm", "dual"])),
     SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(["auto", *BASES])),

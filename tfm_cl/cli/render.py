@@ -91,12 +91,6 @@ def command(
     started = time.perf_counter()
     pictures, configs = _sorted_out(outputs, print_config=print_config, every_key=every_key)
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
-    configs = tuple(path for path in outputs if path.suffix.lower() == ".toml")
-    if every_key and not (configs or print_config):
-        raise click.UsageError(
-            "--all is of the scene file that --print-config prints; add it, or -o OUT.toml"
-        )
-    pictures = tuple(path for path in outputs if path not in configs)
     _check_writable(pictures, json_file, *configs)
     scene_file = SceneFile.read(source, overrides(given, settings), look)
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
@@ -121,16 +115,7 @@ def command(
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         image = scene_file.image
-        deep = [image_io.is_deep(path) for path in pictures]
-        frame = image.frame
-        if all(deep):
-            frame["samples"] = 1  # they have no use for more
-        result = renderer.render(
-            scene,
-            deep=image.deep_tolerance if any(deep) else None,
-            progress=progress,
-            **frame,
-        )
+        result = renderer.render(scene, progress=progress, **_frame(image, pictures))
     _warn(result.warnings, quiet=quiet)
     stops = _exposure(result, pictures, image)
     if stops is not None:
@@ -153,6 +138,15 @@ def command(
         _print_stats(report)
     if json_path is not None:
         _write_json(json_file, report)
+
+
+def _frame(image: ImageSettings, outputs: tuple[Path, ...]) -> dict[str, Any]:
+    """Return what the renderer is asked for; deep images have no use for several samples of a pixel."""
+    deep = [image_io.is_deep(path) for path in outputs]
+    asked: dict[str, Any] = {**image.frame, "deep_colour": image.deep_colour}
+    return (
+        asked | ({"deep": image.deep_tolerance} if any(deep) else {}) | ({"samples": 1} if all(deep) else {})
+    )
 
 
 def _warn(warnings: Iterable[str], *, quiet: bool) -> None:

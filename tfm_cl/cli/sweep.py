@@ -108,6 +108,8 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--transparent",
         "--png-bits",
         "--dither",
+        "--deep-tolerance",
+        "--deep-colour",
         "--aov",
     )
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +48,8 @@ class FrameBuffers:
     """float4: RGB of the later orders of scattering, where there are any."""
     emission_light: Output | None = None
     """float4: RGB that media scatter and solids reflect of what media emit, where that lights anything."""
+    deep: dict[str, cl.Buffer] = field(default_factory=dict)
+    """Deep samples to which passes add colours: arguments of kernels; none where that is not asked for."""
 
     def arguments(self, *names: str) -> dict[str, cl.Buffer]:
         """Return kernel arguments, by name."""
@@ -59,7 +61,7 @@ class FrameBuffers:
 
     def stored(self) -> dict[str, cl.Buffer]:
         """Return those of kernels that store a frame."""
-        return self.arguments(*self.sums)
+        return self.arguments(*self.sums) | self.deep
 
     @property
     def layers(self) -> dict[str, cl.Buffer]:
@@ -69,7 +71,12 @@ class FrameBuffers:
     @property
     def defines(self) -> dict[str, int | str]:
         """What kernels must know of it when they are compiled."""
-        return {"TFM_LIGHT_LAYERS": 1} if self.layers else {}
+        return ({"TFM_LIGHT_LAYERS": 1} if self.layers else {}) | self.deep_defines
+
+    @property
+    def deep_defines(self) -> dict[str, int | str]:
+        """Likewise, of deep samples alone."""
+        return {"TFM_DEEP_COLOURS": 1} if self.deep else {}
 
     def without_emission(self) -> FrameBuffers:
         """Return the same for kernels whose media emit nothing."""
@@ -160,7 +167,7 @@ class Sums:
         return self._each(lambda array: array.reshape(-1, *array.shape[2:])[index])
 
     def _each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Sums:
-        held = {field.name: getattr(self, field.name) for field in fields(self)}
+        held = {one.name: getattr(self, one.name) for one in fields(self)}
         changed = {
             name: change(array) for name, array in held.items() if array is not None and name != "added"
         }

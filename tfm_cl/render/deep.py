@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,48 +13,35 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.image import DeepSamples
 
 if TYPE_CHECKING:
+    import pyopencl as cl
+
     from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher, Output
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
 
+WHAT = "the deep samples"
 NUMBERS = 3
-"""Of a sample: Z, ZBack and opacity, as in ``kernels/view/deep.h``."""
+"""Of a sample: Z, ZBack and opacity, as in ``kernels/view/deep_colours.h``."""
 MOST_SAMPLES = 1 << 28
 """Of a picture: 3 GiB, and kernels count their numbers in an int."""
 
 
+class DeepSettings(NamedTuple):
+    """What deep samples are asked for."""
+
+    tolerance: float
+    """Of the transmittance along a ray."""
+    colour: bool
+    """Whether they have colours."""
+
+
 @dataclass(frozen=True)
-class DeepBuffers:
-    """Deep samples on the device."""
+class DeepPass:
+    """Makes the deep samples of the rays of one frame.
 
-    counts: NDArray[np.int32]
-    """[height, width] of the frame's buffers, on the host."""
-    samples: Output
-
-    def read(self, launcher: Launcher, rows: slice, columns: slice) -> DeepSamples:
-        """Return those of a window of the buffers, beyond which there are none."""
-        z, z_back, alpha = np.ascontiguousarray(launcher.read(self.samples).T)
-        return DeepSamples(np.ascontiguousarray(self.counts[rows, columns]), z, z_back, alpha)
-
-
-def see_deep(
-    launcher: Launcher,
-    media: MediaOnDevice,
-    met: Met,
-    view: Any,
-    frame: FrameBuffers,
-    shape: tuple[int, int],
-    wanted: Rectangle,
-    tolerance: float,
-    steps: int,
-    *,
-    has_solids: bool,
-) -> tuple[DeepBuffers, float]:
-    """Make the deep samples of some pixels; returns device seconds too.
-
-    Parameters
+    Attributes
     ----------
     met
         What its rays meet.
@@ -63,38 +51,113 @@ def see_deep(
         Height and width of the frame's buffers.
     wanted
         Pixels x0, y0, x1, y1 of the frame that have samples.
-    tolerance
-        Of the transmittance along a ray.
     steps
         Of a camera ray.
-
-    Raises
-    ------
-    SceneError
-        More samples than there is room for.
     """
-    defines = media.defines | media.channels(textured=False)
-    defines |= {"TFM_SHADOW": int(has_solids), "TFM_DEEP": 1}
-    kernel = launcher.kernels.kernel("deep_pass", "deep_pass.cl", media.headers, defines)
-    counts = launcher.output("the deep samples", shape, np.int32)
-    launcher.clear(counts.buffer, counts.nbytes)
-    arguments = {"view": view, "tolerance": np.float32(tolerance), "counts": counts.buffer}
-    arguments |= met.arguments | frame.arguments("places", "solid", "albedo")
 
-    def run(firsts: Any, samples: Any, *, stores: bool) -> float:
-        into = {"firsts": firsts, "samples": samples, "stores": int(stores)}
-        return launcher.run_windows(kernel, wanted, steps + met.longest, arguments | into)
+    launcher: Launcher
+    media: MediaOnDevice
+    met: Met
+    view: Any
+    frame: FrameBuffers
+    shape: tuple[int, int]
+    wanted: Rectangle
+    steps: int
+    has_solids: bool
 
-    nothing = launcher.upload("the deep samples", np.zeros(1, np.float32))
-    seconds = run(nothing, nothing, stores=False)
-    found = launcher.download(counts.buffer, shape, np.int32)
-    ends = np.cumsum(found, dtype=np.int64)
-    if ends[-1] > MOST_SAMPLES:
-        raise SceneError(
-            f"image.deep_tolerance = {tolerance:g}: asks for {ends[-1]:,} deep samples, more than "
-            f"{MOST_SAMPLES:,}; take a larger one, or render parts of the picture (image.crop)"
+    def see(self, settings: DeepSettings) -> tuple[DeepBuffers, float]:
+        """Make them, still without colours; returns device seconds too.
+
+        Raises
+        ------
+        SceneError
+            More samples than there is room for.
+        """
+        launcher, tolerance = self.launcher, settings.tolerance
+        counts = launcher.zeros(WHAT, 4 * math.prod(self.shape))
+        known = {"tolerance": tolerance, "counts": counts} | self.frame.arguments("albedo")
+        nothing = launcher.upload(WHAT, np.zeros(1, np.float32))
+        into = {"firsts": nothing, "samples": nothing, "stores": 0}
+        defines = {"TFM_DEEP": 1, "TFM_DEEP_COLOURS": int(settings.colour)}
+        seconds = self._run("deep_pass", defines, known | into)
+        found = launcher.download(counts, self.shape, np.int32)
+        ends = np.cumsum(found, dtype=np.int64)
+        if ends[-1] > MOST_SAMPLES:
+            raise SceneError(
+                f"image.deep_tolerance = {tolerance:g}: asks for {ends[-1]:,} deep samples, more than "
+                f"{MOST_SAMPLES:,}; take a larger one, or render parts of the picture (image.crop)"
+            )
+        firsts = launcher.upload(WHAT, (ends - found.ravel()).astype(np.int32))
+        count = int(ends[-1])
+        samples = launcher.output(WHAT, (count, NUMBERS), np.float32)
+        into = {"firsts": firsts, "samples": samples.buffer, "stores": 1}
+        seconds += self._run("deep_pass", defines, known | into)
+        colours = None
+        if settings.colour:
+            colours = launcher.output(WHAT, (count, 3), np.float32)
+            launcher.clear(colours.buffer, colours.nbytes)
+        return DeepBuffers(found, counts, firsts, samples, colours), seconds
+
+    def add_own(self, buffers: DeepBuffers) -> float:
+        """Add the ambient light that media scatter, and what they emit; returns device seconds."""
+        return self._run("deep_own", {"TFM_DEEP": 2, "TFM_DEEP_COLOURS": 1}, buffers.arguments)
+
+    def _run(self, name: str, macros: dict[str, int], arguments: dict[str, Any]) -> float:
+        media = self.media
+        defines = media.defines | media.channels(textured=False) | {"TFM_SHADOW": int(self.has_solids)}
+        kernel = self.launcher.kernels.kernel(name, f"{name}.cl", media.headers, defines | macros)
+        known = {"view": self.view} | self.met.arguments | self.frame.arguments("places", "solid")
+        return self.launcher.run_windows(
+            kernel, self.wanted, self.steps + self.met.longest, known | arguments
         )
-    firsts = launcher.upload("the deep samples", (ends - found.ravel()).astype(np.int32))
-    samples = launcher.output("the deep samples", (int(ends[-1]), NUMBERS), np.float32)
-    seconds += run(firsts, samples.buffer, stores=True)
-    return DeepBuffers(found, samples), seconds
+
+
+@dataclass(frozen=True)
+class DeepBuffers:
+    """Deep samples on the device."""
+
+    counts: NDArray[np.int32]
+    """[height, width] of the frame's buffers."""
+    on_device: cl.Buffer
+    """The same there."""
+    firsts: cl.Buffer
+    """Number of the first sample of each pixel."""
+    samples: Output
+    colours: Output | None
+    """RGB that each sends to the camera, through what is before it; None where that is not asked for."""
+
+    @property
+    def arguments(self) -> dict[str, cl.Buffer]:
+        """Return those of kernels that add colours; none where there are none."""
+        if self.colours is None:
+            return {}
+        return {
+            "deep_firsts": self.firsts,
+            "deep_counts": self.on_device,
+            "deep_samples": self.samples.buffer,
+            "deep_colours": self.colours.buffer,
+        }
+
+    def read(
+        self, launcher: Launcher, radiance: NDArray[np.float32], part: tuple[slice, slice]
+    ) -> DeepSamples:
+        """Return those of a window of the buffers, beyond which there are none.
+
+        Parameters
+        ----------
+        radiance
+            ``[height, width, RGBA]`` of the frame's buffers: a solid's is what media lack of it.
+        """
+        z, z_back, alpha = np.ascontiguousarray(launcher.read(self.samples).T)
+        samples = DeepSamples(np.ascontiguousarray(self.counts[part]), z, z_back, alpha)
+        if self.colours is None:
+            return samples
+        sent = launcher.read(self.colours).astype(np.float64)
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(sent, axis=0)])
+        counts, ends = samples.counts.ravel(), samples.ends
+        of_media = total[ends] - total[ends - counts]
+        some = np.flatnonzero(counts)
+        last = ends[some] - 1
+        solid = z[last] == z_back[last]
+        sent[last[solid]] = (radiance[part][..., :3].reshape(-1, 3) - of_media)[some[solid]]
+        return replace(samples, rgb=(sent / samples.before[:, None]).astype(np.float32))

@@ -141,6 +141,7 @@ class EmissionLattice:
         if not self._added:
             return 0.0
         headers, defines = pass_variant(self.media, self._scattering, has_solids=bool(self.scene.solids))
+        defines |= frame.deep_defines
         kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
         known = self.media.arguments | {"view": view, "orders": self._struct}
         found = TowardsCamera(self._numbers, RGB * self._scattering, (1.0, 1.0, 1.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
-from tfm_cl.render.deep import see_deep
+from tfm_cl.render.deep import DeepBuffers, DeepPass, DeepSettings
 from tfm_cl.render.emission import EmissionLattice
 from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.orders import Orders
@@ -110,7 +110,7 @@ class _Shared:
     lattice: Lattice | None = None
     emitted: EmissionLattice | None = None
     orders: tuple[Orders, TowardsCamera] | None = None
-    deep: DeepSamples | None = None
+    deep: DeepBuffers | None = None
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Frame:
         asked: Collection[str],
         wanted: Rectangle,
         layers: list[int] | None = None,
-        deep: float | None = None,
+        deep: DeepSettings | None = None,
     ) -> tuple[Sums, DeepSamples | None, tuple[str, ...]]:
         """Sum all that the scene sends to the camera.
 
@@ -165,7 +165,7 @@ class Frame:
             Number, from 1, of the layer that each light but those of emission belongs to: what ambient light
             and each of these add is then kept by itself.
         deep
-            Tolerance of deep samples; None: there are none.
+            What deep samples are asked for; None: there are none.
 
         Returns
         -------
@@ -179,6 +179,7 @@ class Frame:
         if deep is not None:
             shared.deep = self._deep(first, wanted, deep)
         sums = self._passes(first, shared)
+        samples = None if shared.deep is None else self._read_deep(shared.deep, sums, wanted)
 
         def look(samples: Samples) -> Sums:
             gbuffer = self.visibility.gbuffer(self.scene, samples)
@@ -189,7 +190,7 @@ class Frame:
             (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
             sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
         self.stats.refined_pixels += refined
-        return sums, shared.deep, (*first.warnings,)
+        return sums, samples, (*first.warnings,)
 
     def _work(
         self,
@@ -486,23 +487,23 @@ class Frame:
             has_solids=has_solids,
         )
 
-    def _deep(self, work: _Work, wanted: Rectangle, tolerance: float) -> DeepSamples:
-        """Make the deep samples of some pixels."""
-        deep, seconds = see_deep(
-            self.launcher,
-            self.media,
-            work.met,
-            work.view,
-            work.frame,
-            work.raster.shape,
-            wanted,
-            tolerance,
-            decided(self.scene.march.steps),
-            has_solids=work.gbuffer is not None,
-        )
+    def _deep(self, work: _Work, wanted: Rectangle, settings: DeepSettings) -> DeepBuffers:
+        """Make the deep samples of some pixels; passes then add their colours."""
+        steps, has_solids = decided(self.scene.march.steps), work.gbuffer is not None
+        rays = self.launcher, self.media, work.met, work.view, work.frame, work.raster.shape
+        deep_pass = DeepPass(*rays, wanted, steps, has_solids)
+        made, seconds = deep_pass.see(settings)
+        if settings.colour:
+            if self.scene.emits or any(self.scene.ambient.radiance):
+                seconds += deep_pass.add_own(made)
+            work.frame = replace(work.frame, deep=made.arguments)
         work.seconds += seconds
+        return made
+
+    def _read_deep(self, made: DeepBuffers, sums: Sums, wanted: Rectangle) -> DeepSamples:
         (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
-        return deep.read(self.launcher, slice(top - y0, bottom - y0), slice(left - x0, right - x0))
+        part = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
+        return made.read(self.launcher, sums.radiance, part)
 
     def _one_light_reaches_all(self) -> bool:
         """Tell whether there are but primitives and one light, which reaches them all.

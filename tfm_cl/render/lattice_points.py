@@ -50,5 +50,5 @@ def see_points(
         Samples along a camera ray.
     """
     of_points = {"scattered": found.numbers, "colour": (*found.colour, 0.0)}
-    arguments = known | of_points | frame.arguments("places", "solid", "later")
+    arguments = known | of_points | frame.arguments("places", "solid", "later") | frame.deep
     return launcher.run_windows(kernel, bounds, steps, arguments, done)

@@ -650,6 +650,7 @@ class Orders:
         """
         has_solids = bool(self.scene.solids)
         headers, defines = pass_variant(self.media, found.colours, self._mixed, has_solids=has_solids)
+        defines |= frame.deep_defines
         kernel = self.launcher.kernels.kernel("order_pass", "order_pass.cl", headers, defines)
         known = met | {"view": view, "orders": self._struct}
         steps = decided(self.scene.march.steps)

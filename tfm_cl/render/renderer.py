@@ -27,6 +27,7 @@ from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
 from tfm_cl.render.antialiasing import PLAIN, Antialiasing
+from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.result import RenderResult, RenderStats
@@ -215,6 +216,7 @@ class Renderer:
         samples: int = 1,
         filter: str = "box",  # noqa: A002 - the key's name in scene files
         deep: float | None = None,
+        deep_colour: bool = False,
         progress: Progress | None = None,
     ) -> RenderResult:
         """Render a scene.
@@ -245,6 +247,8 @@ class Renderer:
         deep
             Tolerance of deep samples (`ImageSettings.deep_tolerance`), of one ray through each pixel's centre
             whatever ``samples``: `RenderResult.deep`. None: there are none.
+        deep_colour
+            Whether these have colours, which takes time.
         progress
             Called as ``progress(stage, fraction)``.
 
@@ -280,7 +284,7 @@ class Renderer:
             aovs=aovs,
             progress=progress,
             antialiasing=Antialiasing(image.samples, image.filter),
-            deep=None if deep is None else image.deep_tolerance,
+            deep=None if deep is None else DeepSettings(image.deep_tolerance, deep_colour),
         )
         result.stats.error_estimate = estimate
         if image.has_background:
@@ -336,7 +340,7 @@ class Renderer:
         aovs: Collection[str],
         progress: Progress | None,
         antialiasing: Antialiasing = PLAIN,
-        deep: float | None = None,
+        deep: DeepSettings | None = None,
     ) -> RenderResult:
         """Render a scene, and ask nothing of the picture."""
         progress = progress or _silent

@@ -377,11 +377,14 @@ class ImageSettings(Model):
         description="extra EXR layers: " + ", ".join(NAMES) + " (light.NAME for each of them)",
     )
     deep_tolerance: float = Field(
-        0.01,
+        default=0.01,
         ge=0,
         le=0.5,
         description="deep images (.deep.exr): by how much the transmittance of their samples may be off, "
         "anywhere along a ray; 0: a sample for each step",
+    )
+    deep_colour: bool = Field(
+        default=False, description="deep images (.deep.exr): write the colours of samples too"
     )
     pixel_type: Literal["float", "half"] = Field(
         default="float", description="type of the colour channels in EXR files"

@@ -62,5 +62,9 @@ def _by_pixel(
 ) -> NDArray[np.object_]:
     """Return each pixel's samples as OpenEXR takes them."""
     pixels = np.empty(len(ends), object)
-    pixels[:] = [values[first:end] for first, end in zip(starts.tolist(), ends.tolist(), strict=True)]
+    none = values[:0]  # one for all that have none
+    pixels[:] = [
+        values[first:end] if first < end else none
+        for first, end in zip(starts.tolist(), ends.tolist(), strict=True)
+    ]
     return pixels.reshape(shape)
