@@ -1,5 +1,6 @@
 """The base of everything a scene file can say: frozen, checked on construction, one-line errors."""
 
+import dataclasses
 import reprlib
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
@@ -10,7 +11,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from tfm_cl.errors import Fault, Key, SceneError, meant_by, nearest, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model_fields import Accepts, DescribedModel, Numbers, accepted_by, accepts, numbers
+from tfm_cl.model_fields import Accepts, DescribedModel, Numbers, accepted_by, accepts, is_choice, numbers
 
 T = TypeVar("T")
 Triple = tuple[float, float, float]
@@ -70,6 +71,33 @@ class Model(DescribedModel):
         # What was left out stays so: other settings may depend on it.
         values = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self)(**{**values, **self._spelled(changes)})
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what was said, by its content, not what was made of it since; true is not 1."""
+        if type(self) is not type(other) or not isinstance(other, Model):
+            return False
+        fields = all(same(getattr(self, name), getattr(other, name)) for name in type(self).model_fields)
+        return fields and same(self.__pydantic_private__, other.__pydantic_private__)
+
+    def __hash__(self) -> int:
+        """Hash what of that is small."""
+        values = (getattr(self, name) for name in type(self).model_fields)
+        return hash((type(self), *(value for value in values if isinstance(value, _PLAIN))))
+
+    def __repr__(self) -> str:
+        """Return what was said, on one line; what is long is shortened."""
+        kinds = (name for name, field in type(self).model_fields.items() if is_choice(field))
+        said = (name for name in kinds if name in self.model_fields_set)
+        words = ", ".join(f"{name}={_SHORT.repr(getattr(self, name))}" for name in said)
+        return " ".join(f"{type(self).__name__}({words})".split())
+
+    __str__ = __repr__
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Leave out what was made of the fields: it is made again."""
+        state = super().__getstate__()
+        kept = {name: value for name, value in state["__dict__"].items() if name in type(self).model_fields}
+        return {**state, "__dict__": kept}
 
     @classmethod
     def keys(cls) -> dict[str, str]:
@@ -151,6 +179,35 @@ class Model(DescribedModel):
         if not key or (fault["type"] == "value_error" and not parts):
             return Fault(f"{cls.SECTION}: {message}", place)
         return Fault(f"{key} = {reprlib.repr(fault['input'])}: {message}", place)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Tell whether two values are of the same types and hold the same, arrays number by number."""
+    if one is other or type(one) is not type(other):
+        return one is other
+    if isinstance(one, np.ndarray):
+        return bool(one.dtype == other.dtype and np.array_equal(one, other))
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if dataclasses.is_dataclass(one):
+        one, other = vars(one), vars(other)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    return bool(one == other)
+
+
+_PLAIN = (bool, int, float, str, tuple, Model, type(None))
+
+
+class _Short(reprlib.Repr):
+    """Of lists only the first few, of objects whatever they say themselves."""
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        """Return what a model says whole: it is short."""
+        return repr(x) if isinstance(x, Model) else super().repr_instance(x, level)
+
+
+_SHORT = _Short()
 
 
 def _plain(value: Any) -> Any:

@@ -117,6 +117,11 @@ def signature_of(model: type[BaseModel]) -> inspect.Signature:
     return inspect.Signature(sorted(named.values(), key=lambda parameter: parameter.kind))
 
 
+def is_choice(field: FieldInfo) -> bool:
+    """Tell whether a field may have several values; `type`, which names a class, has one."""
+    return get_args(field.annotation) != (field.default,)
+
+
 def takes(field: FieldInfo) -> str:
     """Return what a field takes: where a check of our own knows it, in the words of its message."""
     kinds = [kind for kind in get_args(field.annotation) or [field.annotation] if kind is not NoneType]
@@ -152,11 +157,7 @@ def _said(field: FieldInfo) -> str:
 
 def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
     """Return the fields that there is a choice of, those that are required first."""
-    fields = [
-        (name, field)
-        for name, field in model.model_fields.items()
-        if get_args(field.annotation) != (field.default,)  # as `type`, which has one value
-    ]
+    fields = [(name, field) for name, field in model.model_fields.items() if is_choice(field)]
     return sorted(fields, key=lambda found: not found[1].is_required())
 
 

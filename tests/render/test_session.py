@@ -1,6 +1,7 @@
 """Frames one after the other: what changed is made again, and nothing else."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from memory import resident
 from scenes import blobs, make_scene
 
 import tfm_cl as tfm
-from tfm_cl.errors import CancelledError
+from tfm_cl.errors import CancelledError, DeviceError
 from tfm_cl.plan import maps
 from tfm_cl.render import renderer as renderers
 
@@ -228,6 +229,52 @@ def test_a_frame_can_be_cancelled_from_another_thread(session):
 def test_cancelling_nothing_does_nothing(session):
     session.cancel()
     assert session.render(SCENE).image[..., :3].max() > 0
+
+
+def test_threads_share_a_renderer_in_turn(session):
+    scenes = [SCENE, SCENE.replace(camera=SCENE.camera.replace(fov=30.0)), SCENE.replace(lights=[POINT])]
+    alone = [session.render(scene).image for scene in scenes]
+    coefficients = session.build_maps(SCENE)[0].coefficients
+
+    def work(number):
+        if number < len(scenes):
+            return session.render(scenes[number]).image
+        return session.build_maps(SCENE)[0].coefficients
+
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(work, [0, 1, 2, 3] * 3))
+    for number, array in enumerate(found):
+        np.testing.assert_array_equal(array, [*alone, coefficients][number % 4])
+
+
+def test_threads_have_renderers_of_their_own(new_renderer):
+    def work(scene):
+        with new_renderer() as own:
+            return own.render(scene).image
+
+    with ThreadPoolExecutor(2) as threads:
+        first, second = threads.map(work, [SCENE, SCENE])
+    np.testing.assert_array_equal(first, second)
+
+
+def test_close_is_final(new_renderer):
+    with new_renderer() as closed:
+        (light_map, _), image = closed.build_maps(SCENE), closed.render(SCENE).image
+    closed.close()
+
+    for use in (closed.build_maps, closed.render):
+        with pytest.raises(DeviceError, match=r"^the renderer is closed: .* make another$"):
+            use(SCENE)
+    assert light_map.coefficients.shape == (*2 * (SCENE.map.res,), SCENE.map.coeffs)
+    assert image[..., :3].max() > 0
+
+
+def test_what_is_made_is_shown_on_a_line(session):
+    result = session.render(SCENE)
+
+    assert repr(session.build_maps(SCENE)[0]).startswith("TransmittanceMap(spot, ")
+    assert repr(result).startswith("RenderResult(")
+    assert len(repr(result)) < 120
 
 
 @pytest.mark.slow

@@ -117,6 +117,8 @@ class Launcher:
             2: tiles if work_group == "auto" else work_group,
         }
         self._cancelled = threading.Event()
+        self.turn = threading.RLock()
+        """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
         self.seconds = 0.0
         """Of all kernels so far, on the device."""
         self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)

@@ -96,7 +96,7 @@ class LightPass:
     """Runs ``light_pass.cl``."""
 
     def __init__(self, launcher: Launcher) -> None:
-        self._launcher = launcher
+        self._launcher, self.turn = launcher, launcher.turn
         self._prefilter = Prefilter(launcher)
 
     def room(self, settings: ResolvedMap, maps: int) -> list[Numbers]:

@@ -62,6 +62,11 @@ class TransmittanceMap:
     medium: FieldOnDevice
     light_pass: LightPass
 
+    def __repr__(self) -> str:
+        size = f"{self.settings.res}×{self.settings.res} texels"
+        kind = f"{self.settings.coeffs} coefficients of {self.settings.basis}"
+        return f"TransmittanceMap({self.light.type}, {size}, {kind}, {self.nbytes / 2**20:.1f} MiB)"
+
     @property
     def settings(self) -> ResolvedMap:
         """Resolved: no ``"auto"``."""
@@ -104,7 +109,8 @@ class TransmittanceMap:
     @cached_property
     def coefficients(self) -> NDArray[np.float32]:
         """The coefficients of every texel, float32 [y, x, n] (a copy on the host)."""
-        return self.light_pass.read(self.plan, self.buffers)
+        with self.light_pass.turn:
+            return self.light_pass.read(self.plan, self.buffers)
 
     @cached_property
     def occupied(self) -> NDArray[np.float32]:
@@ -113,7 +119,8 @@ class TransmittanceMap:
         Distances from the light, world units, of the begin of the first step with density and of the end of
         the last, within the map's range; both are 0 for a ray without density.
         """
-        return self.light_pass.read_occupied(self.settings, self.buffers)
+        with self.light_pass.turn:
+            return self.light_pass.read_occupied(self.settings, self.buffers)
 
     @property
     def nbytes(self) -> int:
@@ -134,7 +141,8 @@ class TransmittanceMap:
 
     @cached_property
     def _residuals(self) -> NDArray[np.float32]:
-        return self.light_pass.residual(self.plan, self.light, self.of_light, self.medium, self.buffers)
+        with self.light_pass.turn:
+            return self.light_pass.residual(self.plan, self.light, self.of_light, self.medium, self.buffers)
 
     @cached_property
     def residual(self) -> NDArray[np.float32]:
@@ -221,9 +229,10 @@ class TransmittanceMap:
         if world.shape[-1:] != (3,) or not np.isfinite(world).all():
             raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
         device = (world - self.origin).astype(np.float32).reshape(-1, 3)
-        depths = self.light_pass.evaluate(
-            self.plan, self.light, self.of_light, self.medium, self.buffers, device
-        )
+        with self.light_pass.turn:
+            depths = self.light_pass.evaluate(
+                self.plan, self.light, self.of_light, self.medium, self.buffers, device
+            )
         depths = depths.reshape(world.shape[:-1])
         sigma = np.asarray(sigma_t, dtype=np.float32)
         reached = depths >= 0

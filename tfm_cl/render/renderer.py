@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
@@ -20,7 +21,7 @@ from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.primitives import PrimitivesOnDevice
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import DeviceError, SceneError
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.orders import orders_of
@@ -51,6 +52,10 @@ Crop = tuple[int, int, int, int]
 
 class Renderer:
     """Compiles once, renders any number of scenes; a context manager.
+
+    Any thread may use it and its maps: what several ask for at once is done in turn. To render at the same
+    time, give each thread or process a renderer of its own. `cancel` may be called meanwhile from any thread;
+    it ends what is being done, not what waits. `close` is final.
 
     Parameters
     ----------
@@ -98,6 +103,7 @@ class Renderer:
         self._maps = MapBuilder(self._launcher, self._visibility, self._cache)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
         self._last_media: tuple[tuple[object, ...], MediaOnDevice] | None = None
+        self._is_closed = False
 
     @property
     def device_name(self) -> str:
@@ -110,11 +116,27 @@ class Renderer:
         return self._launcher.lanes
 
     def close(self) -> None:
-        """Release the device's memory."""
-        self._cache.clear()
-        self._choice = self._last_media = None
-        self._visibility.clear()
-        self._launcher.release()
+        """Release the device's memory, when what is being done has ended; nothing can be rendered afterwards.
+
+        Maps that are still held keep their own memory, and can be read. Closing again does nothing.
+        """
+        with self._launcher.turn:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            self._cache.clear()
+            self._choice = self._last_media = None
+            self._visibility.clear()
+            self._launcher.release()
+
+    @contextmanager
+    def _in_turn(self) -> Iterator[None]:
+        """Begin when no other thread is at work; what was cancelled before has ended."""
+        with self._launcher.turn:
+            if self._is_closed:
+                raise DeviceError("the renderer is closed: nothing can be rendered with it; make another")
+            self._launcher.begin()
+            yield
 
     def __enter__(self) -> Self:
         return self
@@ -138,19 +160,19 @@ class Renderer:
         Raises
         ------
         DeviceError
-            Memory or compilation.
+            Memory or compilation, or the renderer is closed.
         """
-        self._launcher.begin()
-        scene.read_files()
-        progress = progress or _silent
-        if scene.map.max_error is not None:
-            scene, _ = self._chosen(scene, "tfm", None, None, progress)
-        scene = _single_lights(plan(scene, method="tfm").scene)
-        media = self._media(scene, None)
-        if not media.fields.count:
-            return []
-        sources = self._maps.sources(scene, media, None)
-        return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
+        with self._in_turn():
+            scene.read_files()
+            progress = progress or _silent
+            if scene.map.max_error is not None:
+                scene, _ = self._chosen(scene, "tfm", None, None, progress)
+            scene = _single_lights(plan(scene, method="tfm").scene)
+            media = self._media(scene, None)
+            if not media.fields.count:
+                return []
+            sources = self._maps.sources(scene, media, None)
+            return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
 
     def _media(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
         """Put the media of a scene on the device; those of the last frame are there.
@@ -259,17 +281,30 @@ class Renderer:
             ``"environment"`` where no light is one, no such samples or filter, or layers of lights of one
             name, or of more lights than there is room for.
         DeviceError
-            Memory or compilation.
+            Memory or compilation, or the renderer is closed.
         CancelledError
             `cancel` was called meanwhile.
         """
-        self._launcher.begin()
         # Before anything is rendered.
         image = ImageSettings(background=background, samples=samples, filter=filter)
         if deep is not None:
             image = image.replace(deep_tolerance=deep)
         if image.shows_environment:
             check_surrounded(scene.lights)
+        with self._in_turn():
+            return self._rendered(scene, maps, method, crop, aovs, image, progress)
+
+    def _rendered(
+        self,
+        scene: Scene,
+        maps: list[TransmittanceMap] | None,
+        method: str | None,
+        crop: Crop | None,
+        aovs: Collection[str],
+        image: ImageSettings,
+        progress: Progress | None,
+    ) -> RenderResult:
+        """Render a scene as asked for, and say what a user should know of it."""
         scene.read_files()
         estimate, limited = None, resolution.limited(scene)
         asks_for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"

@@ -103,6 +103,11 @@ class RenderResult:
     deep: DeepSamples | None = None
     """What lies along one ray through each pixel's centre, if that was asked for."""
 
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        seconds = self.stats.seconds.get("total", 0.0)
+        return f"RenderResult({width}×{height} pixels, {', '.join(self.aovs)}, {seconds:.3g} s)"
+
     def over(self, background: Any) -> Self:
         """Return the picture over another background.
 

@@ -33,9 +33,15 @@ if TYPE_CHECKING:
     from tfm_cl.scene.solids.base import Solid
 
 
-@dataclass(frozen=True, init=False)
+SHOWN = 2
+"""Bodies that a scene's ``repr`` names."""
+
+
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class Scene:
     """What is rendered.
+
+    Scenes are equal where all their parts are, number by number, and can be pickled.
 
     Parameters
     ----------
@@ -136,6 +142,32 @@ class Scene:
                     f"medium.emission_lights = {medium.emission_lights}: the emission of {what} lights "
                     "nothing; use volumes, boxes or spheres, or emission_lights = 0"
                 )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare all parts by their content, wherever they come from."""
+        if not isinstance(other, Scene) or len(self.bodies) != len(other.bodies):
+            return False
+        pairs = zip(self.bodies, other.bodies, strict=True)
+        return self._settings == other._settings and all(one.equals(another) for one, another in pairs)
+
+    def __hash__(self) -> int:
+        """Hash what of that is small."""
+        return hash((len(self.bodies), self.medium, self.camera, self.lights, self.map, self.march))
+
+    @property
+    def _settings(self) -> tuple[Any, ...]:
+        """All parts but the bodies."""
+        names = (field.name for field in fields(self) if field.init and field.name != "bodies")
+        return tuple(getattr(self, name) for name in names)
+
+    def __repr__(self) -> str:
+        width, height = self.camera.res
+        counted = ((self.lights, "light"), (self.solids, "solid"))
+        parts = [f"{len(some)} {name}{'s' * (len(some) > 1)}" for some, name in counted if some]
+        shown = ", ".join(map(repr, self.bodies[:SHOWN]))
+        if len(self.bodies) > SHOWN:
+            shown += f", … {len(self.bodies)} bodies"
+        return f"Scene({', '.join([shown, *parts, f'{width}×{height} pixels'])})"
 
     @property
     def volume(self) -> Body:

@@ -95,7 +95,7 @@ def test_without_bounds_there_is_no_map(use):
 def test_a_copy_stays_fitted():
     sun = SunLight(from_=(0, 1, 0), to=(0.2, 0, 0)).fitted(BOUNDS)
 
-    for again in (sun.replace(intensity=3), copy.deepcopy(sun), pickle.loads(pickle.dumps(sun))):  # noqa: S301
+    for again in (sun.replace(intensity=3), copy.deepcopy(sun), pickle.loads(pickle.dumps(sun))):
         assert again.map_key() == sun.map_key()
     assert sun.to_dict() == {
         "type": "sun",

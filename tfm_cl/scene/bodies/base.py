@@ -131,6 +131,10 @@ class Body:
         """Return the same body of another medium."""
 
     @abstractmethod
+    def equals(self, other: object) -> bool:
+        """Tell whether another has the same density and medium, number by number, wherever it comes from."""
+
+    @abstractmethod
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere, looking at what it was made from only."""
 

@@ -88,6 +88,10 @@ class Homogeneous(Model, Body):
     def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Tell whether world points, [n, 3], lie in the body."""
 
+    def equals(self, other: object) -> bool:
+        """As `Body.equals`."""
+        return self == other
+
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""
         return isinstance(other, Homogeneous) and self.with_medium(None) == other.with_medium(None)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.model import same
 from tfm_cl.scene.bodies.base import MarchedBody
 
 if TYPE_CHECKING:
@@ -26,6 +27,9 @@ DETAIL = 0.5
 """Of the radius of a typical primitive: what a voxel's edge is to a grid."""
 LINES = 64
 """Along each side, at most, of the pictures of a body, from three sides, that tell its optical depth."""
+
+ORIGIN = ("source", "chosen")
+"""What tells where they come from, not what they are."""
 
 _NUMBERS = itertools.count()
 
@@ -283,6 +287,30 @@ class Primitives(MarchedBody):
             )
             found.append(held.ravel() / np.prod(sides / cells))
         return found
+
+    def equals(self, other: object) -> bool:
+        """As `Body.equals`."""
+        is_of_kind = isinstance(other, Primitives) and type(self) is type(other)
+        return is_of_kind and same(self._told, other._told)  # noqa: SLF001 - the same class
+
+    @property
+    def _told(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__getstate__().items() if name not in ORIGIN}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what was made of them, and their number, which is a process's own."""
+        made = cached_property
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if not isinstance(getattr(type(self), name, None), made)
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
 
     def same_density(self, other: object) -> bool:
         """Tell whether the density is the same everywhere."""

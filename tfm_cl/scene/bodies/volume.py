@@ -20,6 +20,7 @@ from tfm_cl.files.volume_io.leaves import LEAF, Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.model import same
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.movable import STEPS, said_by
@@ -553,6 +554,23 @@ class Volume(MarchedBody):
         other.__dict__.update(kept | changes)
         return other
 
+    def equals(self, other: object) -> bool:
+        """As `Body.equals`; sparse voxels do not equal dense ones."""
+        return isinstance(other, Volume) and same(self._told, other._told)  # noqa: SLF001 - the same class
+
+    @property
+    def _told(self) -> tuple[Any, ...]:
+        colour = None if self._colour is None else self._colour.told
+        return self._voxels.stored, colour, self.density_scale, self.world_from_index, self.medium
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what was made of it, as for a device."""
+        return {name: value for name, value in vars(self).items() if name != "channels"} | {"kept": {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.world_from_index.flags.writeable = False
+
     def __repr__(self) -> str:
         z, y, x = self.shape
         coloured = "" if self.colour is None else "coloured, "
@@ -576,6 +594,10 @@ class _Voxels:
     def __init__(self, stored: NDArray[np.float32] | Leaves) -> None:
         self.stored = stored
         self.number = next(_NUMBERS)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Be another elsewhere: numbers are a process's own."""
+        return _voxels_of, (self.stored,)
 
     @property
     def leaves(self) -> Leaves | None:
@@ -618,6 +640,12 @@ class _Voxels:
         return (z, y, x), (last_z, last_y, last_x)
 
 
+def _voxels_of(stored: NDArray[np.float32] | Leaves) -> _Voxels:
+    if isinstance(stored, np.ndarray):
+        stored.flags.writeable = False
+    return _Voxels(stored)
+
+
 class _Colour:
     """The colour of voxels, and what they are in each channel; shared by volumes of another scale."""
 
@@ -632,6 +660,21 @@ class _Colour:
     @property
     def rgb(self) -> NDArray[np.float32]:
         return self._rgb
+
+    @property
+    def told(self) -> Any:
+        """All that it was made from, beside the voxels."""
+        return self._rgb
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_rgb": self._rgb, "_voxels": self._voxels}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Be another elsewhere, as `_Voxels`."""
+        vars(self).update(state, number=next(_NUMBERS))
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
 
     @cached_property
     def products(self) -> tuple[_Voxels, ...]:
@@ -661,6 +704,14 @@ class _Channels(_Colour):
         self.number = next(_NUMBERS)
         self._voxels = voxels
         self.products = tuple(_Voxels(channel) for channel in channels)
+
+    @property
+    def told(self) -> Any:
+        """As `_Colour.told`."""
+        return [product.stored for product in self.products]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"products": self.products, "_voxels": self._voxels}
 
     @cached_property
     def rgb(self) -> NDArray[np.float32]:

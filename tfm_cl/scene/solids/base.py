@@ -97,18 +97,6 @@ class Solid(Movable):
         "front; it still casts shadows",
     )
 
-    def __eq__(self, other: object) -> bool:
-        """Compare the fields, not the values cached since; true is not 1."""
-        return type(self) is type(other) and all(
-            type(getattr(self, name)) is type(getattr(other, name))
-            and getattr(self, name) == getattr(other, name)
-            for name in type(self).model_fields
-        )
-
-    def __hash__(self) -> int:
-        """Hash the fields that `__eq__` compares."""
-        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
-
     transform: Transform = Field(
         default=IDENTITY,
         validate_default=True,
