@@ -7,17 +7,19 @@
 """
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tfm_cl._version import __version__
-    from tfm_cl.errors import DeviceError, InputError, TfmError
+    from tfm_cl.errors import DeviceError, InputError, TfmError, TfmWarning
     from tfm_cl.files.image_io import register_image_format
     from tfm_cl.files.volume_io import register_volume_format
     from tfm_cl.maps.bases import Basis, register_basis
     from tfm_cl.maps.transmittance_map import TransmittanceMap
-    from tfm_cl.metrics import Comparison, compare
+    from tfm_cl.metrics import Comparison
     from tfm_cl.plugins import load_plugin
+    from tfm_cl.render.comparison import compare
     from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.ambient import Ambient
@@ -111,10 +113,11 @@ _HOME = {
     "SunLight": "scene.lights",
     "TabulatedPhase": "scene.phases",
     "TfmError": "errors",
+    "TfmWarning": "errors",
     "TransmittanceMap": "maps.transmittance_map",
     "Volume": "scene.bodies",
     "__version__": "_version",
-    "compare": "metrics",
+    "compare": "render.comparison",
     "load_plugin": "plugins",
     "register_basis": "maps.bases",
     "register_image_format": "files.image_io",
@@ -169,6 +172,7 @@ __all__ = [
     "SunLight",
     "TabulatedPhase",
     "TfmError",
+    "TfmWarning",
     "TransmittanceMap",
     "Volume",
     "__version__",
@@ -181,6 +185,10 @@ __all__ = [
     "register_solid",
     "register_volume_format",
 ]
+
+
+# What is told goes to this logger and those below; where it is shown is the program's business.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

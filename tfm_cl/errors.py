@@ -61,6 +61,10 @@ class TfmError(Exception):
         return "\n".join(map(str, self.args))
 
 
+class TfmWarning(UserWarning):
+    """What a user should know of a picture, which was made all the same; a line each."""
+
+
 class InputError(TfmError):
     """Wrong use or bad input."""
 

@@ -175,6 +175,41 @@ def test_a_crop_and_a_file_that_has_no_windows(cli, refused, images):
     assert "part.npy does not say where its pixels lie" in cli("compare", "crop.exr", "part.npy").err
 
 
+def write_layers(name, pixels, crop, **aovs):
+    """Write the same crop of a picture and of layers."""
+    x0, y0, x1, y1 = crop
+    parts = {key: np.ascontiguousarray(aov[y0:y1, x0:x1], np.float32) for key, aov in aovs.items()}
+    rgba = np.ascontiguousarray(pixels[y0:y1, x0:x1], np.float32)
+    image = image_io.Image(rgba=rgba, aovs=parts, display_window=(30, 20), crop=crop)
+    image_io.save(name, image, pixel_type="float")
+
+
+def test_layers_are_compared_where_they_overlap(cli, images):
+    test, reference = images
+    both = np.s_[1:14, 5:22]
+    of_test = {"light.key": test[..., :3] / 2, "depth": test[..., 0]}
+    of_reference = {"light.key": reference[..., :3] / 3, "depth": reference[..., 1]}
+    write_layers("test.exr", test, (2, 1, 22, 16), **of_test)
+    write_layers("reference.exr", reference, (5, 0, 30, 14), **of_reference)
+
+    for name, grey in (("light.key", 1), ("depth", 3)):
+        shown, truth = (np.dstack([layers[name][both]] * grey) for layers in (of_test, of_reference))
+        np.save("shown.npy", shown.astype(np.float32))
+        np.save("truth.npy", np.dstack([truth, reference[both][..., 3]]).astype(np.float32))
+        expected = cli("compare", "shown.npy", "truth.npy", "--json").json
+        done = cli("compare", "test.exr", "reference.exr", "--layer", name, "--json")
+        assert {key: done.json[key] for key in expected} == expected
+
+
+def test_layers_that_are_not_there(refused, images):
+    write_layers("a.exr", images[0], (0, 0, 30, 20), ambient=images[0][..., :3])
+    said = "a.exr: unknown layer 'ambiant'; did you mean 'ambient'? known: ambient"
+    assert said in refused("compare", "a.exr", "a.exr", "--layer", "ambiant")
+    assert "test.npy: has no layer 'ambient': .npy files have none, .exr has" in refused(
+        "compare", "test.npy", "a.exr", "--layer", "ambient"
+    )
+
+
 def test_flip_where_it_is_installed(cli):
     pytest.importorskip("flip_evaluator", reason="FLIP is an extra: pip install 'tfm_cl[flip]'")
     values = cli("compare", "test.npy", "reference.npy", "--flip", "--json").json

@@ -1,7 +1,9 @@
 """Frames one after the other: what changed is made again, and nothing else."""
 
+import logging
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ from memory import resident
 from scenes import blobs, make_scene
 
 import tfm_cl as tfm
-from tfm_cl.errors import CancelledError, DeviceError
+from tfm_cl import metrics
+from tfm_cl.errors import CancelledError, DeviceError, ImageError
 from tfm_cl.plan import maps
 from tfm_cl.render import renderer as renderers
 
@@ -257,6 +260,26 @@ def test_threads_have_renderers_of_their_own(new_renderer):
     np.testing.assert_array_equal(first, second)
 
 
+def test_what_a_user_should_know_is_a_warning(session):
+    dark = SCENE.replace(lights=[SPOT.replace(intensity=0)])
+
+    with pytest.warns(tfm.TfmWarning) as caught:
+        result = session.render(dark)
+    assert [str(warning.message) for warning in caught] == list(result.warnings)
+    assert {warning.filename for warning in caught} == {__file__}
+
+
+def test_decisions_are_told_the_logger_and_nothing_is_shown(session, caplog, capfd):
+    left_open = SCENE.replace(map=SCENE.map.replace(density_weighting="auto"))
+    session.render(left_open)
+    assert not caplog.records
+
+    with caplog.at_level(logging.DEBUG, "tfm_cl"):
+        session.render(left_open)
+    assert [record for record in caplog.records if "map.density_weighting = " in record.getMessage()]
+    assert "".join(capfd.readouterr()) == ""
+
+
 def test_close_is_final(new_renderer):
     with new_renderer() as closed:
         (light_map, _), image = closed.build_maps(SCENE), closed.render(SCENE).image
@@ -267,6 +290,22 @@ def test_close_is_final(new_renderer):
             use(SCENE)
     assert light_map.coefficients.shape == (*2 * (SCENE.map.res,), SCENE.map.coeffs)
     assert image[..., :3].max() > 0
+
+
+def test_results_files_and_arrays_are_compared_crop_to_crop(session, tmp_path):
+    whole, crop = session.render(SCENE), session.render(SCENE, crop=(4, 3, 20, 16))
+    brighter = replace(crop, image=1.5 * crop.image)
+    crop.save(tmp_path / "crop.exr", aovs=("light_transmittance",))
+
+    with pytest.warns(tfm.TfmWarning, match="compared are the pixels 4,3,20,16, which both have"):
+        found = tfm.compare(brighter, whole)
+    assert found == metrics.compare(brighter.image, whole.image[3:16, 4:20])
+    assert tfm.compare(brighter, str(tmp_path / "crop.exr")) == metrics.compare(brighter.image, crop.image)
+    assert tfm.compare(crop, tmp_path / "crop.exr", layer="light_transmittance").rmse == 0
+    with pytest.raises(ImageError, match="the reference image: an array has no layer 'depth'"):
+        tfm.compare(crop, crop.image, layer="depth")
+    with pytest.raises(ImageError, match=r"the test image: unknown layer 'dept'; did you mean 'depth'"):
+        tfm.compare(crop, crop, layer="dept")
 
 
 def test_what_is_made_is_shown_on_a_line(session):

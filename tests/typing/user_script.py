@@ -98,5 +98,5 @@ if __name__ == "__main__":
         Path("psnr.txt").write_text(f"{tfm.__version__}: {psnr:.1f} dB\n", encoding="utf-8")
     except (tfm.InputError, tfm.DeviceError) as error:
         raise SystemExit(str(error)) from error
-    except tfm.TfmError:
+    except (tfm.TfmError, tfm.TfmWarning):  # a warning, where these are made errors
         raise

@@ -5,6 +5,7 @@ import gc
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import click
 
 from tfm_cl.cli.streams import guarded_streams, one_line
-from tfm_cl.errors import TfmError
+from tfm_cl.errors import TfmError, TfmWarning
 from tfm_cl.interrupts import interrupts_held
 
 COMMANDS = ("render", "info", "compare", "sweep", "schema", "devices", "warm")
@@ -104,7 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
-    with guarded_streams() as output:
+    with guarded_streams() as output, warnings.catch_warnings():
+        warnings.simplefilter("ignore", TfmWarning)  # commands print what there is to know
         code = _run(arguments)
         output.flush()
         if output.failure is not None:

@@ -9,8 +9,6 @@ import click
 
 from tfm_cl.cli.paths import SOURCE
 from tfm_cl.errors import ImageError
-from tfm_cl.files.image_io import load_picture
-from tfm_cl.files.image_io.overlap import overlap
 
 LOWER_IS_BETTER = ("rmse", "flip")
 
@@ -18,6 +16,7 @@ LOWER_IS_BETTER = ("rmse", "flip")
 @click.command("compare")
 @click.argument("test", type=SOURCE)
 @click.argument("reference", type=SOURCE)
+@click.option("--layer", metavar="NAME", help="compare this layer of EXR files, as ambient or light.key")
 @click.option("--json", "as_json", is_flag=True, help="print JSON")
 @click.option("--flip", "with_flip", is_flag=True, help="FLIP too (needs pip install 'tfm_cl[flip]')")
 @click.option(
@@ -27,7 +26,15 @@ LOWER_IS_BETTER = ("rmse", "flip")
     multiple=True,
     help="exit with 1 when the metric is worse, as ssim=0.99 or lit.psnr=35; rmse and flip: when larger",
 )
-def command(test: Path, reference: Path, limits: tuple[str, ...], *, as_json: bool, with_flip: bool) -> int:
+def command(
+    test: Path,
+    reference: Path,
+    layer: str | None,
+    limits: tuple[str, ...],
+    *,
+    as_json: bool,
+    with_flip: bool,
+) -> int:
     """Compare TEST with REFERENCE (.exr .png .npy): SSIM, PSNR, RMSE; full frame and where it is lit.
 
     Of crops, which EXR files place in the full frame, the pixels that both have.
@@ -35,8 +42,9 @@ def command(test: Path, reference: Path, limits: tuple[str, ...], *, as_json: bo
     wanted = [_limit(text) for text in limits]
     # scikit-image takes its time to import.
     from tfm_cl import metrics  # noqa: PLC0415
+    from tfm_cl.render.comparison import in_common  # noqa: PLC0415
 
-    common = overlap(load_picture(test), load_picture(reference), str(test), str(reference))
+    common = in_common(test, reference, layer)
     images = common.test, common.reference
     values: dict[str, Any] = metrics.compare(*images).to_dict()
     if with_flip or any(name == "flip" for name, _ in wanted):

@@ -4,7 +4,9 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
+
+from tfm_cl.cli.streams import one_line
 
 if TYPE_CHECKING:  # printing a configuration needs no OpenCL
     from tfm_cl.device.launch import Progress
@@ -19,7 +21,7 @@ def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
     if quiet:
         yield lambda _stage, _fraction: None
         return
-    with _log_shown(sys.stderr):
+    with log_shown("tfm: %(message)s", logging.INFO):
         if sys.stderr.isatty():
             with _bar() as advance:
                 yield advance
@@ -27,18 +29,25 @@ def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
             yield lambda _stage, _fraction: None
 
 
+class _OneLine(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        """Return a message as one line of bearable length."""
+        return one_line(super().format(record))
+
+
 @contextmanager
-def _log_shown(stream: TextIO) -> Iterator[None]:
+def log_shown(form: str, level: int) -> Iterator[None]:
+    """Print what the library's logger is told meanwhile, from a level on, to stderr."""
     log = logging.getLogger("tfm_cl")
-    handler = logging.StreamHandler(stream)
-    handler.setFormatter(logging.Formatter("tfm: %(message)s"))
-    level = log.level
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_OneLine(form))
+    before = log.level
     log.addHandler(handler)
-    log.setLevel(logging.INFO)
+    log.setLevel(level)
     try:
         yield
     finally:
-        log.setLevel(level)
+        log.setLevel(before)
         log.removeHandler(handler)
 
 

@@ -1,6 +1,7 @@
 """``tfm render``: a volume or a scene to pictures."""
 
 import json
+import logging
 import sys
 import time
 from collections.abc import Iterable
@@ -19,7 +20,7 @@ from tfm_cl.cli.options import (
     scene_options,
 )
 from tfm_cl.cli.paths import SOURCE, TARGET
-from tfm_cl.cli.progress import progress_bar
+from tfm_cl.cli.progress import log_shown, progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.display import automatic_exposure
@@ -163,8 +164,8 @@ def _tell_chosen(source: Path, planned: Plan) -> None:
 def _tell_all(resolved: Values, planned: Plan) -> None:
     """Print every option, and why those are what they are that were left open."""
     of_map = resolved["map"] if planned.map is None else planned.map.to_dict()
-    for line in planned.lines():
-        print(f"# {one_line(line)}", file=sys.stderr)
+    with log_shown("# %(message)s", logging.DEBUG):
+        planned.log()
     print(to_toml(resolved | {"map": of_map}), file=sys.stderr)
 
 

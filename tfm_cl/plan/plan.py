@@ -6,6 +6,7 @@ the command line tells.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,6 +52,8 @@ GROUND = {
 }
 """Keys of a ground that is placed, and why they are what they are."""
 
+LOG = logging.getLogger(__name__)
+
 Decisions = Mapping[str, "Decision"]
 
 
@@ -94,6 +97,11 @@ class Plan:
         """Yield the decisions for people."""
         for key, (value, why) in self.decisions.items():
             yield f"{key} = {'?' if value is None else value}: {why}"
+
+    def log(self) -> None:
+        """Tell the logger the decisions, for debugging."""
+        for line in self.lines():
+            LOG.debug("%s", line)
 
     def completed(
         self,

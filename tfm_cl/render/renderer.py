@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -21,7 +22,7 @@ from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.primitives import PrimitivesOnDevice
-from tfm_cl.errors import DeviceError, SceneError
+from tfm_cl.errors import DeviceError, SceneError, TfmWarning
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.orders import orders_of
@@ -284,15 +285,25 @@ class Renderer:
             Memory or compilation, or the renderer is closed.
         CancelledError
             `cancel` was called meanwhile.
+
+        Warns
+        -----
+        TfmWarning
+            For each of the result's ``warnings``.
         """
         # Before anything is rendered.
         image = ImageSettings(background=background, samples=samples, filter=filter)
+        deep_settings = None
         if deep is not None:
-            image = image.replace(deep_tolerance=deep)
+            tolerance = image.replace(deep_tolerance=deep).deep_tolerance
+            deep_settings = DeepSettings(tolerance, deep_colour)
         if image.shows_environment:
             check_surrounded(scene.lights)
         with self._in_turn():
-            return self._rendered(scene, maps, method, crop, aovs, image, progress)
+            result = self._rendered(scene, maps, method, crop, aovs, image, deep_settings, progress)
+        for line in result.warnings:
+            warnings.warn(line, TfmWarning, stacklevel=2)
+        return result
 
     def _rendered(
         self,
@@ -302,6 +313,7 @@ class Renderer:
         crop: Crop | None,
         aovs: Collection[str],
         image: ImageSettings,
+        deep: DeepSettings | None,
         progress: Progress | None,
     ) -> RenderResult:
         """Render a scene as asked for, and say what a user should know of it."""
@@ -319,7 +331,7 @@ class Renderer:
             aovs=aovs,
             progress=progress,
             antialiasing=Antialiasing(image.samples, image.filter),
-            deep=None if deep is None else DeepSettings(image.deep_tolerance, deep_colour),
+            deep=deep,
         )
         result.stats.error_estimate = estimate
         if image.has_background:
@@ -384,7 +396,9 @@ class Renderer:
         scene.read_files()
         started, launched = time.perf_counter(), self._launcher.seconds
         compiled = self._launcher.kernels.seconds
-        scene = plan(scene, method=method, maps=maps[0].requested if maps else None).scene
+        planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
+        planned.log()
+        scene = planned.scene
         crop = _checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         made = self._cache.made.copy()
@@ -404,7 +418,7 @@ class Renderer:
         )
         names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
         layers_of_lights = _layers_of_lights(scene, aovs)
-        sums, samples, warnings = frame.render(method, maps, aovs, crop, layers_of_lights, deep)
+        sums, samples, told = frame.render(method, maps, aovs, crop, layers_of_lights, deep)
         made_here = {
             "always": True,
             "solids": bool(scene.solids),
@@ -417,7 +431,7 @@ class Renderer:
         layers = Layers([*listed, *(name for name in GROUPS if name in aovs)], sums, names)
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
-        warnings += take_notes()
+        told += take_notes()
         lit = any(row[:, 3].any() for row in diagnosis.rows_from_the_middle(sums.light_seen))
         notes = dict.fromkeys(note for grid in (*scene.grids, *scene.flames) for note in grid.notes)
         traced, compiled = self._visibility.seconds - traced, self._launcher.kernels.seconds - compiled
@@ -432,7 +446,7 @@ class Renderer:
             stats,
             scene,
             crop,
-            (*notes, *warnings),
+            (*notes, *told),
             lit,
             _meets_medium(sums, emits=scene.emits),
             shows_through=sums.shows_through,

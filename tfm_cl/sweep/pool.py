@@ -9,6 +9,7 @@ import signal
 import tempfile
 import threading
 import traceback
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -20,7 +21,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from tfm_cl.device.scratch import make_scratch
-from tfm_cl.errors import DeviceError, InputError, TfmError
+from tfm_cl.errors import DeviceError, InputError, TfmError, TfmWarning
 from tfm_cl.interrupts import interrupts_held
 
 Progress = Callable[[str, float], None]
@@ -203,6 +204,7 @@ def _serve(pipe: Connection, make_worker: Callable[[], Any], scratch: str) -> No
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tempfile.tempdir = scratch
+    warnings.simplefilter("ignore", TfmWarning)  # the first process cannot catch them
     worker: Any = None
     while True:
         try:

@@ -47,6 +47,7 @@ __all__ = [
     "load_picture",
     "register_image_format",
     "save",
+    "with_alpha",
 ]
 
 
@@ -108,6 +109,14 @@ class ImageFormat(Protocol):
         ...
 
 
+class LayeredFormat(ImageFormat, Protocol):
+    """One that stores AOVs."""
+
+    def read_layer(self, path: Path, name: str) -> Picture:
+        """Read an AOV, and the picture's alpha; raises `ImageError` if the file is damaged or has none."""
+        ...
+
+
 def save(
     path: str | Path,
     image: Image,
@@ -164,21 +173,36 @@ def load_image(path: str | Path) -> NDArray[np.float32]:
     return load_picture(path).pixels
 
 
-def load_picture(path: str | Path) -> Picture:
+def load_picture(path: str | Path, layer: str | None = None) -> Picture:
     """Read an image like `load_image`, with its position in the full frame if an EXR states it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    layer
+        Of an EXR, instead of the picture; three channels, and the picture's alpha where it has one.
 
     Raises
     ------
     ImageError
-        The file is missing, damaged, of unknown type, or has more than `MAX_PIXELS`.
+        The file is missing, damaged, of unknown type, has more than `MAX_PIXELS`, or no such layer.
     """
     path = source_of(path, error=ImageError)
     module = _format(path)
     check_readable(path, ImageError)
+    if layer is not None and not module.HOLDS_LAYERS:
+        raise ImageError(f"{path}: has no layer '{layer}': {path.suffix} files have none, .exr has")
     try:
-        return module.read(path)
+        return module.read(path) if layer is None else cast("LayeredFormat", module).read_layer(path, layer)
     except (OSError, MemoryError) as error:
         raise ImageError(f"{path}: cannot be read ({reason_of(error)})") from error
+
+
+def with_alpha(layer: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return a layer, [H, W] or [H, W, 3], as three channels and an alpha, if any, [H, W]."""
+    colours = np.repeat(layer[..., None], 3, axis=2) if layer.ndim == 2 else layer  # noqa: PLR2004
+    return colours if alpha is None else np.concatenate([colours, alpha[..., None]], axis=2)
 
 
 def holds_layers(path: str | Path) -> bool:

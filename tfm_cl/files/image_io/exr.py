@@ -18,8 +18,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from tfm_cl.errors import ImageError
-from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions
+from tfm_cl.errors import ImageError, unknown_key
+from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions, with_alpha
 from tfm_cl.files.image_io.exr_header import header_of, line_of
 from tfm_cl.files.image_io.exr_layers import Part, beauty
 from tfm_cl.files.image_io.image import Image, Picture, Window
@@ -69,6 +69,35 @@ def read(path: Path) -> Picture:
     pixels = _pixels_of(path, parts)[layer.part]
     part = parts[layer.part]
     return Picture(_stacked([pixels[name] for name in layer.colours], path), part.window, part.frame)
+
+
+def read_layer(path: Path, name: str) -> Picture:
+    """Read an AOV, with the alpha of its part as the fourth channel where that has one.
+
+    Raises
+    ------
+    ImageError
+        The file is damaged, or has no AOV of that name (the message lists the nearest, or all).
+    """
+    parts = _declared(path)
+    known: dict[str, tuple[int, list[str]]] = {}
+    for number, part in reversed(list(enumerate(parts))):
+        for channel in part.channels:
+            stem, _, end = channel.rpartition(".")
+            colours = [f"{stem}.{c}" for c in ("RGB" if end in "RGB" else "XYZ")]
+            if stem and end and part.channels.keys() >= set(colours):
+                known[stem] = number, colours
+            elif channel not in "RGBA":
+                known[channel] = number, [channel]
+    if name not in known:
+        raise ImageError(f"{path}: {unknown_key(name, sorted(known)).replace('key', 'layer')}")
+    number, channels = known[name]
+    pixels, part = _pixels_of(path, parts)[number], parts[number]
+    alpha = [channel for channel in ("A",) if channel in pixels]
+    stacked = _stacked([pixels[channel] for channel in (*channels, *alpha)], path)
+    layer, count = stacked[..., : len(channels)], len(channels)
+    picture = with_alpha(layer if count > 1 else layer[..., 0], stacked[..., count] if alpha else None)
+    return Picture(picture, part.window, part.frame)
 
 
 def read_aov(path: Path, name: str) -> NDArray[np.float32]:

@@ -290,8 +290,9 @@ class Primitives(MarchedBody):
 
     def equals(self, other: object) -> bool:
         """As `Body.equals`."""
-        is_of_kind = isinstance(other, Primitives) and type(self) is type(other)
-        return is_of_kind and same(self._told, other._told)  # noqa: SLF001 - the same class
+        if not isinstance(other, Primitives) or type(self) is not type(other):
+            return False
+        return same(self._told, other._told)  # noqa: SLF001 - of the same class
 
     @property
     def _told(self) -> dict[str, Any]:
