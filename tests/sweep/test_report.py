@@ -425,3 +425,48 @@ def test_the_page_travels_in_the_wheel(tmp_path):
 
     assert {path.relative_to(REPOSITORY).as_posix() for path in assets.iterdir()} <= set(names)
     assert len(list(assets.iterdir())) > 5
+
+
+def test_tables_for_latex(tmp_path):
+    rows = [row(2), row(4), row(8, basis="klt", density_weighting="auto")]
+    make_folder(tmp_path, rows)
+    sweep_report.write(tmp_path, latex=True)
+    text = (tmp_path / "sweep.tex").read_text(encoding="utf-8")
+
+    lines = [line.strip() for line in text.splitlines() if " & " in line]
+    assert lines[0].startswith(r"basis & $\alpha$ & n & bytes per texel & error of T / \% & SSIM lit")
+    assert lines[1].startswith(r"dct & 10 & 2 & 16 & 2.50 & 0.9375 & 28.0 & 25.00 & 10.0 & 22.0 &")
+    assert len(lines) == 1 + len(rows)
+    assert len({line.count("&") for line in lines}) == 1
+    assert text.count(r"\begin{") == text.count(r"\end{") == 2
+
+
+def test_names_from_files_are_no_latex(tmp_path):
+    make_folder(tmp_path, [row(2, volume="a_b\\input{/etc/passwd}%$&#~^\n")])
+    sweep_report.write(tmp_path, latex=True)
+    (caption,) = re.findall(r"caption\{(.*)\}", (tmp_path / "sweep.tex").read_text(encoding="utf-8"))
+
+    shown = r"a\_b\textbackslash{}input\{/etc/passwd\}\%\$\&\#\textasciitilde{}\textasciicircum{} :"
+    assert caption.startswith(shown)
+
+
+def test_figures_for_papers(tmp_path):
+    rows = [row(2), row(4), row(8, basis="klt")]
+    make_folder(tmp_path, [*rows, row(3, volume="../fog", reference="b" * 24)])
+    sweep_report.write(tmp_path, figures=("svg", "pdf"))
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+
+    kinds = [f"{what}.{form}" for what in ("psnr", "rmse", "ray") for form in ("svg", "pdf")]
+    assert names == {f"{name}-{kind}" for name in ("smoke", "fog") for kind in kinds}
+    drawn = (tmp_path / "figures" / "smoke-psnr.svg").read_text(encoding="utf-8")
+    assert all(words in drawn for words in ("bytes per texel", "PSNR lit / dB", ">dct<", ">klt<"))
+    assert (tmp_path / "figures" / "smoke-ray.pdf").read_bytes().startswith(b"%PDF")
+    sweep_report.write(tmp_path, figures=("svg",))
+    assert (tmp_path / "figures" / "smoke-psnr.svg").read_text(encoding="utf-8") == drawn
+
+
+def test_figures_without_matplotlib(tmp_path, monkeypatch):
+    make_folder(tmp_path, [row(2)])
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(InputError, match="drawing figures needs matplotlib: pip install"):
+        sweep_report.write(tmp_path, figures=("svg",))

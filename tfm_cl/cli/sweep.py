@@ -91,6 +91,13 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
     type=click.INT,
     help="processes; with several, each one's seconds are longer",
 )
+@_option("--latex", is_flag=True, help="write DIR/sweep.tex too, tables for a paper (booktabs)")
+@_option(
+    "--figures",
+    metavar="TYPE[,TYPE]",
+    help="draw DIR/figures too, as svg,pdf: quality against bytes, and the ray "
+    "(needs pip install 'tfm_cl[figures]')",
+)
 @scene_options(
     without=(
         "--basis",
@@ -125,6 +132,8 @@ def command(
     converged: bool,
     converged_steps: int | None,
     jobs: int,
+    latex: bool,
+    figures: str | None,
     quiet: bool,
     **given: Any,
 ) -> None:
@@ -167,6 +176,8 @@ def command(
             converged_steps=converged_steps,
             ray=_ray(ray),
             jobs=jobs,
+            latex=latex,
+            figures=() if figures is None else tuple(part.strip() for part in figures.split(",")),
             overrides=changes,
             # One stage, so that the time left is that of the whole.
             progress=lambda _, fraction: progress("sweep", fraction),

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ from tfm_cl.sweep import written as sweep_report
 from tfm_cl.sweep.axes import Axes
 from tfm_cl.sweep.keys import content_hash
 from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes, Progress
+from tfm_cl.sweep.report.figures import FORMATS
 from tfm_cl.sweep.rows import (
     BUDGETS,
     SweepFolder,
@@ -74,6 +75,8 @@ def run(
     converged_steps: int | None = None,
     ray: Ray | None = None,
     jobs: int = 1,
+    latex: bool = False,
+    figures: Collection[str] = (),
     overrides: Overrides | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -105,6 +108,10 @@ def run(
         by `tfm_cl.sweep.curves.choose_ray`, once for each reference.
     jobs
         Number of processes. Several of them share the device, so that their times are longer.
+    latex
+        Whether to write ``sweep.tex``, tables for a paper.
+    figures
+        Formats, ``svg`` or ``pdf``, in which to draw quality against bytes, and the ray, in ``figures``.
     overrides
         Settings for every scene: pairs of a scene file's key and a value, as ``("camera.res", [320, 180])``
         (applied before camera and light are placed), or a function of the scene that was read.
@@ -145,6 +152,7 @@ def run(
         map_sizes=tuple(map_sizes),
     )
     _check(converged_steps, ray, jobs, renderer)
+    _check_figures(figures)
     task = Task(
         out=out,
         axes=axes,
@@ -158,7 +166,7 @@ def run(
     try:
         with pool:
             rows = sweep.run(pool, list(dict.fromkeys(inputs)))
-        sweep_report.write(out)
+        sweep_report.write(out, latex=latex, figures=figures)
     finally:
         sweep.close()  # after the last process has stopped writing
     return rows
@@ -175,6 +183,14 @@ def _check(
         raise InputError(f"jobs = {jobs}: should be from 1 to {MOST_JOBS}")
     if jobs > 1 and not callable(renderer):
         raise InputError(f"jobs = {jobs}: every process has its own renderer; give a function that makes one")
+
+
+def _check_figures(figures: Collection[str]) -> None:
+    for form in figures:
+        if form not in FORMATS:
+            raise InputError(f"figures = {form!r}: should be of {' or '.join(FORMATS)}")
+    if figures and (lack := missing("figures")):
+        raise InputError(f"drawing figures {lack}")
 
 
 class _Sweep:

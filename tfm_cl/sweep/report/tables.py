@@ -27,10 +27,10 @@ def _speed_up(row: SweepRow) -> str:
     return f"{row.seconds_reference / seconds:.1f}×" if seconds > 0 else "–"
 
 
-_Column = tuple[str, Callable[[SweepRow], str]]
+Column = tuple[str, Callable[[SweepRow], str]]
 
-_HEADINGS = {"density_weighting": "α", "map_res": "map"}
-_FIGURES: tuple[_Column, ...] = (
+HEADINGS = {"density_weighting": "α", "map_res": "map"}
+FIGURES: tuple[Column, ...] = (
     ("bytes per texel", lambda row: f"{row.bytes_per_texel:g}"),
     ("error of T / %", lambda row: _percent(row.t_error)),
     ("SSIM lit", lambda row: _similarity(row.lit_ssim)),
@@ -83,11 +83,11 @@ def markdown(groups: Iterable[Group]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _columns(group: Group) -> list[_Column]:
+def _columns(group: Group) -> list[Column]:
     """List the settings that differ, then what was measured."""
-    settings: list[_Column] = [("basis", lambda row: _escaped(row.basis))]
-    settings += [(_HEADINGS.get(name, name), _setting(name)) for name in SETTINGS if name in group.varying]
-    return [*settings, ("n", lambda row: str(row.coeffs)), *_FIGURES]
+    settings: list[Column] = [("basis", lambda row: _escaped(row.basis))]
+    settings += [(HEADINGS.get(name, name), _setting(name)) for name in SETTINGS if name in group.varying]
+    return [*settings, ("n", lambda row: str(row.coeffs)), *FIGURES]
 
 
 def _setting(name: str) -> Callable[[SweepRow], str]:
@@ -98,7 +98,7 @@ def _setting(name: str) -> Callable[[SweepRow], str]:
     return text
 
 
-def _table(columns: list[_Column], rows: Iterable[SweepRow]) -> list[str]:
+def _table(columns: list[Column], rows: Iterable[SweepRow]) -> list[str]:
     return [
         _line(name for name, _ in columns),
         "|" + " --: |" * len(columns),
