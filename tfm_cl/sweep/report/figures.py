@@ -98,6 +98,7 @@ def _quality(group: Group, name: str, label: str) -> Figure:
     if name == "lit_rmse":
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
     axes.legend(fontsize=6)
     return figure
 
