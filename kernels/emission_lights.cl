@@ -5,6 +5,7 @@
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "phase/octaves.h"
+#include "phase/phase.h"
 #include "view/orders.h"
 
 /* light   TFM_ORDER_COLOURS of each point: adds to, or begins, their sums over the lights
@@ -42,7 +43,12 @@ __kernel void emission_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMEN
     const Floats phase = PHASE_OF(&media[m], mu, &fibres);
     for (int c = 0; c < 3; ++c) {
       __global float *numbers = light + (3 * m + c);
-      Floats sum = from->intensity[c] * arrives * octaves_of(&media[m], phase, depth[TFM_CHANNELS == 3 ? c : 0]);
+      const Floats way = depth[TFM_CHANNELS == 3 ? c : 0];
+      Floats scattered = phase * transmittance_of(way);
+#if HAS_OCTAVES
+      scattered += OCTAVE_AT_POINTS * later_octaves(&media[m], mu, way);
+#endif
+      Floats sum = from->intensity[c] * arrives * scattered;
       if (!begins)
         sum += gather_floats(numbers, at);
       store_floats(numbers, at, points.wanted, sum);

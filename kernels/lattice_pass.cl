@@ -34,16 +34,23 @@ __kernel void lattice_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
     sums.deep.scale[c] = scale[c];
 #endif
   see_grids(&scene, &on_ray, on_ray.all, ints(view->steps), 1, on_ray.meets, &camera, lattice, &sums);
+  const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
 #if TFM_LIGHT_LAYERS
   const LightLayers of_crop = light_layers_of(view, added, pixels);
   for (int i = 0; i < TFM_LATTICE_APART; ++i) {
     for (int c = 0; c < 3; ++c) {
+#if HAS_OCTAVES
+      sums.apart[i][c] += octaves_on_ray(view, met.through[c]) * sums.later_apart[i][c];
+#endif
       sums.apart[i][c] *= scale[c];
       sums.colour[c] += sums.apart[i][c];
     }
     add_to_layer(&of_crop, layers[i], sums.apart[i]);
   }
 #else
+#if HAS_OCTAVES
+  add_octaves(view, met.through, &sums);
+#endif
   for (int c = 0; c < 3; ++c)
     sums.colour[c] *= scale[c];
 #endif
@@ -51,7 +58,6 @@ __kernel void lattice_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
     sums.seen[c] *= (float)lights;
   sums.seen_opacity *= (float)lights;
   sums.samples = camera.samples;
-  const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
   FRAME(frame);
   frame_store(&frame, view, pixels, &met, &sums);
 }

@@ -4,7 +4,7 @@
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/lattice.h"
-#include "phase/octaves.h"
+#include "phase/phase.h"
 
 /* Voxels of a record that no other has: those of its block. The ones after, for cells at the block's end, are the first
    of the blocks that follow, where these have a record. */
@@ -100,15 +100,21 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
 #if TFM_TANGENTS
   const FibreAngles fibres = no_strands(); /* voxels have none */
 #endif
-  const Floats phase = PHASE_OF(media + TFM_MEDIA * light->spread, -dot3(sample.direction, in_light.direction), &fibres);
+  const Floats mu = -dot3(sample.direction, in_light.direction);
+  const Floats phase = PHASE_OF(media + TFM_MEDIA * light->spread, mu, &fibres);
   LatticeValue sum;
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sum.of[LATTICE_RADIANCES + c] = transmittance_of(depth[c]);
   for (int c = 0; c < TFM_LATTICE_COLOURS; ++c) {
-    const Floats radiance =
-        intensity_of(light, c) * sample.strength * octaves_of(media, phase, depth[TFM_CHANNELS == 3 ? c : 0]);
-    for (int i = 0; i < TFM_LATTICE_APART; ++i)
-      sum.of[i * TFM_LATTICE_COLOURS + c] = TFM_LATTICE_APART == 1 || i == part ? radiance : floats(0.0f);
+    const Floats arrives = intensity_of(light, c) * sample.strength, way = depth[TFM_CHANNELS == 3 ? c : 0];
+    for (int i = 0; i < TFM_LATTICE_APART; ++i) {
+      const int is_of_part = TFM_LATTICE_APART == 1 || i == part, n = i * TFM_LATTICE_COLOURS + c;
+      sum.of[n] = is_of_part ? arrives * (phase * transmittance_of(way)) : floats(0.0f);
+#if HAS_OCTAVES
+      sum.of[LATTICE_FIRST + n] =
+          is_of_part ? arrives * later_octaves(media + TFM_MEDIA * light->spread, mu, way) : floats(0.0f);
+#endif
+    }
   }
 
   const Ints at = voxels.at * LATTICE_NUMBERS;

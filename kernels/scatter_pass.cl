@@ -37,8 +37,15 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   LightSums sums = light_sums_begin();
+  FRAME(frame);
 #if TFM_LIGHT_LAYERS
   sums.layers = light_layers_of(view, added, pixels);
+#if HAS_OCTAVES
+  /* The camera has been here before. */
+  load_through(&frame, view, pixels, sums.on_ray);
+  for (int c = 0; c < 3; ++c)
+    sums.on_ray[c] = octaves_on_ray(view, sums.on_ray[c]);
+#endif
 #endif
 #if TFM_DEEP_COLOURS
   sums.deep = DEEP_COLOURS(view, ray, pixels);
@@ -69,7 +76,6 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
     scatter_lights(&scene, &one, ray, &on_ray, lit, active, &dimmed, &sums, any_lane(is_seen) ? &camera : 0);
   }
 #endif
-  FRAME(frame);
   if (sees_camera) {
 #if TFM_SHARED && TFM_BODIES
     const CameraSums camera = see_media(&scene, &on_ray, on_ray.all, 0, on_ray.meets);
@@ -82,8 +88,16 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
 #endif
     sums.samples += camera.samples;
     const Seen met = camera_sums_end(view, media, &camera, on_ray.meets, seen.end, pixels, albedo);
+#if HAS_OCTAVES
+    add_octaves(view, met.through, &sums);
+#endif
     frame_store(&frame, view, pixels, &met, &sums);
   } else {
+#if HAS_OCTAVES
+    Floats through[3];
+    load_through(&frame, view, pixels, through);
+    add_octaves(view, through, &sums);
+#endif
     frame_add(&frame, view, pixels, &sums);
   }
 }

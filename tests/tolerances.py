@@ -44,3 +44,10 @@ more than sums do; the ridge bounds it."""
 
 STRETCHES = 40 * FLOAT32
 """Of the brightest: lit stretches summed from a few values, to rounding, against a sum over every step."""
+
+OCTAVES_MEAN = 0.2
+"""Mean brightness of octaves beside all orders of scattering: one more volume, lit from three sides, differs
+from those that their numbers are from by up to 17 %."""
+
+OCTAVES_PSNR = 30.0
+"""Of their pictures, in decibels: at most 3 % of the display's range is missed, on the root mean square."""

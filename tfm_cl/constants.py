@@ -47,6 +47,12 @@ BEND_UNIT = 2.0**-14
 most √2 along an axis. Highlights are where they should be to 5e-5 of a radian."""
 MOST_OCTAVES = 8
 """Of a medium."""
+OCTAVE_GROWTH = 0.55
+"""Power of a camera ray's optical depth with which its light of all octaves but the first grows."""
+OCTAVE_LEAST_THROUGH = 1e-4
+"""Transmittance of the deepest ray that octaves tell from others: of what the default cutoff leaves."""
+OCTAVE_DEPTH_AT_POINTS = 4.0
+"""Optical depth of camera rays where these are not known: at the points of a lattice."""
 EDGE_MARGIN = 1e-3
 """Of a map's width, far more than positions on its edge are rounded by: what passes it by further than this
 meets no medium."""
@@ -86,6 +92,9 @@ def c_definitions() -> str:
         "BEND_UNIT": f"{BEND_UNIT:.9g}f",
         "MOST_OPACITY": f"{MOST_OPACITY:.9g}f",
         "PHASE_CELLS": PHASE_CELLS,
+        "OCTAVE_GROWTH": f"{OCTAVE_GROWTH}f",
+        "OCTAVE_LEAST_THROUGH": f"{OCTAVE_LEAST_THROUGH}f",
+        "OCTAVE_AT_POINTS": f"{OCTAVE_DEPTH_AT_POINTS**OCTAVE_GROWTH:.9g}f",
         "FORWARD_DISK": f"{FORWARD_DISK}f",
         "BEYOND_ANGLES": BEYOND_ANGLES,
         "BEYOND_DEPTHS": BEYOND_DEPTHS,

@@ -1,9 +1,10 @@
 /* The pixels' sums in memory: what the camera sees of the media whatever the lights, and what lights add.
-   Requires: TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light; TFM_LIGHT_LAYERS, 1 where what each light adds is
-   kept by itself too; what deep_colours.h does. */
+   Requires: what phase/octaves.h does; TFM_CHANNELS; TFM_EMISSION, 1 where a medium emits light; TFM_LIGHT_LAYERS, 1 where
+   what each light adds is kept by itself too; what deep_colours.h does. */
 #ifndef TFM_FRAME_H
 #define TFM_FRAME_H
 
+#include "phase/octaves.h"
 #include "view/camera.h"
 #include "view/deep_colours.h"
 
@@ -53,6 +54,12 @@ typedef struct {
 /* What is summed over lights. */
 typedef struct {
   Floats colour[3];          /* radiance towards the camera */
+#if HAS_OCTAVES
+  Floats later[3]; /* the same of all octaves but the first, without what there is of them on a ray */
+#if TFM_LIGHT_LAYERS
+  Floats on_ray[3]; /* which is known before then */
+#endif
+#endif
   Floats seen[TFM_CHANNELS]; /* the part of the light that arrives, times opacity */
   Floats seen_opacity;
   Ints samples;              /* densities read, and samples taken in closed form */
@@ -63,6 +70,9 @@ typedef struct {
   LightLayers layers; /* where that goes light by light */
 #ifdef TFM_LATTICE_APART
   Floats apart[TFM_LATTICE_APART][3]; /* of each part of what a lattice holds, in the place of the colour */
+#if HAS_OCTAVES
+  Floats later_apart[TFM_LATTICE_APART][3];
+#endif
 #endif
 #endif
 } LightSums;
@@ -72,6 +82,10 @@ TFM_INLINE LightSums light_sums_begin(void)
   LightSums sums;
   for (int c = 0; c < 3; ++c)
     sums.colour[c] = floats(0.0f);
+#if HAS_OCTAVES
+  for (int c = 0; c < 3; ++c)
+    sums.later[c] = floats(0.0f);
+#endif
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sums.seen[c] = floats(0.0f);
   sums.seen_opacity = floats(0.0f);
@@ -80,6 +94,11 @@ TFM_INLINE LightSums light_sums_begin(void)
   for (int i = 0; i < TFM_LATTICE_APART; ++i)
     for (int c = 0; c < 3; ++c)
       sums.apart[i][c] = floats(0.0f);
+#if HAS_OCTAVES
+  for (int i = 0; i < TFM_LATTICE_APART; ++i)
+    for (int c = 0; c < 3; ++c)
+      sums.later_apart[i][c] = floats(0.0f);
+#endif
 #endif
   return sums;
 }
@@ -119,6 +138,24 @@ typedef struct {
   __global float4 *transmittance, __global float4 *radiance, __global float4 *light_seen, \
       __global uint *samples AND_EMISSION_ARGUMENT AND_ADDED_ARGUMENT AND_DEEP_ARGUMENTS
 #define FRAME(name) const Frame name = {transmittance, radiance, light_seen, samples AND_EMISSION AND_ADDED}
+
+#if HAS_OCTAVES
+/* What is left of rays whose first launch is done, RGB. */
+TFM_INLINE void load_through(const Frame *frame, VIEW view, Pixels pixels, Floats *through)
+{
+  Floats stored[4];
+  load_float4(frame->transmittance, pixel_index(view, pixels), pixels.wanted, 1.0f, stored);
+  for (int c = 0; c < 3; ++c)
+    through[c] = stored[c];
+}
+
+/* Adds the octaves to the first. */
+TFM_INLINE void add_octaves(VIEW view, const Floats *through, LightSums *sums)
+{
+  for (int c = 0; c < 3; ++c)
+    sums->colour[c] += octaves_on_ray(view, through[c]) * sums->later[c];
+}
+#endif
 
 /* What is stored first. */
 TFM_INLINE void frame_store(const Frame *frame, VIEW view, Pixels pixels, const Seen *seen, const LightSums *sums)

@@ -10,9 +10,10 @@
 #include "body/walk.h"
 #include "view/frame.h"
 
-/* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity, of each part of the light; the
-   mean over the lights of what arrives. */
-#define LATTICE_RADIANCES (TFM_LATTICE_APART * TFM_LATTICE_COLOURS)
+/* What a voxel of a record has: binary logarithms of the radiance over albedo and opacity, of each part of the light, and
+   then once more of all octaves but the first; the mean over the lights of what arrives. */
+#define LATTICE_FIRST (TFM_LATTICE_APART * TFM_LATTICE_COLOURS)
+#define LATTICE_RADIANCES ((HAS_OCTAVES ? 2 : 1) * LATTICE_FIRST)
 #define LATTICE_NUMBERS (LATTICE_RADIANCES + TFM_CHANNELS)
 
 #define LATTICE __global const float *
@@ -21,8 +22,10 @@
 
 #if TFM_LIGHT_LAYERS
 #define PART_OF_LIGHT(sums, i) (sums)->apart[i]
+#define LATER_PART_OF_LIGHT(sums, i) (sums)->later_apart[i]
 #else
 #define PART_OF_LIGHT(sums, i) (sums)->colour
+#define LATER_PART_OF_LIGHT(sums, i) (sums)->later
 #endif
 
 typedef struct {
@@ -107,15 +110,24 @@ TFM_INLINE LatticeValue lattice_at(__global const float *lattice, const Walk *wa
   return value;
 }
 
+/* Adds to a colour, over albedo, what logarithms of the radiance say. */
+TFM_INLINE void add_radiance(const Floats *logarithms, const Floats *opacity, Floats *colour)
+{
+  Floats radiance[TFM_LATTICE_COLOURS];
+  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
+    radiance[c] = exp2_of(logarithms[c]);
+  for (int c = 0; c < 3; ++c)
+    colour[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * radiance[TFM_LATTICE_COLOURS == 3 ? c : 0];
+}
+
 /* A step took its opacity, of mean `weight`, from the ray; colours are then over albedo. */
 TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, const Floats *opacity, Floats weight)
 {
   for (int i = 0; i < TFM_LATTICE_APART; ++i) {
-    Floats radiance[TFM_LATTICE_COLOURS];
-    for (int c = 0; c < TFM_LATTICE_COLOURS; ++c)
-      radiance[c] = exp2_of(value->of[i * TFM_LATTICE_COLOURS + c]);
-    for (int c = 0; c < 3; ++c)
-      PART_OF_LIGHT(sums, i)[c] += opacity[TFM_CHANNELS == 3 ? c : 0] * radiance[TFM_LATTICE_COLOURS == 3 ? c : 0];
+    add_radiance(value->of + i * TFM_LATTICE_COLOURS, opacity, PART_OF_LIGHT(sums, i));
+#if HAS_OCTAVES
+    add_radiance(value->of + LATTICE_FIRST + i * TFM_LATTICE_COLOURS, opacity, LATER_PART_OF_LIGHT(sums, i));
+#endif
   }
   for (int c = 0; c < TFM_CHANNELS; ++c)
     sums->seen[c] += weight * value->of[LATTICE_RADIANCES + c];

@@ -10,19 +10,19 @@
 #include "core/quadrature.h"
 #include "light/batch.h"
 #include "light/stretch.h"
-#include "phase/octaves.h"
+#include "phase/phase.h"
 #include "view/camera_sums.h"
-
-/* Of a map's errors there are no octaves. */
-#define HAS_OCTAVES (TFM_OCTAVES > 1 && !TFM_SHOW_RESIDUAL)
 
 /* How a light arrives at a sample. */
 typedef struct {
 #if TFM_MEDIA == 1
   Floats phase;
-#else
+#endif
+#if TFM_MEDIA > 1 || HAS_OCTAVES
   Floats mu; /* cosine between its travel and the direction to the camera */
   MEDIUM media; /* with the phase functions for this light */
+#endif
+#if TFM_MEDIA > 1
 #if TFM_TANGENTS
   FibreAngles fibres;
 #endif
@@ -62,10 +62,10 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
 #endif
 #if TFM_MEDIA == 1
   arrival.phase = PHASE_OF(scene->media + TFM_MEDIA * light->spread, mu, &fibres);
-#else
-#if TFM_TANGENTS
+#elif TFM_TANGENTS
   arrival.fibres = fibres;
 #endif
+#if TFM_MEDIA > 1 || HAS_OCTAVES
   arrival.mu = mu;
   arrival.media = scene->media + TFM_MEDIA * light->spread;
 #endif
@@ -89,28 +89,20 @@ TFM_INLINE LightArrival light_arrival(const Scene *scene, const Lights *lights, 
   return arrival;
 }
 
-/* The part of a phase function's light that comes this way, of a medium: without octaves what is left of it is known, and
-   multiplied later. */
-#if HAS_OCTAVES
-#define PHASE_AND_WAY(medium, phase, way) octaves_of(medium, phase, way)
-#else
-#define PHASE_AND_WAY(medium, phase, way) (phase)
-#endif
-
 /* What a step scatters of the light that arrives, over its opacity, without the albedo where that is the same
-   everywhere. way: optical depth of the light's. */
-TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour, Floats way)
+   everywhere, and without what is left of it. */
+TFM_INLINE Floats source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour)
 {
-  (void)way;
 #if TFM_MEDIA == 1
+  (void)media;
   (void)step;
   (void)colour;
-  Floats source = PHASE_AND_WAY(media, arrival->phase, way) * arrival->strength;
+  Floats source = arrival->phase * arrival->strength;
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_MEDIA; ++m)
     scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] *
-                 PHASE_AND_WAY(&media[m], PHASE_OF(&arrival->media[m], arrival->mu, &arrival->fibres), way);
+                 PHASE_OF(&arrival->media[m], arrival->mu, &arrival->fibres);
   const Floats extinct = extinguished(media, step, colour);
   Floats source = extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
 #endif
@@ -131,17 +123,67 @@ TFM_INLINE float colour_of_light(MEDIUM media, LIGHT light, int colour)
 #endif
 }
 
-/* Adds a light's sums. */
-TFM_INLINE void add_light(MEDIUM media, LIGHT light, const Floats *sum, LightSums *sums)
+#if HAS_OCTAVES
+/* The same of all octaves but the first, of what is left of them. way: optical depth of the light's. */
+TFM_INLINE Floats later_source_of(MEDIUM media, const Amounts *step, const LightArrival *arrival, int colour, Floats way)
+{
+#if TFM_MEDIA == 1
+  (void)media;
+  (void)step;
+  (void)colour;
+  Floats source = arrival->strength * later_octaves(arrival->media, arrival->mu, way);
+#else
+  Floats scattered = floats(0.0f);
+  for (int m = 0; m < TFM_MEDIA; ++m)
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] *
+                 later_octaves(&arrival->media[m], arrival->mu, way);
+  const Floats extinct = extinguished(media, step, colour);
+  Floats source = extinct > 0.0f ? arrival->strength * scattered / extinct : floats(0.0f);
+#endif
+#if TFM_TEXTURE
+  source *= arrival->tint[colour];
+#endif
+  return source;
+}
+#endif
+
+/* What one light adds to rays, without its colour. */
+typedef struct {
+  Floats of[TFM_CHANNELS];
+#if HAS_OCTAVES
+  Floats later[TFM_CHANNELS]; /* as of LightSums */
+#endif
+} LightSum;
+
+TFM_INLINE LightSum light_sum_begin(void)
+{
+  LightSum sum;
+  for (int c = 0; c < TFM_CHANNELS; ++c) {
+    sum.of[c] = floats(0.0f);
+#if HAS_OCTAVES
+    sum.later[c] = floats(0.0f);
+#endif
+  }
+  return sum;
+}
+
+/* Adds a light's sums, which lack its colour. */
+TFM_INLINE void add_light(MEDIUM media, LIGHT light, const LightSum *sum, LightSums *sums)
 {
 #if TFM_LIGHT_LAYERS
   Floats adds[3];
 #endif
   for (int c = 0; c < 3; ++c) {
     const float colour = colour_of_light(media, light, c);
-    sums->colour[c] += colour * sum[TFM_CHANNELS == 3 ? c : 0];
+    sums->colour[c] += colour * sum->of[TFM_CHANNELS == 3 ? c : 0];
+#if HAS_OCTAVES
+    sums->later[c] += colour * sum->later[TFM_CHANNELS == 3 ? c : 0];
+#endif
 #if TFM_LIGHT_LAYERS
-    adds[c] = colour * sum[TFM_CHANNELS == 3 ? c : 0];
+    adds[c] = colour * sum->of[TFM_CHANNELS == 3 ? c : 0];
+#if HAS_OCTAVES
+    adds[c] += colour * sums->on_ray[c] * sum->later[TFM_CHANNELS == 3 ? c : 0];
+#endif
 #endif
   }
 #if TFM_LIGHT_LAYERS
@@ -215,9 +257,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #endif
 #if !TFM_SHARED
   /* In the order of the steps, so that those that are left out leave no trace in its rounding. */
-  Floats sum[TFM_CHANNELS];
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    sum[c] = floats(0.0f);
+  LightSum sum = light_sum_begin();
 #endif
   while (any_lane(alive) && find_steps(scene->padded, &walk, alive, 0, &list)) {
     Amounts step[MOST_STEPS];
@@ -271,9 +311,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_SHARED
         const Floats *opacity = opacities[k];
         const Floats weight = weights[k];
-        Floats sum[TFM_CHANNELS];
-        for (int c = 0; c < TFM_CHANNELS; ++c)
-          sum[c] = floats(0.0f);
+        LightSum sum = light_sum_begin();
 #else
         Floats opacity[TFM_CHANNELS];
         const Floats weight = take_step(media, state, &step[k], depth, opacity);
@@ -285,11 +323,14 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #endif
         for (int c = 0; c < TFM_CHANNELS; ++c) {
           const Floats left = reduced(arrives[k][c]) * arrival[k].visible;
-          const Floats source = source_of(media, &step[k], &arrival[k], c, arrives[k][c]);
-          sum[c] += opacity[c] * (HAS_OCTAVES ? arrival[k].visible : left) * source;
+          const Floats adds_here = opacity[c] * left * source_of(media, &step[k], &arrival[k], c);
+          sum.of[c] += adds_here;
+#if HAS_OCTAVES
+          sum.later[c] += opacity[c] * arrival[k].visible * later_source_of(media, &step[k], &arrival[k], c, arrives[k][c]);
+#endif
           sums->seen[c] += weight * left;
 #if TFM_DEEP_COLOURS
-          adds[c] = opacity[c] * (HAS_OCTAVES ? arrival[k].visible : left) * source;
+          adds[c] = adds_here;
 #endif
         }
         sums->seen_opacity += weight;
@@ -297,14 +338,14 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
         add_deep(media, light, adds, place_of(&walk, list.n[k]).t, sums);
 #endif
 #if TFM_SHARED
-        add_light(media, light, sum, sums);
+        add_light(media, light, &sum, sums);
 #endif
       }
     }
     alive = active & is_visible(view, state);
   }
 #if !TFM_SHARED
-  add_light(media, light, sum, sums);
+  add_light(media, light, &sum, sums);
 #endif
   sums->samples += active ? read : ints(0);
   if (camera)
@@ -407,6 +448,9 @@ typedef struct {
   Floats opacity[TFM_CHANNELS]; /* of the step, as if nothing were before it */
   Floats way[TFM_CHANNELS];     /* optical depth of the light's way */
   Floats source[TFM_CHANNELS];
+#if HAS_OCTAVES
+  Floats later[TFM_CHANNELS]; /* source of all octaves but the first */
+#endif
   Floats visible;
 } StepLight;
 
@@ -437,12 +481,15 @@ TFM_INLINE StepLight light_of_step(const Scene *scene, const Lights *lights, LIG
     found.before[c] = least(depth[c] + extinguished(media, &until, c), floats(TFM_MAX_OPTICAL_DEPTH)) +
                       (steps->thin ? 0.5f * taken : floats(0.0f));
     found.opacity[c] = counts * (steps->thin ? twice_sinh(0.5f * taken) : opacity_of(taken));
-    found.source[c] = source_of(media, &step, &arrival, c, found.way[c]);
+    found.source[c] = source_of(media, &step, &arrival, c);
+#if HAS_OCTAVES
+    found.later[c] = later_source_of(media, &step, &arrival, c, found.way[c]);
+#endif
   }
   return found;
 }
 
-TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *sum)
+TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, LightSum *sum)
 {
 #if TFM_CHANNELS == 1 && !HAS_OCTAVES
 #if TFM_SHOW_RESIDUAL
@@ -451,7 +498,7 @@ TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *s
   const Floats left = transmittance_of(step->before[0] + step->way[0]); /* one exponential for the way there and back */
 #endif
   const Floats arrives = step->opacity[0] * left * step->visible;
-  sum[0] += arrives * step->source[0];
+  sum->of[0] += arrives * step->source[0];
   sums->seen[0] += arrives;
 #else
   Floats opacity[TFM_CHANNELS], weight = floats(0.0f);
@@ -461,7 +508,10 @@ TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *s
   }
   for (int c = 0; c < TFM_CHANNELS; ++c) {
     const Floats left = reduced(step->way[c]) * step->visible;
-    sum[c] += opacity[c] * (HAS_OCTAVES ? step->visible : left) * step->source[c];
+    sum->of[c] += opacity[c] * left * step->source[c];
+#if HAS_OCTAVES
+    sum->later[c] += opacity[c] * step->visible * step->later[c];
+#endif
     sums->seen[c] += weight * left;
   }
 #endif
@@ -471,7 +521,7 @@ TFM_INLINE void add_step_light(const StepLight *step, LightSums *sums, Floats *s
    lit or all dark. */
 TFM_INLINE void scatter_light_in_bodies(const Scene *scene, const Lights *lights, LIGHT light, Ray ray,
                                         const MediaOnRay *on_ray, const BodySteps *steps, const Floats *depth,
-                                        LightSums *sums, Floats *sum)
+                                        LightSums *sums, LightSum *sum)
 {
   const Ray light_space_ray = ray_in_light(light, ray);
   const Vec3 from = light_space_ray.origin;
@@ -515,12 +565,12 @@ TFM_INLINE void scatter_light_in_bodies(const Scene *scene, const Lights *lights
 #if TFM_DEEP_COLOURS
         Floats adds[TFM_CHANNELS];
         for (int c = 0; c < TFM_CHANNELS; ++c)
-          adds[c] = -sum[c];
+          adds[c] = -sum->of[c];
 #endif
         add_step_light(&step[k], sums, sum);
 #if TFM_DEEP_COLOURS
         for (int c = 0; c < TFM_CHANNELS; ++c)
-          adds[c] += sum[c];
+          adds[c] += sum->of[c];
         add_deep(scene->media, light, adds, steps->begin + steps->length * placed[k].middle, sums);
 #endif
       }
@@ -562,11 +612,9 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
                                      : floats(-1.0f)) <= 0.0f;
   for (int i = 0; i < lights->count; ++i) {
     LIGHT light = lights->of + lights->numbers[i];
-    Floats sum[TFM_CHANNELS];
-    for (int c = 0; c < TFM_CHANNELS; ++c)
-      sum[c] = floats(0.0f);
-    scatter_light_in_bodies(scene, lights, light, ray, on_ray, &steps, depth, sums, sum);
-    add_light(media, light, sum, sums);
+    LightSum sum = light_sum_begin();
+    scatter_light_in_bodies(scene, lights, light, ray, on_ray, &steps, depth, sums, &sum);
+    add_light(media, light, &sum, sums);
   }
   sums->samples += steps.steps * lights->count;
   const Amounts all = amounts_in_bodies(scene, on_ray, &steps, floats(0.0f), floats(1.0f));

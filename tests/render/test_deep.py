@@ -216,3 +216,9 @@ def test_what_cannot_be_is_refused(renderer, monkeypatch):
     monkeypatch.setattr(deep, "MOST_SAMPLES", 100)
     with pytest.raises(SceneError, match=r"deep_tolerance = 0\.01: asks for 1,388 .*than 100; take a larger"):
         renderer.render(SMALL, deep=0.01)
+
+
+def test_colours_of_octaves_are_refused_before_anything_is_rendered(renderer):
+    scene = make_scene(medium=tfm.Medium(octaves=2))
+    with pytest.raises(SceneError, match="deep_colour: octaves are as bright"):
+        renderer.render(scene, deep=0.01, deep_colour=True)

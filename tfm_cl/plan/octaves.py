@@ -1,9 +1,10 @@
 """How much light each octave of scattering adds, where that is left open: by how deep the medium is.
 
-Octaves are a look, whose brightness is right for one optical depth only: light is scattered again as often as
-the medium is deep. The contribution with which 4 octaves are as bright as 80 orders of scattering follows, in
-three volumes of three densities each (`README.md`), from one number: the geometric mean of the optical depths
-of lines through the volume, weighted by their opacity.
+How bright all octaves but the first are together, on a camera ray of an optical depth of 1, follows from the
+phase function and from how deep the whole medium is: the geometric mean of the optical depths of lines
+through the volume, weighted by their opacity. The numbers below, and the defaults of `tfm_cl.scene.medium`,
+make 31 pictures the most like those of 64 orders of scattering: of five volumes, of three densities, lit from
+five sides, with mean cosines of 0, 0.5 and 0.85. Numbers for all but one of these volumes serve that one too.
 """
 
 from __future__ import annotations
@@ -22,17 +23,19 @@ if TYPE_CHECKING:
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
-AT_DEPTH_1, AT_DEPTH_1_AHEAD = 0.33, -0.185
-"""The contribution at an optical depth of 1: of what scatters evenly, and what a mean cosine of 1 adds."""
-PER_E, PER_E_AHEAD = 0.165, 0.1
-"""What a depth e times as large adds, likewise."""
-LEAST, MOST = 0.05, 0.95
+AT_DEPTH_1, AHEAD = 0.52, 0.85
+"""Brightness of what scatters evenly, at a mean depth of 1, and what takes from its logarithm, times g²."""
+BY_DEPTH, BY_DEPTH_AHEAD = 0.16, 0.18
+"""Power of the mean depth with which it grows, of what scatters evenly, and what a mean cosine of 1 adds."""
+LEAST, MOST = 0.05, 1.5
 TIMES_SCATTERED = 1.1
-"""Of one octave more, at an optical depth of 1; it grows with its root."""
+"""As often, at an optical depth of 1, was the light of the octaves scattered; it grows with its root."""
 SHALLOWEST = 1e-9
 """Optical depth that counts as none."""
 SHARED = "medium"
 """Section of the medium of bodies that have none of their own."""
+ROUNDED = 1e-9
+"""Imaginary part of a root that is real."""
 TINY = 1e-300
 """Least opacity, with which a mean has weights."""
 
@@ -87,12 +90,20 @@ def _sections(scene: Scene) -> list[str]:
 
 def _contribution(depth: float, medium: Medium) -> float:
     ahead = max(medium.phase.mean_cosine, 0.0)
-    at_1, per_e = AT_DEPTH_1 + AT_DEPTH_1_AHEAD * ahead, PER_E + PER_E_AHEAD * ahead
-    white = at_1 + per_e * float(np.log(max(depth, SHALLOWEST)))
+    power = BY_DEPTH + BY_DEPTH_AHEAD * ahead
+    white = AT_DEPTH_1 * np.exp(-AHEAD * ahead**2) * max(depth, SHALLOWEST) ** power
     scatters = np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
     # Light loses the albedo each time that it is scattered: more often in what is deeper.
     left = float(scatters.mean()) ** (TIMES_SCATTERED * float(np.sqrt(depth)))
-    return float(f"{left * float(np.clip(white, LEAST, MOST)):.2g}")
+    return _over_the_one_before(left * float(np.clip(white, LEAST, MOST)), medium.octaves)
+
+
+def _over_the_one_before(brightness: float, octaves: int) -> float:
+    """Return the contribution with which all octaves but the first add up to a brightness; 1 at most."""
+    coefficients = [*np.ones(octaves - 1), -brightness]
+    roots = np.roots(coefficients)
+    positive = roots[(np.abs(roots.imag) < ROUNDED) & (roots.real >= 0)].real
+    return float(f"{min(positive.max(initial=0.0), 1.0):.3g}")
 
 
 def _depth(body: Body, medium: Medium) -> float:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tfm_cl.constants import OCTAVE_DEPTH_AT_POINTS
 from tfm_cl.reference.geometry import between
+from tfm_cl.reference.octaves import later_octaves
 
 if TYPE_CHECKING:
     from tfm_cl.plan.orders import Lattice
@@ -44,10 +46,12 @@ class EmittedLight:
             brought = light(points)
             mu = (brought.direction * to_camera).sum(axis=1)
             for medium in media:
-                phase = np.asarray(medium.phase.evaluate(mu))[:, None]
-                for depth, lobe, even in medium.octave_terms.T:
-                    scattered = (lobe * phase + even) * brought.transmittance**depth
-                    self._of_media[medium] += scattered * brought.radiance
+                scattered = np.asarray(medium.phase.evaluate(mu))[:, None] * brought.transmittance
+                if medium.octaves > 1:
+                    scattered = scattered + later_octaves(
+                        medium, mu[:, None], brought.transmittance, OCTAVE_DEPTH_AT_POINTS
+                    )
+                self._of_media[medium] += scattered * brought.radiance
         self._of_media = {medium: total.reshape(*lattice.size, 3) for medium, total in self._of_media.items()}
 
     def source(self, matter: Matter, step: Step, points: Floats) -> Floats:

@@ -26,6 +26,7 @@ from tfm_cl.reference.geometry import (
     overlap,
     warped,
 )
+from tfm_cl.reference.octaves import later_octaves
 from tfm_cl.reference.primitives import meet
 from tfm_cl.scene.bodies.everywhere import EverywhereVolume
 from tfm_cl.scene.phases.base import Phase
@@ -208,20 +209,27 @@ def scattered(matter: Matter, step: Step) -> Floats:
 
 
 def scattered_light(
-    matter: Matter, step: Step, ways: tuple[Floats, Floats], transmittance: Floats, spread: float = 0.0
+    matter: Matter,
+    step: Step,
+    ways: tuple[Floats, Floats],
+    transmittance: Floats,
+    spread: float,
+    ray_depth: Floats,
 ) -> Floats:
     """Part of a step's opacity that scatters a light to the camera, per steradian, ``[n, RGB]``.
 
     ``spread``: of the light; ``ways``: directions ``[n, 3]`` of its travel, and to the camera;
-    ``transmittance`` ``[n, RGB]``: of the bodies between the light and the step.
+    ``transmittance`` ``[n, RGB]``: of the bodies between the light and the step; ``ray_depth`` ``[n, RGB]``:
+    optical depth of the whole camera ray.
     """
     amounts = []
     for amount, medium in zip(step.amounts, matter.media, strict=True):
-        phase = _phase(medium.phase.widened(spread), step, *ways)[:, None]
-        octaves = [
-            (lobe * phase + even) * transmittance**depth for depth, lobe, even in medium.octave_terms.T
-        ]
-        amounts.append(amount * sum(octaves))
+        seen = medium.replace(phase=medium.phase.widened(spread))
+        source = _phase(seen.phase, step, *ways)[:, None] * transmittance
+        if seen.octaves > 1:
+            mu = (ways[0] * ways[1]).sum(axis=-1, keepdims=True)
+            source = source + later_octaves(seen, mu, transmittance, ray_depth)
+        amounts.append(amount * source)
     return _over_depth(step, _summed(matter.sigma_s, amounts))
 
 

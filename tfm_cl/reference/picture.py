@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from tfm_cl.constants import OCTAVE_LEAST_THROUGH
 from tfm_cl.device.margins import grown
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.resolved import resolve
@@ -365,6 +366,7 @@ def _scattered(
             -boxed_depth(matter, rays, crossing, nothing, begin, decided(settings.steps))
             - homogeneous_depth(matter, crossing, nothing, begin)
         )
+    ray_depth = _depth_for_octaves(scene, matter, rays, crossing)
     warp = light.light.projective_depth if settings.sampling == "projective" else None
     parts = segments(crossing, (begin, end), decided(settings.steps))
     for step in march(matter, rays, crossing, parts, through, warp, settings.max_stretch):
@@ -377,12 +379,22 @@ def _scattered(
         )  # what is thin does not shade itself
         transmitted = light.transmittance(scene, points=points - before[:, None] * arrival.direction)
         visible = obstacles.visibility(light.light, points)[:, None]
-        source = scattered_light(matter, step, ways, transmitted, light.light.spread) * light.arrives(points)
+        found = scattered_light(matter, step, ways, transmitted, light.light.spread, ray_depth[step.rays])
+        source = found * light.arrives(points)
         opacity = step.opacity.mean(axis=-1, keepdims=True)
         radiance[pixels] += step.opacity * source * visible
         reached[pixels] += opacity * transmitted * visible
         seen[pixels] += opacity
     return radiance, reached, seen
+
+
+def _depth_for_octaves(scene: Scene, matter: Matter, rays: Rays, crossing: Crossing) -> Floats:
+    """Optical depth ``[rays, RGB]`` of whole rays, as far as octaves tell them apart."""
+    nothing, endless = np.zeros(len(rays.origins)), np.full(len(rays.origins), FAR)
+    depth = boxed_depth(matter, rays, crossing, nothing, endless, decided(scene.march.steps))
+    depth += homogeneous_depth(matter, crossing, nothing, endless)
+    deepest = -np.log(max(scene.march.cutoff, OCTAVE_LEAST_THROUGH))
+    return np.asarray(np.minimum(depth, deepest), dtype=np.float64)
 
 
 def _lit_by_emission(scene: Scene, light: EmittedLight, rays: Rays, limit: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.scene.scene import Scene
 
 WHAT = "the deep samples"
 NUMBERS = 3
@@ -35,6 +36,22 @@ class DeepSettings(NamedTuple):
     """Of the transmittance along a ray."""
     colour: bool
     """Whether they have colours."""
+
+    @classmethod
+    def of(cls, scene: Scene, tolerance: float, *, colour: bool) -> Self:
+        """Ask for them of a scene.
+
+        Raises
+        ------
+        SceneError
+            Colours of octaves.
+        """
+        if colour and any(medium.octaves > 1 for medium in scene.media):
+            raise SceneError(
+                "deep_colour: octaves are as bright as a whole ray lets them be, which samples cannot tell; leave "
+                "deep_colour out, or use orders in place of octaves"
+            )
+        return cls(tolerance, colour)
 
 
 @dataclass(frozen=True)

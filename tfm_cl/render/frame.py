@@ -309,6 +309,11 @@ class Frame:
                 work.camera_is_seen = True
             scatters = self._dark
             met, frame = Met(scatters.arguments), frame.without_emission()
+        octaves = max(medium.octaves for medium in self.scene.media)
+        if work.layers is not None and octaves > 1 and lights and not work.camera_is_seen:
+            # What octaves add to the layer of a light is known when the camera's rays are.
+            work.seconds += self._see(work, frame, has_solids=work.gbuffer is not None)
+            work.camera_is_seen = True
         samples = decided(self.scene.march.steps) * work.light_steps
         serves_camera = self._one_light_reaches_all()
         for variant, members in work.batches.groups(lights):

@@ -113,7 +113,9 @@ class Lattice:
         """Size on the device."""
         assert self.media.bricks is not None  # noqa: S101 - there are grids
         voxels = self.media.bricks.records * record_voxels(self.launcher.lanes)
-        return 4 * voxels * (self._parts * self._colours + self._channels)
+        # All octaves but the first are known apart: how much there is of them differs from ray to ray.
+        sorts = 2 if self.media.defines["TFM_OCTAVES"] != 1 else 1
+        return 4 * voxels * (sorts * self._parts * self._colours + self._channels)
 
     @property
     def fits(self) -> bool:

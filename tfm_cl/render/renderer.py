@@ -279,8 +279,8 @@ class Renderer:
         ------
         SceneError
             Unknown method, a crop outside the frame, maps of another scene, no colour as the background,
-            ``"environment"`` where no light is one, no such samples or filter, or layers of lights of one
-            name, or of more lights than there is room for.
+            ``"environment"`` where no light is one, no such samples or filter, layers of lights of one
+            name or of more lights than there is room for, or colours of deep samples with octaves.
         DeviceError
             Memory or compilation, or the renderer is closed.
         CancelledError
@@ -296,7 +296,7 @@ class Renderer:
         deep_settings = None
         if deep is not None:
             tolerance = image.replace(deep_tolerance=deep).deep_tolerance
-            deep_settings = DeepSettings(tolerance, deep_colour)
+            deep_settings = DeepSettings.of(scene, tolerance, colour=deep_colour)
         if image.shows_environment:
             check_surrounded(scene.lights)
         with self._in_turn():

@@ -42,8 +42,10 @@ MEDIUM = Struct(
         Field("int", "phase_kind", 1, "number of the kind of its phase function"),
         Field("float", "phase", 4, "parameters of that"),
         Field("float", "octave_depth", MOST_OCTAVES, "of each octave: what multiplies optical depths"),
-        Field("float", "octave_lobe", MOST_OCTAVES, "the phase function's share"),
-        Field("float", "octave_even", MOST_OCTAVES, "what is scattered evenly, per steradian"),
+        Field(
+            "float", "octave_share", MOST_OCTAVES, "how much light there is of it, at an optical depth of 1"
+        ),
+        Field("float", "octave_cosine", MOST_OCTAVES, "mean cosine of its phase function"),
         Field("int", "phase_table", 1, "floats from here to its table, where it has one"),
         Field("float", "emission", 3, "radiance per world unit, RGB"),
     ),

@@ -31,7 +31,7 @@ def medium_structs(media: Sequence[Medium]) -> NDArray[Any]:
         struct["phase_kind"] = kinds.index(medium.phase.type)
         phase = medium.phase.kernel_parameters()
         struct["phase"][: len(phase)] = phase
-        for name, values in zip(("depth", "lobe", "even"), medium.octave_terms, strict=True):
+        for name, values in zip(("depth", "share", "cosine"), medium.octave_terms, strict=True):
             struct[f"octave_{name}"][: len(values)] = values
         if table is not None:
             struct["phase_table"] = begin - i * width
