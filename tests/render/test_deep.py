@@ -153,9 +153,7 @@ COLOURS = {
     ),
     "all kinds": SMALL.replace(volume=[SMALL.volume, BALL.with_medium(BROWN), FOG], ambient=AMBIENT),
     "a ball": GREY.replace(volume=[BALL]),
-    "a lattice": SMALL.replace(
-        lights=[SUN, SKY], medium=SMALL.medium.replace(octaves=2), map=SMALL.map.replace(lookup="lattice")
-    ),
+    "a lattice": SMALL.replace(lights=[SUN, SKY], map=SMALL.map.replace(lookup="lattice")),
     "later orders": SMALL.replace(medium=SMALL.medium.replace(orders=3)),
     "emission lights": SMALL.replace(medium=GLOWING.replace(emission_lights=3)),
     "what only glows": SMALL.replace(

@@ -48,8 +48,8 @@ class DeepSettings(NamedTuple):
         """
         if colour and any(medium.octaves > 1 for medium in scene.media):
             raise SceneError(
-                "deep_colour: octaves are as bright as a whole ray lets them be, which samples cannot tell; leave "
-                "deep_colour out, or use orders in place of octaves"
+                "deep_colour: octaves are as bright as a whole ray lets them be, which samples cannot tell; "
+                "leave deep_colour out, or use orders in place of octaves"
             )
         return cls(tolerance, colour)
 
