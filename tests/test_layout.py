@@ -26,6 +26,7 @@ FLOORS = {
     "reference": 10,
     "render": 9,
     "sweep": 9,
+    "bake": 8,
     "cli": 10,
 }
 """Most modules on top of each other down from one of the folder, each importing the next when it is loaded or

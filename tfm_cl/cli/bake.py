@@ -1,0 +1,196 @@
+"""``tfm bake``: a volume or a scene to what other programs show."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import click
+from pydantic.fields import FieldInfo
+
+from tfm_cl.bake import KINDS, Bake
+from tfm_cl.cli.options import (
+    GroupedCommand,
+    GroupedOption,
+    as_flags,
+    names,
+    overrides,
+    scene_options,
+    toml_value,
+)
+from tfm_cl.cli.paths import SOURCE, TARGET
+from tfm_cl.cli.progress import progress_bar
+from tfm_cl.cli.streams import one_line
+from tfm_cl.files.paths import real_path
+from tfm_cl.plan import options
+from tfm_cl.plan.plan import plan
+from tfm_cl.scene import looks
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile
+
+PICTURES = (
+    *("--crop", "--samples", "--filter", "--exposure", "--view", "--background", "--transparent"),
+    *("--png-bits", "--dither", "--aov", "--method"),
+)
+"""Flags of pictures, which no kind uses."""
+
+
+def _fields() -> dict[str, dict[str, FieldInfo]]:
+    """Options of all kinds, by their name, then by the kinds that have one of that name."""
+    found: dict[str, dict[str, FieldInfo]] = {}
+    for kind in KINDS.values():
+        for name, field in kind.model_fields.items():
+            found.setdefault(name, {})[kind.NAME] = field
+    return found
+
+
+def _flag(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _parameter(name: str) -> str:
+    return f"bake_{name}"
+
+
+def _typed(field: FieldInfo) -> click.ParamType[Any]:
+    """Return how the text of a flag is read; what the values may be is for the model to check."""
+    plain: dict[Any, click.ParamType[Any]] = {bool: click.BOOL, int: click.INT, float: click.FLOAT}
+    if get_origin(field.annotation) is Literal:
+        return click.Choice([str(value) for value in get_args(field.annotation)])
+    return plain.get(field.annotation, click.STRING)
+
+
+def _read(field: FieldInfo, value: Any) -> Any:
+    """Turn the text of a flag into the field's value: several are written with commas between."""
+    if not isinstance(value, str):
+        return value
+    if get_origin(field.annotation) is tuple:
+        numeric = {int, float} & set(get_args(field.annotation))
+        return tuple(toml_value(part) if numeric else part for part in names(value))
+    return value if get_origin(field.annotation) is Literal or field.annotation is str else toml_value(value)
+
+
+def _help(of_kinds: dict[str, FieldInfo]) -> str:
+    """Say what an option means to each kind that has it, and its default."""
+    return "; ".join(
+        f"{kind}: {field.description}  [{_shown(field.default)}]" for kind, field in of_kinds.items()
+    )
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ",".join(map(_shown, value))
+    return {"True": "on", "False": "off", "None": "none"}.get(str(value), str(value))
+
+
+def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add a flag for each option of any kind."""
+    for name, of_kinds in reversed(_fields().items()):
+        typed, flag = _typed(next(iter(of_kinds.values()))), _flag(name)
+        function = click.option(
+            f"{flag}/--no-{flag[2:]}" if typed is click.BOOL else flag,
+            _parameter(name),
+            default=None,
+            type=typed,
+            cls=GroupedOption,
+            group="Bake",
+            help=_help(of_kinds),
+        )(function)
+    return function
+
+
+@click.command("bake", cls=GroupedCommand)
+@click.argument("source", metavar="INPUT", type=SOURCE)
+@click.option(
+    "-o",
+    "out",
+    metavar="OUT",
+    required=True,
+    type=TARGET,
+    cls=GroupedOption,
+    group="Bake",
+    help="file or folder to write, as the kind has it",
+)
+@click.option(
+    "--what",
+    type=click.Choice(list(KINDS)),
+    default=next(iter(KINDS)),
+    show_default=True,
+    cls=GroupedOption,
+    group="Bake",
+    help="; ".join(f"{kind.NAME}: {kind.SUMMARY}" for kind in KINDS.values()),
+)
+@_bake_options
+@scene_options(without=PICTURES)
+@click.option(
+    "--look",
+    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
+    cls=GroupedOption,
+    group="Medium",
+    help="what is chosen where nothing is given, as of tfm render  [what suits the kind]",
+)
+@click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
+@click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
+def command(
+    source: Path,
+    out: Path,
+    what: str,
+    settings: tuple[str, ...],
+    look: str | None,
+    device: str | None,
+    *,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Bake INPUT, a volume or a scene (.toml), to what other programs show.
+
+    \b
+    tfm bake cloud.vdb -o maps --what map
+    tfm bake scene.toml -o maps --what map --map-res 256 --coeffs 4
+    """  # noqa: D301 - click wants the character \b, not its escape
+    kind = KINDS[what]
+    bake = kind(**dict(_chosen(kind, given)))
+    changes = overrides(given, settings)
+    _check_used(kind, [key for key, _ in changes])
+    scene_file = SceneFile.read(source, changes, look or kind.LOOK)
+    for path in (source, *scene_file.files()):
+        if real_path(path) == real_path(out):
+            raise click.UsageError(f"{out}: is the input itself; choose another name")
+    bake.check(out)
+    scene = scene_file.make(Scene)
+    planned = plan(scene, file=scene_file)
+    if not quiet:
+        if planned.told:
+            print(f"chosen for {source.name}: {as_flags(planned.told)}", file=sys.stderr)
+        for warning in options.warnings(scene_file, scene):
+            print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+    scene.read_files()  # before the device is looked for
+
+    # OpenCL takes its time to import.
+    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
+
+    with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
+        written = bake.bake(renderer, scene, out, progress)
+    if not quiet:
+        for path in written:
+            print(path)
+
+
+def _chosen(kind: type[Bake], given: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the options given for a kind; refuse those of others."""
+    for name, of_kinds in _fields().items():
+        value = given.pop(_parameter(name))
+        if value is None:
+            continue
+        if kind.NAME not in of_kinds:
+            raise click.UsageError(
+                f"{_flag(name)}: is an option of --what {' and '.join(of_kinds)}; leave it out"
+            )
+        yield name, _read(of_kinds[kind.NAME], value)
+
+
+def _check_used(kind: type[Bake], changed: list[str]) -> None:
+    """Refuse what would be ignored."""
+    for key in changed:
+        if key.startswith(kind.NOT_USED):
+            raise click.UsageError(f"{key}: makes no difference to --what {kind.NAME}; leave it out")
