@@ -22,7 +22,7 @@ FLOORS = {
     "scene": 7,
     "device": 6,
     "plan": 8,
-    "maps": 6,
+    "maps": 7,
     "reference": 10,
     "render": 9,
     "sweep": 9,

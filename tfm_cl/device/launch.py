@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from tfm_cl.device.device import check_process, was_forked
@@ -320,7 +320,7 @@ class Launcher:
         cl.enqueue_copy(self.queue, target, source, byte_count=nbytes, src_offset=first, dst_offset=to)
 
     def download(
-        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: type[np.generic], first: int = 0
+        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: DTypeLike, first: int = 0
     ) -> NDArray[Any]:
         """Copy a buffer, from byte ``first`` on, to the host."""
         array = np.empty(shape, dtype)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.program import Kernel
+    from tfm_cl.device.structs.base import Struct
     from tfm_cl.maps.planned import MapPlan
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.scene.lights import Light
@@ -90,6 +91,24 @@ class MapBuffers:
     """Texels whose ray has a range."""
     occupied: cl.Buffer
     """float2 [res, res]: where density begins and ends, distances from the light; 0 without."""
+
+
+@dataclass(frozen=True)
+class StoredNumbers:
+    """A map on the host, bit by bit."""
+
+    values: NDArray[Any]
+    """[res, res, n], in the type of `STORED`."""
+    limits: NDArray[np.float32]
+    """[n, 2], as of `MapBuffers`."""
+    occupied: NDArray[np.float32]
+    """[res, res, 2], as of `MapBuffers`."""
+    samples: int
+    hits: int
+
+
+STORED: dict[str, type[np.generic]] = {"f32": np.float32, "f16": np.float16, "u8": np.uint8}
+"""Storage of a map -> type of its numbers."""
 
 
 class LightPass:
@@ -307,16 +326,40 @@ class LightPass:
 
     def read(self, plan: MapPlan, buffers: MapBuffers) -> NDArray[np.float32]:
         """Coefficients [y, x, n] as float32, whatever their storage."""
-        settings, room = plan.settings, buffers.numbers
-        shape = (settings.res, settings.res, settings.coeffs)
-        types: dict[str, Any] = {"f32": np.float32, "f16": np.float16, "u8": np.uint8}
-        stored = types[settings.storage]
-        first = room.first * NUMBERS_UNIT * np.dtype(stored).itemsize
-        values = self._launcher.download(room.buffer, shape, stored, first)
-        if settings.storage == "u8":
+        values = self._values(plan.settings, buffers)
+        if plan.settings.storage == "u8":
             return (buffers.limits[:, 0] + buffers.limits[:, 1] * (values / 255.0)).astype(np.float32)
         read: NDArray[np.float32] = plan.number_unit * values.astype(np.float32)
         return read
+
+    def stored(self, settings: ResolvedMap, buffers: MapBuffers) -> StoredNumbers:
+        """Copy a map to the host."""
+        return StoredNumbers(
+            self._values(settings, buffers),
+            buffers.limits,
+            self.read_occupied(settings, buffers),
+            buffers.samples,
+            buffers.hits,
+        )
+
+    def held(self, settings: ResolvedMap, numbers: StoredNumbers) -> MapBuffers:
+        """Put a map on the device that was built elsewhere."""
+        (room,) = self.room(settings, 1)
+        self._launcher.write(room.buffer, numbers.values)
+        occupied = self._launcher.upload("the map's occupied ranges", numbers.occupied)
+        return MapBuffers(room, numbers.limits, 0.0, numbers.samples, numbers.hits, occupied)
+
+    def struct(self, buffer: cl.Buffer, count: int, struct: Struct) -> NDArray[Any]:
+        """Copy structs to the host."""
+        return self._launcher.download(buffer, (count,), struct.dtype)
+
+    def _values(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[Any]:
+        """Copy the numbers [y, x, n] to the host as they are stored."""
+        room, stored = buffers.numbers, STORED[settings.storage]
+        first = room.first * NUMBERS_UNIT * np.dtype(stored).itemsize
+        return self._launcher.download(
+            room.buffer, (settings.res, settings.res, settings.coeffs), stored, first
+        )
 
     def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""

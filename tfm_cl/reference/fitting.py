@@ -42,7 +42,7 @@ def margin_of(scene: Scene, like: TransmittanceMap | None = None) -> float:
     Steps are laid out in that box, so the rule is the product's own.
     """
     if like is not None or not scene.primitives:
-        return like.medium.margin if like is not None else 0.0
+        return like.margin if like is not None else 0.0
     return max(light_margin(_fitted_to(scene, _light_margin(scene))), camera_margin(scene))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.errors import SceneError
+from tfm_cl.maps.held import Loaded, OnDevice
 from tfm_cl.maps.light_pass import LightPass
 from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan.maps import Planner, field_key
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
+
+SAME_CLIP = 1e-5
+"""Of a distance along a light's ray: another processor traces it to within some roundings."""
 
 
 class Sources:
@@ -89,7 +93,8 @@ class MapBuilder:
         """
         if maps is not None:
             self._check(scene, media, maps)
-            return Sources(scene, media, (), maps)
+            here = [self._here(scene, media, place, light_map) for place, light_map in enumerate(maps)]
+            return Sources(scene, media, (), here)
 
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
             return self._visibility.clip(scene, light, size)
@@ -166,10 +171,35 @@ class MapBuilder:
             solids=scene.solids,
             shadow_res=scene.shadow.res,
             origin=world_from_device(scene)[:3, 3],
-            buffers=replace(buffers, seconds=buffers.seconds + plan.seconds),
-            of_light=of_light,
-            medium=medium,
-            light_pass=self._light_pass,
+            held=OnDevice(
+                replace(buffers, seconds=buffers.seconds + plan.seconds), of_light, medium, self._light_pass
+            ),
+        )
+
+    def _here(
+        self, scene: Scene, media: MediaOnDevice, place: int, light_map: TransmittanceMap
+    ) -> TransmittanceMap:
+        """Return a map that serves as this builder has it: from a file or another device it comes here."""
+        if isinstance(light_map.held, OnDevice) and light_map.held.light_pass is self._light_pass:
+            return light_map
+        number, field = divmod(place, media.fields.count)
+        light, settings = scene.lights[number], light_map.settings
+        if isinstance(light_map.held, Loaded) and not _same_clip(
+            light_map.plan.clip, self._visibility.clip(scene, light, settings.res)
+        ):
+            raise SceneError(f"map {place + 1} was built for another set of solids; build the maps again")
+        return replace(
+            light_map,
+            light=light,
+            bodies=scene.marched,
+            solids=scene.solids,
+            origin=world_from_device(scene)[:3, 3],
+            held=OnDevice(
+                self._light_pass.held(settings, light_map.numbers),
+                self._launcher.upload("the light", light_structs(scene, [light])),
+                media.of_fields[field],
+                self._light_pass,
+            ),
         )
 
     def _check(self, scene: Scene, media: MediaOnDevice, maps: Sequence[TransmittanceMap]) -> None:
@@ -195,3 +225,10 @@ class MapBuilder:
             maps[place].check_serves(scene, scene.lights[number], media.fields, field)
         except SceneError as error:
             raise SceneError(f"map {place + 1} {error}") from None
+
+
+def _same_clip(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> bool:
+    """Tell whether solids end a light's rays at the same distances, as far as float32 tells."""
+    if one is None or other is None:
+        return one is other
+    return bool(np.allclose(one, other, rtol=SAME_CLIP, atol=0))

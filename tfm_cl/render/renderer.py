@@ -182,7 +182,7 @@ class Renderer:
         """
         margin = max(light_margin(scene), camera_margin(scene))
         if maps and maps[0].settings.range == "box":
-            margin = maps[0].medium.margin
+            margin = maps[0].margin
         grids, voxels, bricks = (*scene.grids, *scene.flames), scene.march.voxels, None
         if grids:
             bricks = self._cache.get(

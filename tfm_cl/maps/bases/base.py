@@ -112,6 +112,9 @@ class Basis:
     fits: tuple[Fit, ...] = ("l2", "visibility")
     learns: Callable[[Choices], bool] = _never
     """Whether the functions of a map depend on its own light rays."""
+    recalled: Callable[[Choices, NDArray[np.float32]], Functions] | None = None
+    """Makes learnt functions again of their `Functions.modes`, for maps from files; raises `ValueError` for
+    modes that are none. None where nothing is ever learnt."""
     lerps: bool = True
     """Whether the coefficients of neighbouring texels may be interpolated."""
     counts: tuple[int, ...] = USUAL_COUNTS

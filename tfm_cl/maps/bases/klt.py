@@ -126,6 +126,13 @@ def _from_0(functions: Floats) -> NDArray[np.float32]:
     return np.concatenate([np.zeros_like(functions[:1]), functions]).astype(np.float32)
 
 
+def recalled(choices: Choices, modes: NDArray[np.float32]) -> Learnt:
+    """As `Basis.recalled`; what is learnt already needs no functionals."""
+    if modes.shape != (CELLS + 1, choices.coeffs):
+        raise ValueError(f"should be {CELLS + 1}×{choices.coeffs} values")
+    return Learnt(modes, np.zeros((CELLS, choices.coeffs)))
+
+
 KLT = Basis(
     name="klt",
     header="basis/tabulated.h",
@@ -134,4 +141,5 @@ KLT = Basis(
     functions=learn,
     targets=("transmittance", "optical-depth"),
     learns=lambda _: True,
+    recalled=recalled,
 )

@@ -23,6 +23,7 @@ Source: Kim and Neumann, "Opacity Shadow Maps", Eurographics Workshop on Renderi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +116,16 @@ def _cubic(choices: Choices, curves: Curves | None) -> Slices:
     return Slices(planes(choices, curves), cubic=True)
 
 
+def _recalled(choices: Choices, modes: NDArray[np.float32], *, cubic: bool) -> Slices:
+    """As `Basis.recalled`: planes by density halve the range, so that float32 holds them."""
+    if modes.shape != (choices.coeffs, 2):
+        raise ValueError(f"should be {choices.coeffs}×2 values")
+    found = np.append(modes[1:, 0].astype(np.float64), 1.0)
+    if not (np.diff(found, prepend=0.0) > 0).all():
+        raise ValueError("should be planes one behind the other")
+    return Slices(found, cubic)
+
+
 SLICES = Basis(
     name="slices",
     header="basis/slices.h",
@@ -123,6 +134,7 @@ SLICES = Basis(
     functions=_linear,
     targets=("extinction",),
     learns=_by_density,
+    recalled=partial(_recalled, cubic=False),
     counts=tuple(range(1, MOST_PLANES + 1)),
 )
 SLICES_CUBIC = Basis(
@@ -133,4 +145,5 @@ SLICES_CUBIC = Basis(
     functions=_cubic,
     targets=("extinction",),
     learns=_by_density,
+    recalled=partial(_recalled, cubic=True),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from abc import abstractmethod
 from collections.abc import Callable
@@ -154,6 +155,11 @@ class MarchedBody(Body):
 
     @property
     @abstractmethod
+    def digest(self) -> str:
+        """The same told by contents, in hexadecimal digits: what another process reads alike has the same."""
+
+    @property
+    @abstractmethod
     def detail(self) -> float:
         """World units: texels and steps follow what is as small as that."""
 
@@ -189,3 +195,12 @@ def around(boxes: list[NDArray[Any]]) -> NDArray[np.float64]:
     """World box around boxes, [2, 3]."""
     corners = np.stack(boxes)
     return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+
+def digest_of(what: str, *arrays: NDArray[Any]) -> str:
+    """Return hexadecimal digits that tell arrays from others, and what they stand for."""
+    found = hashlib.sha256(what.encode())
+    for array in arrays:
+        found.update(f"|{array.dtype.str}{array.shape}|".encode())
+        found.update(np.ascontiguousarray(array).data)
+    return found.hexdigest()

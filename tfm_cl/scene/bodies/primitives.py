@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import same
-from tfm_cl.scene.bodies.base import MarchedBody
+from tfm_cl.scene.bodies.base import MarchedBody, digest_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -199,6 +199,17 @@ class Primitives(MarchedBody):
     def density_key(self) -> tuple[Any, ...]:
         """All that its density in space depends on."""
         return type(self).__name__, self.number
+
+    @cached_property
+    def digest(self) -> str:
+        """As `MarchedBody.digest`."""
+        cls = type(self)
+        arrays = {
+            name: value
+            for name, value in sorted(vars(self).items())
+            if isinstance(value, np.ndarray) and not isinstance(getattr(cls, name, None), cached_property)
+        }
+        return digest_of(" ".join([cls.__name__, str(self.profile_number), *arrays]), *arrays.values())
 
     @property
     def density(self) -> float:

@@ -21,7 +21,7 @@ from tfm_cl.files.volume_io.limits import too_large
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import same
-from tfm_cl.scene.bodies.base import MarchedBody
+from tfm_cl.scene.bodies.base import MarchedBody, digest_of
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.movable import STEPS, said_by
 
@@ -500,6 +500,13 @@ class Volume(MarchedBody):
         """All that its density in space depends on."""
         return self.content, self.density_scale, self.world_from_index.tobytes()
 
+    @property
+    def digest(self) -> str:
+        """As `MarchedBody.digest`."""
+        parts = (self._voxels,) if self._colour is None else self._colour.products
+        held = "".join(voxels.digest for voxels in parts)
+        return digest_of(held, np.array([self.density_scale]), self.world_from_index)
+
     def same_voxels(self, other: Volume) -> bool:
         """Tell whether both hold the very same voxels and colour in memory, wherever and at any scale."""
         return self._voxels.stored is other._voxels.stored and self.colour is other.colour
@@ -615,6 +622,14 @@ class _Voxels:
         dense = self.stored.to_dense()
         dense.flags.writeable = False
         return dense
+
+    @cached_property
+    def digest(self) -> str:
+        """Of the contents, in the form they came in."""
+        stored = self.stored
+        if isinstance(stored, Leaves):
+            return digest_of(f"{stored.shape} {stored.first}", stored.coordinates, stored.values)
+        return digest_of("dense", stored)
 
     @cached_property
     def typical(self) -> float:

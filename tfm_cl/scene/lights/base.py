@@ -2,7 +2,7 @@
 
 import re
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
@@ -251,6 +251,21 @@ class Light(Model):
             The box around all media, by default the same: rays begin before it.
         """
 
+    def fit(self) -> dict[str, Floats]:
+        """Return what `fitted` found, as arrays by their names; empty before."""
+        return {}
+
+    def with_fit(self, fit: Mapping[str, Floats]) -> Self:
+        """Return the light as it was `fitted` when `fit` was called.
+
+        Raises
+        ------
+        SceneError
+            No arrays that this kind of light has.
+        """
+        del fit
+        return self
+
     @property
     def needs_fitting(self) -> bool:
         """Whether the light must be `fitted` before `frame` can be called."""
@@ -358,6 +373,20 @@ def parse_light(values: dict[str, Any]) -> Light:
         line = unknown_key(str(name), list(LIGHTS), words=OTHER_TYPES).replace("key", "light", 1)
         raise SceneError(Fault(f"light.type: {line}", ("type",)))
     return LIGHTS[name].from_table(values)
+
+
+def fit_array(fit: Mapping[str, Floats], name: str, shape: tuple[int, ...]) -> Floats:
+    """Return one of the arrays of `Light.fit`.
+
+    Raises
+    ------
+    SceneError
+        It is missing, of another shape, or not finite.
+    """
+    array = fit.get(name)
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        raise SceneError(f"light.{name}: should be {'×'.join(map(str, shape))} finite numbers")
+    return array
 
 
 def names_of(lights: Iterable[Light]) -> list[str]:

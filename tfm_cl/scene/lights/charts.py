@@ -184,6 +184,10 @@ class Octahedron(Chart):
         return COARSEST * float(np.subtract(self.high, self.low).max())
 
 
+CHARTS: tuple[type[Chart], ...] = (Perspective, Hemisphere, Octahedron)
+"""All of them, by their numbers in files."""
+
+
 def _folded(lower: NDArray[np.bool_], x: Floats, y: Floats) -> Floats:
     """Exchange the corners (z < 0) with the projection of the lower half along z; its own inverse."""
     return np.column_stack(

@@ -2,19 +2,27 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from operator import lt
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
+from tfm_cl.errors import SceneError
 from tfm_cl.model import Vec3
-from tfm_cl.scene.lights.base import Floats, Light, LightFrame, Reach
+from tfm_cl.scene.lights.base import Floats, Light, LightFrame, Reach, fit_array
+from tfm_cl.scene.lights.charts import CHARTS
 from tfm_cl.scene.lights.fitting import Cone, View, fitted_view, whole_view
 from tfm_cl.scene.transform import turned
 
 NEAR = 0.1
 """Of a box's diagonal: nearer than this, what a light's falloff does from voxel to voxel is not smooth."""
+
+
+UNEVEN = 1e-9
+"""By how much the axes of a view may err."""
 
 
 class PlacedLight(Light):
@@ -53,6 +61,24 @@ class PlacedLight(Light):
         reach = math.inf if self.reach is None else self.reach
         view = fitted_view(np.asarray(self.from_), bounds, self.cone_of_light(), reach)
         light._view = view  # noqa: SLF001 - of the same class
+        return light
+
+    def fit(self) -> dict[str, Floats]:
+        """As `Light.fit`: the axes of its view, [3, 3], and the number and window of its chart."""
+        axes, chart = self.view
+        number = np.array(float(CHARTS.index(type(chart))))
+        return {"axes": axes, "chart": number, "window": np.array([chart.low, chart.high])}
+
+    def with_fit(self, fit: Mapping[str, Floats]) -> Self:
+        """As `Light.with_fit`."""
+        axes, number = fit_array(fit, "axes", (3, 3)), float(fit_array(fit, "chart", ()))
+        low, high = fit_array(fit, "window", (2, 2)).tolist()
+        if not np.allclose(axes.T @ axes, np.eye(3), atol=UNEVEN):
+            raise SceneError("light.axes: should be three unit vectors across each other")
+        if number not in range(len(CHARTS)) or not all(map(lt, low, high)):
+            raise SceneError(f"light.chart: should be a window of one of the {len(CHARTS)} charts")
+        light = self.model_copy()
+        light._view = View(axes, CHARTS[int(number)](tuple(low), tuple(high)))  # noqa: SLF001 - of the same class
         return light
 
     def frame(self) -> LightFrame:

@@ -1,5 +1,6 @@
 """The sun: parallel light."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -8,7 +9,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Vec3, check_different
 from tfm_cl.scene.frames import facing
-from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame, fit_array
 from tfm_cl.scene.transform import corners_of, turned
 
 MARGIN = 1e-5
@@ -58,6 +59,18 @@ class SunLight(Light):
         sun = self.model_copy()
         sun._corners = corners_of(bounds)  # noqa: SLF001 - of the same class
         sun._all_corners = None if everything is None else corners_of(everything)  # noqa: SLF001
+        return sun
+
+    def fit(self) -> dict[str, Floats]:
+        """As `Light.fit`: the corners, [8, 3], of what the map shows, and of all that is lit."""
+        found = {"corners": self._corners, "all_corners": self._all_corners}
+        return {name: corners for name, corners in found.items() if corners is not None}
+
+    def with_fit(self, fit: Mapping[str, Floats]) -> Self:
+        """As `Light.with_fit`."""
+        sun = self.model_copy()
+        sun._corners = fit_array(fit, "corners", (8, 3))  # noqa: SLF001 - of the same class
+        sun._all_corners = fit_array(fit, "all_corners", (8, 3)) if "all_corners" in fit else None  # noqa: SLF001
         return sun
 
     @classmethod
