@@ -46,6 +46,15 @@ class Bake(Model):
         """
         raise NotImplementedError
 
+    def check_scene(self, scene: Scene) -> None:
+        """Find out, before anything is built, whether it can be baked, as far as settings tell.
+
+        Raises
+        ------
+        SceneError
+            Settings that cannot.
+        """
+
     def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
         """Make it.
 

@@ -158,6 +158,7 @@ def command(
             raise click.UsageError(f"{out}: is the input itself; choose another name")
     bake.check(out)
     scene = scene_file.make(Scene)
+    bake.check_scene(scene)
     planned = plan(scene, file=scene_file)
     if not quiet:
         if planned.told:

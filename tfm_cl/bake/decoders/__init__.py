@@ -1,0 +1,1 @@
+"""Decoders of baked maps, which are copied beside them."""
