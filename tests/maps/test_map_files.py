@@ -161,6 +161,17 @@ def test_a_small_archive_that_declares_much_takes_no_memory(file):
         tfm.TransmittanceMap.load(file)
 
 
+def test_a_compressed_map_takes_no_more_memory_than_its_file(file):
+    with np.load(file) as archive:
+        held = dict(archive)
+    about = json.loads(held["about"].tobytes())
+    about["settings"]["res"] = 1024
+    held["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
+    np.savez_compressed(file, **held | {"numbers": np.zeros((1024, 1024, 8), np.float32)})
+    with pytest.raises(InputError, match="'numbers' is compressed"):
+        tfm.TransmittanceMap.load(file)
+
+
 def test_any_cut_of_a_file_is_refused(file):
     data = file.read_bytes()
     for part in (0, 1, len(data) // 2, len(data) - 30):

@@ -13,6 +13,7 @@ from tfm_cl.cli.options import (
     GroupedCommand,
     GroupedOption,
     as_flags,
+    device_option,
     names,
     overrides,
     scene_options,
@@ -129,7 +130,7 @@ def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
     group="Medium",
     help="what is chosen where nothing is given, as of tfm render  [what suits the kind]",
 )
-@click.option("--device", metavar="NAME", cls=GroupedOption, help="part of an OpenCL device's name  [PoCL]")
+@device_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
     source: Path,
@@ -170,7 +171,7 @@ def command(
     # OpenCL takes its time to import.
     from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
-    with Renderer(device) as renderer, progress_bar(quiet=quiet) as progress:
+    with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         written = bake.bake(renderer, scene, out, progress)
     if not quiet:
         for path in written:

@@ -63,6 +63,8 @@ class MapFile(NamedTuple):
         if stored.header.shape != shape or stored.header.dtype != dtype:
             found = f"{stored.header.dtype.name} {list(stored.header.shape)[:8]}"
             raise self.fault(f"the array '{name}' is {found}, not {dtype.name} {list(shape)}")
+        if stored.header.data_bytes > self.path.stat().st_size:
+            raise self.fault(f"the array '{name}' is compressed, as no saved map is")
         array = stored.read()
         if finite and dtype.kind == "f" and not np.isfinite(array).all():
             raise self.fault(f"the array '{name}' holds numbers that are not finite")

@@ -324,8 +324,7 @@ class TransmittanceMap:
         path
             The file.
         device
-            Part of the name of the OpenCL device that evaluates points; by default PoCL, else the first. A
-            renderer uses its own.
+            The OpenCL device that evaluates points, named as for `Renderer`, which uses its own.
 
         Raises
         ------
