@@ -28,6 +28,7 @@ from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.deep import DeepBuffers, DeepPass, DeepSettings
 from tfm_cl.render.emission import EmissionLattice
 from tfm_cl.render.lattice import MOST_APART, Lattice
+from tfm_cl.render.light_at import PointSums
 from tfm_cl.render.orders import Orders
 from tfm_cl.render.raster import Crop
 from tfm_cl.render.scatter import scatter
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
+MOST_PIXELS = 1 << 14
+"""Along a side of a picture for which shadow maps are made."""
 VISIBLE_DEPTH = 7.0
 """Optical depth beyond which light (less than 0.1 % of it) is not missed."""
 
@@ -191,6 +194,26 @@ class Frame:
             sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
         self.stats.refined_pixels += refined
         return sums, samples, (*first.warnings,)
+
+    def light_at(self, points: NDArray[np.floating], groups: Sequence[int]) -> PointSums:
+        """Sum what the lights bring to world points [n, 3].
+
+        Parameters
+        ----------
+        groups
+            Number of the group that each light belongs to.
+        """
+        raster = Crop(self.crop)
+        gbuffer = self.visibility.gbuffer(self.scene, raster)
+        # However few rays the camera has, shadow maps are as fine as they may be.
+        whole = np.tile([0, 0, MOST_PIXELS, MOST_PIXELS], (len(self.scene.lights), 1))
+        work = self._work(raster, gbuffer, _Shared(whole), "tfm", None, (), None)
+        from_origin = (points - world_from_device(self.scene)[:3, 3]).astype(np.float32)
+        found = PointSums(self.launcher, self.media, work.view, from_origin, groups)
+        for variant, members in work.batches.groups(range(len(groups)), all_of_them=True):
+            for indices in work.batches.cut(members):
+                found.add(work.batches.at_points(variant, indices, self._maps_of(work, indices)))
+        return found
 
     def _work(
         self,

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.cache import BUDGET, Cache
@@ -23,6 +24,7 @@ from tfm_cl.device.margins import camera_margin, grown, light_margin
 from tfm_cl.device.media import media_on_device
 from tfm_cl.device.primitives import PrimitivesOnDevice
 from tfm_cl.errors import DeviceError, SceneError, TfmWarning
+from tfm_cl.maps.light_at_points import EMISSION, LightAtPoints
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.orders import orders_of
@@ -174,6 +176,67 @@ class Renderer:
                 return []
             sources = self._maps.sources(scene, media, None)
             return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
+
+    def light_at(self, scene: Scene, points: ArrayLike, *, progress: Progress | None = None) -> LightAtPoints:
+        """Look each light of a scene up at any points, through its map and past all solids.
+
+        Parameters
+        ----------
+        scene
+            Its bodies, lights and solids; what its camera and march are makes no difference.
+        points
+            World positions, shape (..., 3).
+        progress
+            As of `render`.
+
+        Returns
+        -------
+        LightAtPoints
+            For each light, and last for what media emit where that lights others.
+
+        Raises
+        ------
+        SceneError
+            Points that are not finite triples, or two lights of one name.
+        DeviceError
+            Memory or compilation, or the renderer is closed.
+        """
+        world = np.asarray(points, dtype=np.float64)
+        if world.shape[-1:] != (3,) or not np.isfinite(world).all():
+            raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
+        with self._in_turn():
+            return self._light_at(scene, world, progress or _silent)
+
+    def _light_at(self, scene: Scene, world: NDArray[np.float64], progress: Progress) -> LightAtPoints:
+        """As `light_at`, of points that are some."""
+        scene.read_files()
+        names = names_of(scene.lights)
+        if scene.map.max_error is not None:
+            scene, _ = self._chosen(scene, "tfm", None, None, progress)
+        scene = plan(scene, method="tfm").scene
+        groups = [number for number, light in enumerate(scene.lights) for _ in light.parts()]
+        single = _single_lights(scene)
+        if len(single.lights) > len(groups):
+            groups += [len(names)] * (len(single.lights) - len(groups))
+            names.append(EMISSION)
+        frame = Frame(
+            self._launcher,
+            self._visibility,
+            self._maps,
+            single,
+            self._media(single, None),
+            (0, 0, 1, 1),
+            RenderStats(self.device_name),
+            progress,
+            self._cache,
+            PLAIN,
+        )
+        sums = frame.light_at(world.reshape(-1, 3), groups)
+        found = np.zeros((2, len(names), *world.shape), np.float32)
+        for number in range(len(names)):
+            for of, values in zip(found, sums.of(number), strict=True):
+                of[number] = values.reshape(world.shape)
+        return LightAtPoints(tuple(names), *found)
 
     def _media(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
         """Put the media of a scene on the device; those of the last frame are there.

@@ -19,6 +19,7 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io import binary, choose_grid, nvdb, open_grids
 from tfm_cl.files.volume_io import tree as vdb_tree
 from tfm_cl.files.volume_io.limits import MAX_LEAVES
+from tfm_cl.files.volume_io.nvdb_layout import Layout
 from tfm_cl.scene.bodies.volume import Volume
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -100,7 +101,7 @@ def test_teapot_has_tiles_inside():
     path = real_volume("teapot_cloud.nvdb")
     _, content = first_grid(path.read_bytes())
     grid = binary.Cursor(memoryview(content), "teapot")
-    topology = nvdb.walk_topology(grid, nvdb.Layout("float32", np.dtype("<f4")))
+    topology = nvdb.walk_topology(grid, Layout("float32", np.dtype("<f4")))
     small = [tiles for tiles in topology.tree.tiles if tiles.edge == 8]
     node_counts, tile_counts = np.frombuffer(content, "<u4", 6, 672 + 32).reshape(2, 3)
     assert len(topology.leaves_at) == node_counts[0]

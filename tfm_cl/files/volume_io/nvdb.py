@@ -28,7 +28,7 @@ A file is a row of segments, or (since 32.6) bare grids one behind the other. Li
                 1 << (flags >> 5) bits; value = code · quantum + minimum
                 bool: 80 bits[512] values; mask: no values, the active voxels are the set ones
                 index: 80 uint64 index of the first value; the others', or the other active ones', follow
-    statistics  least, largest, mean, deviation; with them nodes of large values grow (see `Layout`)
+    statistics  least, largest, mean, deviation; with them nodes of large values grow (see `nvdb_layout`)
     blind data  of index grids: the values (a grid's 640 int64 offset, 648 uint32 count). Each 288 bytes:
                 0 int64 offset of its data from here, 8 uint64 count, 16 uint32 bytes of a value,
                 20 uint32 semantic, class, type; name
@@ -44,7 +44,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -59,11 +59,8 @@ from tfm_cl.files.volume_io.binary import (
     unzip_into,
 )
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
+from tfm_cl.files.volume_io.nvdb_layout import Layout, entries_of_node
 from tfm_cl.files.volume_io.tree import (
-    LEAF_VOXELS,
-    LOWER_EDGE,
-    ROOT_EDGE,
-    UPPER_EDGE,
     VECTORS,
     LeafBatch,
     Tiles,
@@ -77,13 +74,13 @@ from tfm_cl.files.volume_io.tree import (
     gather_leaves,
     offset_transform,
     place_origins,
-    vector_type,
 )
+from tfm_cl.files.volume_io.tree_shape import LEAF_VOXELS, LOWER_EDGE, ROOT_EDGE, UPPER_EDGE, vector_type
 
 if TYPE_CHECKING:
     from tfm_cl.files.volume_io.leaves import Leaves
 
-__all__ = ["EXTENSIONS", "Layout", "Topology", "open_grids", "walk_leaves", "walk_topology"]
+__all__ = ["EXTENSIONS", "Topology", "open_grids", "walk_leaves", "walk_topology"]
 
 EXTENSIONS = (".nvdb",)
 
@@ -109,104 +106,6 @@ _UNSUPPORTED_TYPES = {
     24: "vec3u8",
     25: "vec3u16",
 }
-
-_Form = Literal["values", "codes", "bits", "mask", "index", "on-index"]
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Memory layout of a grid with a given value type."""
-
-    name: str
-    value: np.dtype[Any]
-    """Type of a value; for quantised types, that of background and tiles."""
-    statistic: int = 4
-    """Size of a mean in bytes."""
-    form: _Form = "values"
-    """Kind of data in the leaves."""
-    code_bits: int = 0
-    """Bits of a quantised voxel; -1 if it differs between leaves."""
-
-    @property
-    def is_vector(self) -> bool:
-        """Whether a value is three numbers."""
-        return self.value.names is not None
-
-    @property
-    def _alignment(self) -> int:
-        """Alignment of a value in bytes."""
-        return self.value["x"].itemsize if self.is_vector else self.value.itemsize
-
-    def _behind(self, at: int, *, values: int) -> int:
-        """First byte after the values and two statistics that follow ``at``."""
-        end = _aligned(at, self._alignment) + values * self.value.itemsize
-        return _aligned(end, self.statistic) + 2 * self.statistic
-
-    @property
-    def background_at(self) -> int:
-        """Byte of the root where the background lies."""
-        return _aligned(28, self._alignment)
-
-    @property
-    def root_size(self) -> int:
-        """Bytes of the root before its tiles."""
-        return _aligned(self._behind(28, values=3), 32)
-
-    @property
-    def root_tile(self) -> np.dtype[Any]:
-        """One tile of the root."""
-        value_at = _aligned(20, self._alignment)
-        return np.dtype(
-            {
-                "names": ["key", "child", "active", "value"],
-                "formats": ["<u8", "<i8", "<u4", self.value],
-                "offsets": [0, 8, 16, value_at],
-                "itemsize": _aligned(value_at + self.value.itemsize, 32),
-            }
-        )
-
-    @property
-    def entry(self) -> np.dtype[Any]:
-        """One entry of a node's table: where a child begins, or the value of a tile."""
-        return np.dtype(
-            {
-                "names": ["child", "value"],
-                "formats": ["<i8", self.value],
-                "offsets": [0, 0],
-                "itemsize": _aligned(self.value.itemsize, 8),
-            }
-        )
-
-    def table_at(self, edge: int) -> int:
-        """Byte of an upper or lower node where its table begins."""
-        return _aligned(self._behind(32 + 2 * _entries(edge) // 8, values=2), 32)
-
-    def node_size(self, edge: int) -> int:
-        """Bytes of an upper or lower node."""
-        return self.table_at(edge) + _entries(edge) * self.entry.itemsize
-
-    @property
-    def leaf_values_at(self) -> int:
-        """Byte of a leaf where its voxels begin."""
-        at = {"bits": 80, "mask": 16, "index": 80, "on-index": 80}.get(self.form)
-        return _aligned(self._behind(80, values=2), 32) if at is None else at
-
-    @property
-    def least_leaf_size(self) -> int:
-        """Bytes of a leaf; the minimum if leaves differ."""
-        size = {"bits": 160, "mask": 96, "index": 96, "on-index": 96}.get(self.form)
-        bits = abs(self.code_bits) or 8 * self.value.itemsize
-        return self.leaf_values_at + LEAF_VOXELS // 8 * bits if size is None else size
-
-
-def _aligned(at: int, alignment: int) -> int:
-    return -(-at // alignment) * alignment
-
-
-def _entries(edge: int) -> int:
-    """Entries of the node whose children are ``edge`` voxels wide."""
-    return (32**3) if edge == UPPER_EDGE else (16**3)
-
 
 _LAYOUTS = {
     1: Layout("float32", np.dtype("<f4")),
@@ -611,7 +510,7 @@ class _Walk:
         self, nodes_at: NDArray[np.int64], origins: NDArray[np.int64], edge: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Read upper or lower nodes; returns the positions of their children and the children's origins."""
-        table_at, entries = self.layout.table_at(edge), _entries(edge)
+        table_at, entries = self.layout.table_at(edge), entries_of_node(edge)
         self.check_nodes(nodes_at, self.layout.node_size(edge))
         of_entries = place_origins(np.zeros(3, np.int64), np.arange(entries), edge)
         children_at = [np.empty(0, np.int64)]

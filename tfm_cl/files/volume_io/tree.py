@@ -19,16 +19,12 @@ from numpy.typing import NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 from tfm_cl.files.volume_io.limits import MAX_LEAVES, too_large, too_many_leaves
+from tfm_cl.files.volume_io.tree_shape import COMPONENTS, LEAF_VOXELS, LOWER_EDGE, UPPER_EDGE
 
 if TYPE_CHECKING:
     from tfm_cl.files.volume_io.binary import Cursor
 
-ROOT_EDGE, UPPER_EDGE, LOWER_EDGE = 4096, 128, LEAF
-"""Voxels along an edge of a tile of the root, of an upper node and of a lower node."""
-LEAF_VOXELS = LOWER_EDGE**3
 LEAVES_PER_BATCH = 256
-COMPONENTS = ("x", "y", "z")
-"""Names of the fields of a vector."""
 VECTORS = "vectors are no densities; as the colour of another grid: --set volume.colour=NAME"
 """Reason why a tree of vectors is refused as a density."""
 
@@ -78,11 +74,6 @@ class Tree:
         high = np.max([origins.max(axis=0) + edge for origins, edge in cubes], axis=0)
         x, y, z = (high - low).tolist()
         return low, (z, y, x)
-
-
-def vector_type(number: str) -> np.dtype[Any]:
-    """Structured type of three numbers: for `differs` it is one value, unlike a row of an array."""
-    return np.dtype([(axis, number) for axis in COMPONENTS])
 
 
 def as_three(value: NDArray[Any]) -> tuple[float, float, float]:

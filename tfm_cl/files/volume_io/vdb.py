@@ -57,10 +57,6 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.binary import Cursor, map_file, unblosc, unzip
 from tfm_cl.files.volume_io.grid import Grid, GridClass, refuse, shown, with_distinct_names
 from tfm_cl.files.volume_io.tree import (
-    LEAF_VOXELS,
-    LOWER_EDGE,
-    ROOT_EDGE,
-    UPPER_EDGE,
     VECTORS,
     LeafBatch,
     Tiles,
@@ -74,8 +70,8 @@ from tfm_cl.files.volume_io.tree import (
     gather_leaves,
     offset_transform,
     place_origins,
-    vector_type,
 )
+from tfm_cl.files.volume_io.tree_shape import LEAF_VOXELS, LOWER_EDGE, ROOT_EDGE, UPPER_EDGE, vector_type
 
 if TYPE_CHECKING:
     from tfm_cl.files.volume_io.leaves import Leaves

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.grid import shown
-from tfm_cl.files.volume_io.leaves import LEAF
 from tfm_cl.files.volume_io.limits import MAX_VOXELS
-from tfm_cl.files.volume_io.tree import LEAF_VOXELS, ROOT_EDGE, UPPER_EDGE
+from tfm_cl.files.volume_io.tree_shape import LEAF_VOXELS, LOWER_EDGE, ROOT_EDGE, UPPER_EDGE
 
 MOST_VOXELS = 1 << 20
 """Along an axis: well within what the keys of a tree's root can say."""
@@ -82,13 +81,13 @@ class WrittenGrid:
 
     def leaves(self) -> WrittenLeaves:
         """Return the blocks of 8³ voxels that hold an active one."""
-        padding = [(0, -length % LEAF) for length in self.active.shape]
+        padding = [(0, -length % LOWER_EDGE) for length in self.active.shape]
         active = np.pad(self.active, padding)
         values = np.pad(self.values, [*padding, *[(0, 0)] * self.is_vector])
-        split = [n for length in active.shape for n in (length // LEAF, LEAF)]
+        split = [n for length in active.shape for n in (length // LOWER_EDGE, LOWER_EDGE)]
         blocks = active.reshape(split)
         z, y, x = np.nonzero(blocks.any(axis=(1, 3, 5)))
-        origins = LEAF * np.stack([x, y, z], axis=-1)
+        origins = LOWER_EDGE * np.stack([x, y, z], axis=-1)
         order = np.lexsort(np.hstack([origins, origins // UPPER_EDGE, origins // ROOT_EDGE])[:, _KEYS].T)
         origins, z, y, x = origins[order], z[order], y[order], x[order]
         is_active = blocks[z, :, y, :, x, :].transpose(0, 3, 2, 1)
