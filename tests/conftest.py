@@ -34,6 +34,7 @@ SLOW_LANES = {
     "test_maps": DEVICE,
     "test_homogeneous": DEVICE,
     "test_lattice": DEVICE,
+    "test_light_at": DEVICE,
     "test_light_layers": DEVICE,
     "test_lit_stretches": DEVICE,
     "test_maps_of_bases": DEVICE,

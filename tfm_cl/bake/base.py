@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from tfm_cl.bake.renderer import Renderer
     from tfm_cl.device.launch import Progress
     from tfm_cl.scene.scene import Scene
+
+    MakeScene = Callable[[], Scene]
+    """Makes a frame's scene."""
 
 
 class Bake(Model):
@@ -33,6 +36,8 @@ class Bake(Model):
     """What it writes, for ``--help``."""
     LOOK: ClassVar[str] = PLAIN
     """Of bare volumes, where ``--look`` is not given."""
+    TAKES_SEVERAL: ClassVar[bool] = False
+    """Whether a sequence of scenes makes one result."""
     NOT_USED: ClassVar[tuple[str, ...]] = ("image.", "march.method")
     """What dotted keys of the scene begin with that make no difference; flags that set them are refused."""
 
@@ -54,6 +59,19 @@ class Bake(Model):
         SceneError
             Settings that cannot.
         """
+
+    def bake_frames(
+        self, renderer: Renderer, frames: Sequence[MakeScene], out: Path, progress: Progress
+    ) -> list[Path]:
+        """As `bake`, of one scene after the other: of one alone, unless the kind ``TAKES_SEVERAL``.
+
+        Parameters
+        ----------
+        frames
+            Each makes a scene; it may be called again, and is not kept, so that one is in memory at a time.
+        """
+        (make,) = frames
+        return self.bake(renderer, make(), out, progress)
 
     def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
         """Make it.

@@ -1,7 +1,9 @@
 """``tfm bake``: a volume or a scene to what other programs show."""
 
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -101,7 +103,7 @@ def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @click.command("bake", cls=GroupedCommand)
-@click.argument("source", metavar="INPUT", type=SOURCE)
+@click.argument("sources", metavar="INPUT...", nargs=-1, required=True, type=SOURCE)
 @click.option(
     "-o",
     "out",
@@ -133,7 +135,7 @@ def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
 @device_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
-    source: Path,
+    sources: tuple[Path, ...],
     out: Path,
     what: str,
     settings: tuple[str, ...],
@@ -143,27 +145,34 @@ def command(
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Bake INPUT, a volume or a scene (.toml), to what other programs show.
+    """Bake INPUT, a volume or a scene (.toml), to what other programs show; some kinds take a sequence.
 
     \b
     tfm bake cloud.vdb -o maps --what map
     tfm bake scene.toml -o maps --what map --map-res 256 --coeffs 4
+    tfm bake scene.toml -o light.vdb --what light-grid --quantity light
+    tfm bake smoke_*.vdb -o smoke.png --what six-way --tile 128
     """  # noqa: D301 - click wants the character \b, not its escape
     kind = KINDS[what]
     bake = kind(**dict(_chosen(kind, given)))
     changes = overrides(given, settings)
     _check_used(kind, [key for key, _ in changes])
-    scene_file = SceneFile.read(source, changes, look or kind.LOOK)
-    for path in (source, *scene_file.files()):
+    if len(sources) > 1 and not kind.TAKES_SEVERAL:
+        raise click.UsageError(f"--what {what} takes one INPUT; got {len(sources)}")
+    sources = tuple(sorted(sources, key=_in_order))
+    scene_files = _alike(sources, changes, look or kind.LOOK)
+    for path in (*sources, *(file for scene_file in scene_files for file in scene_file.files())):
         if real_path(path) == real_path(out):
             raise click.UsageError(f"{out}: is the input itself; choose another name")
     bake.check(out)
+    scene_file = scene_files[0]
     scene = scene_file.make(Scene)
     bake.check_scene(scene)
     planned = plan(scene, file=scene_file)
     if not quiet:
-        if planned.told:
-            print(f"chosen for {source.name}: {as_flags(planned.told)}", file=sys.stderr)
+        told = {key: value for key, value in planned.told.items() if not key.startswith(kind.NOT_USED)}
+        if told:
+            print(f"chosen for {sources[0].name}: {as_flags(told)}", file=sys.stderr)
         for warning in options.warnings(scene_file, scene):
             print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
     scene.read_files()  # before the device is looked for
@@ -172,10 +181,50 @@ def command(
     from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
-        written = bake.bake(renderer, scene, out, progress)
+        if len(scene_files) == 1:
+            written = bake.bake(renderer, scene, out, progress)
+        else:
+            del scene
+            frames = [partial(scene_file.make, Scene) for scene_file in scene_files]
+            written = bake.bake_frames(renderer, frames, out, progress)
     if not quiet:
         for path in written:
             print(path)
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """Return what a sequence is sorted by: numbers in names by what they count."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]
+
+
+def _alike(sources: Sequence[Path], changes: list[tuple[str, Any]], look: str) -> list[SceneFile]:
+    """Read the files of a sequence, in which bare volumes have the same look and the same scales.
+
+    What is chosen for a volume by itself flickers in a sequence: where densities are scaled, the deepest of
+    all decides, and where temperatures are, the hottest.
+    """
+    first = SceneFile.read(sources[0], changes, look)
+    if len(sources) == 1:
+        return [first]
+    found = [first, *(SceneFile.read(source, changes, first.look.name) for source in sources[1:])]
+    same: dict[str, list[float]] = {}
+    for scene_file in found:
+        if scene_file.path.suffix.lower() == ".toml":
+            continue
+        if any(getattr(body, "density_scale", None) == "auto" for body in scene_file.volumes):
+            scaled = scene_file.make(Scene).bodies[0]
+            same.setdefault("volume.density_scale", []).append(getattr(scaled, "density_scale", 1.0))
+        if scene_file.medium.temperature is not None:
+            for key in ("temperature_scale", "Le_scale"):
+                same.setdefault(f"medium.{key}", []).append(getattr(scene_file.medium, key))
+    given = {key for key, _ in changes}
+    kept = [(key, min(values)) for key, values in same.items() if key not in given]
+    return [
+        scene_file
+        if scene_file.path.suffix.lower() == ".toml"
+        else SceneFile.read(scene_file.path, [*changes, *kept], first.look.name)
+        for scene_file in found
+    ]
 
 
 def _chosen(kind: type[Bake], given: dict[str, Any]) -> Iterator[tuple[str, Any]]:

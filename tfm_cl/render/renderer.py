@@ -185,7 +185,8 @@ class Renderer:
         scene
             Its bodies, lights and solids; what its camera and march are makes no difference.
         points
-            World positions, shape (..., 3).
+            World positions, shape (..., 3). Solids shade what has density and what is behind it; points in
+            front of all density may be taken for lit.
         progress
             As of `render`.
 

@@ -104,7 +104,7 @@ def _encoded(picture: NDArray[np.float32], options: WriteOptions, corner: tuple[
         else:
             values += 0.5
         codes[y : y + rows] = values  # rounded down
-    return _file_of_16_bits(codes) if deep else _file_of_8_bits(codes)
+    return file_of(codes)
 
 
 def _values(picture: NDArray[np.float32], options: WriteOptions, stops: float) -> NDArray[np.float64]:
@@ -123,15 +123,23 @@ def _thresholds(shape: tuple[int, ...], x: int, y: int) -> NDArray[np.floating[A
     return np.stack(channels, axis=2)
 
 
-def _file_of_8_bits(codes: NDArray[np.uint8]) -> bytes:
+def file_of(codes: NDArray[np.uint8] | NDArray[np.uint16], *, is_srgb: bool = True) -> bytes:
+    """Return a file of codes [H, W, 3 or 4], of 8 or 16 bits; ``is_srgb``: it says that they are sRGB."""
+    if codes.dtype == np.uint8:
+        return _file_of_8_bits(codes.astype(np.uint8, copy=False), is_srgb=is_srgb)
+    return _file_of_16_bits(codes.astype(np.uint16, copy=False), is_srgb=is_srgb)
+
+
+def _file_of_8_bits(codes: NDArray[np.uint8], *, is_srgb: bool) -> bytes:
     tagged = PngInfo()
-    tagged.add(b"sRGB", SRGB)
+    if is_srgb:
+        tagged.add(b"sRGB", SRGB)
     stream = io.BytesIO()
     PIL.Image.fromarray(codes).save(stream, format="PNG", pnginfo=tagged, compress_level=_LEVEL)
     return stream.getvalue()
 
 
-def _file_of_16_bits(codes: NDArray[np.uint16]) -> bytes:
+def _file_of_16_bits(codes: NDArray[np.uint16], *, is_srgb: bool) -> bytes:
     """Write out the format, as Pillow has no pictures of 16-bit colours."""
     height, width, channels = codes.shape
     lines = codes.astype(">u2").reshape(height, -1).view(np.uint8)
@@ -146,7 +154,8 @@ def _file_of_16_bits(codes: NDArray[np.uint16]) -> bytes:
     colour_type = 2 if channels == _RGB else 6
     header = struct.pack(">IIBBBBB", width, height, 16, colour_type, 0, 0, 0)
     body = zlib.compress(numbered.tobytes(), _LEVEL)
-    chunks = ((b"IHDR", header), (b"sRGB", SRGB), (b"IDAT", body), (b"IEND", b""))
+    tag = [(b"sRGB", SRGB)] * is_srgb
+    chunks = ((b"IHDR", header), *tag, (b"IDAT", body), (b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, content) for kind, content in chunks)
 
 
