@@ -210,9 +210,11 @@ def test_command_line_takes_a_sequence(tmp_path, monkeypatch, capsys):
     density = make_scene().volume.data
     for number, scale in ((2, 1.0), (10, 0.1)):
         np.savez(f"smoke{number}.npz", density=scale * density, voxel_size=0.1)
-    flags = ("-o", "sheet.png", "--what", "six-way", "--tile", "16")
+    flags = ("-o", "sheet.png", "--what", "six-way", "--tile", "16", "--pixel-samples", "1", "--bits", "8")
     assert main(["bake", "smoke10.npz", "smoke2.npz", *flags]) == 0
-    assert capsys.readouterr().out.split() == ["sheet_positive.png", "sheet_negative.png", "sheet.json"]
+    told = capsys.readouterr()
+    assert "chosen for all 2: --density-scale" in told.err
+    assert told.out.split() == ["sheet_positive.png", "sheet_negative.png", "sheet.json"]
     opacity = np.asarray(PIL.Image.open("sheet_positive.png"))[..., 3]
     assert opacity.shape == (16, 32)
     # Scaled alike, the second, which is number 10, is the thinner.
@@ -221,6 +223,8 @@ def test_command_line_takes_a_sequence(tmp_path, monkeypatch, capsys):
         (("smoke2.npz", "smoke10.npz", "-o", "maps", "--what", "map"), "takes one INPUT; got 2"),
         (("smoke2.npz", *flags, "--camera-from", "1,2,3"), "camera.from: makes no difference"),
         (("smoke2.npz", *flags, "--quantity", "light"), "is an option of --what light-grid"),
+        (("smoke2.npz", *flags, "--bits", "12"), "'12' is not one of '8', '16'"),
+        (("smoke2.npz", *flags, "--gain", "lots"), "bake.gain = 'lots'"),
     ):
         assert main(["bake", *arguments]) == 2
         assert message in capsys.readouterr().err

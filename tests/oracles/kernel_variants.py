@@ -244,6 +244,11 @@ def _of_scatter(case: Case) -> Program:
     return headers, defines | macros
 
 
+def _of_light_at(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return of_lights.variant(media)
+
+
 def _of_surface(case: Case) -> Program:
     of_lights, media = _batch(case)
     headers, defines = of_lights.variant(media)
@@ -390,6 +395,7 @@ EMISSION_LIT: Choices = {
     "texture": (0,),
     "shared": (0,),
 }
+AT_POINTS: Choices = {"shared": (0,), "basis": EVALUATED}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 
@@ -402,6 +408,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "deep_pass.cl": (_of_deep, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **DEEP}]),
     "lattice_pass.cl": (_of_lattice_pass, [{**LATTICE, **APART, **DEEP}]),
     "emission_lights.cl": (_of_emission_lights, [EMISSION_LIT]),
+    "light_at.cl": (_of_light_at, [GRIDS_LIT | AT_POINTS, OTHERS_LIT | AT_POINTS]),
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),

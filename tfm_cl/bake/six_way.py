@@ -84,7 +84,7 @@ class SixWayBake(Bake):
     power_of_two: bool = Field(
         default=False, description="columns and rows are powers of two, and so is the sheet with such a tile"
     )
-    samples: int = Field(4, description="of a pixel, at most: 1, 4, 16, 64 or 256")
+    pixel_samples: Literal[1, 4, 16, 64, 256] = Field(4, description="rays of a pixel, at most")
     front: Vec3 | None = Field(
         None, description="x,y,z from the smoke to the camera; none: +z where y is up, -y where z is"
     )
@@ -190,7 +190,9 @@ class SixWayBake(Bake):
         groups = [[light] for light in scene.lights] if alone else [list(scene.lights)]
         maps: list[Floats] = []
         for lights in groups:
-            result = renderer.render(scene.replace(lights=lights), aovs=("lights",), samples=self.samples)
+            result = renderer.render(
+                scene.replace(lights=lights), aovs=("lights",), samples=self.pixel_samples
+            )
             layers = result.aovs
             maps += [layers[f"light.{light.name}"] + layers.get("orders", 0) for light in lights]
         glow = layers.get("emission", 0) + layers.get("emission_light", 0)

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -70,7 +71,9 @@ def _read(field: FieldInfo, value: Any) -> Any:
     if get_origin(field.annotation) is tuple:
         numeric = {int, float} & set(get_args(field.annotation))
         return tuple(toml_value(part) if numeric else part for part in names(value))
-    return value if get_origin(field.annotation) is Literal or field.annotation is str else toml_value(value)
+    if get_origin(field.annotation) is Literal:
+        return {str(known): known for known in get_args(field.annotation)}[value]
+    return value if field.annotation is str else toml_value(value)
 
 
 def _help(of_kinds: dict[str, FieldInfo]) -> str:
@@ -160,7 +163,7 @@ def command(
     if len(sources) > 1 and not kind.TAKES_SEVERAL:
         raise click.UsageError(f"--what {what} takes one INPUT; got {len(sources)}")
     sources = tuple(sorted(sources, key=_in_order))
-    scene_files = _alike(sources, changes, look or kind.LOOK)
+    scene_files, shared = alike(sources, changes, look or kind.LOOK)
     for path in (*sources, *(file for scene_file in scene_files for file in scene_file.files())):
         if real_path(path) == real_path(out):
             raise click.UsageError(f"{out}: is the input itself; choose another name")
@@ -171,8 +174,8 @@ def command(
     planned = plan(scene, file=scene_file)
     if not quiet:
         told = {key: value for key, value in planned.told.items() if not key.startswith(kind.NOT_USED)}
-        if told:
-            print(f"chosen for {sources[0].name}: {as_flags(told)}", file=sys.stderr)
+        _tell_chosen(sources[0].name, told)
+        _tell_chosen(f"all {len(sources)}", shared)
         for warning in options.warnings(scene_file, scene):
             print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
     scene.read_files()  # before the device is looked for
@@ -192,39 +195,64 @@ def command(
             print(path)
 
 
+def _tell_chosen(what: str, chosen: dict[str, Any]) -> None:
+    if chosen:
+        print(f"chosen for {what}: {as_flags(chosen)}", file=sys.stderr)
+
+
 def _in_order(path: Path) -> list[tuple[int, str]]:
     """Return what a sequence is sorted by: numbers in names by what they count."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
 
-def _alike(sources: Sequence[Path], changes: list[tuple[str, Any]], look: str) -> list[SceneFile]:
+def alike(
+    sources: Sequence[Path], changes: list[tuple[str, Any]], look: str
+) -> tuple[list[SceneFile], dict[str, float]]:
     """Read the files of a sequence, in which bare volumes have the same look and the same scales.
 
     What is chosen for a volume by itself flickers in a sequence: where densities are scaled, the deepest of
-    all decides, and where temperatures are, the hottest.
+    all decides, and where temperatures are, the hottest. Returns these scales, too, by dotted key.
     """
     first = SceneFile.read(sources[0], changes, look)
     if len(sources) == 1:
-        return [first]
+        return [first], {}
     found = [first, *(SceneFile.read(source, changes, first.look.name) for source in sources[1:])]
-    same: dict[str, list[float]] = {}
-    for scene_file in found:
-        if scene_file.path.suffix.lower() == ".toml":
-            continue
-        if any(getattr(body, "density_scale", None) == "auto" for body in scene_file.volumes):
-            scaled = scene_file.make(Scene).bodies[0]
-            same.setdefault("volume.density_scale", []).append(getattr(scaled, "density_scale", 1.0))
-        if scene_file.medium.temperature is not None:
-            for key in ("temperature_scale", "Le_scale"):
-                same.setdefault(f"medium.{key}", []).append(getattr(scene_file.medium, key))
-    given = {key for key, _ in changes}
-    kept = [(key, min(values)) for key, values in same.items() if key not in given]
-    return [
-        scene_file
-        if scene_file.path.suffix.lower() == ".toml"
-        else SceneFile.read(scene_file.path, [*changes, *kept], first.look.name)
-        for scene_file in found
-    ]
+    scaled = [scene_file.make(Scene).bodies[0] for scene_file in found if _scales_density(scene_file)]
+    hot = [scene_file.medium for scene_file in found if _glows(scene_file)]
+    shared: dict[str, float] = {}
+    if scaled:
+        shared["volume.density_scale"] = min(getattr(body, "density_scale", 1.0) for body in scaled)
+    if hot:
+        shared["medium.temperature_scale"] = min(medium.temperature_scale for medium in hot)
+        shared["medium.Le_scale"] = min(medium.Le_scale for medium in hot)
+    return [_with_scales(scene_file, shared) for scene_file in found], shared
+
+
+def _with_scales(scene_file: SceneFile, shared: dict[str, float]) -> SceneFile:
+    """Return a frame's file with the scales of its sequence."""
+    if _scales_density(scene_file):
+        scale = shared["volume.density_scale"]
+        volumes = tuple(body.replace(density_scale=scale) for body in scene_file.volumes)
+        scene_file = replace(scene_file, volumes=volumes)
+    if _glows(scene_file):
+        scales = {key.removeprefix("medium."): value for key, value in shared.items() if "medium." in key}
+        scene_file = replace(scene_file, medium=scene_file.medium.replace(**scales))
+    return scene_file
+
+
+def _is_bare(scene_file: SceneFile) -> bool:
+    return scene_file.path.suffix.lower() != ".toml"
+
+
+def _glows(scene_file: SceneFile) -> bool:
+    """Tell whether a bare file's temperatures glow, by scales that were chosen for it."""
+    return _is_bare(scene_file) and scene_file.medium.temperature is not None
+
+
+def _scales_density(scene_file: SceneFile) -> bool:
+    """Tell whether a bare file's density scale is chosen for it."""
+    scales = (getattr(body, "density_scale", None) for body in scene_file.volumes)
+    return _is_bare(scene_file) and any(scale == "auto" for scale in scales)
 
 
 def _chosen(kind: type[Bake], given: dict[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -6,7 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from openvdb_reading import ask_openvdb, assert_is_what_openvdb_reads
+from openvdb_reading import ask_openvdb, assert_is_what_openvdb_reads, openvdb_python
 from scenes import turned
 from tolerances import FLOAT32
 
@@ -78,6 +78,13 @@ def test_openvdb_reads_the_same(tmp_path):
     ask_openvdb(path)
     assert_is_what_openvdb_reads(path)
     assert_holds(path, GRIDS)
+    program = (
+        "import json, sys, pyopenvdb as vdb\n"
+        "facts = {grid.name: grid.metadata for grid in vdb.readAll(sys.argv[1])[0]}\n"
+        "print(json.dumps({name: facts[name]['tfm:quantity'] for name in facts}))"
+    )
+    told = subprocess.run([openvdb_python(), "-c", program, path], check=True, capture_output=True, text=True)
+    assert json.loads(told.stdout) == dict.fromkeys((grid.name for grid in GRIDS), "transmittance")
 
 
 def nanovdb(tool, *arguments):

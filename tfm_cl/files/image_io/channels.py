@@ -1,20 +1,21 @@
-"""Pictures whose four channels are no colours but numbers: written as they are, without sRGB or dither."""
+"""Pictures whose four channels are no colours but numbers: written as they are, without sRGB or dither.
+
+To add a format, write a module with ``write_channels(path, channels, bits)`` and add it to ``WRITERS``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError
-from tfm_cl.files.image_io import WriteOptions, exr
-from tfm_cl.files.image_io.image import Image
-from tfm_cl.files.image_io.png import file_of
 
+WRITERS: dict[str, str] = {".exr": "exr", ".png": "png", ".tga": "tga"}
+"""Modules of `tfm_cl.files.image_io` by file extension; imported when a picture of that kind is written."""
 Bits = Literal[8, 16]
 
 
@@ -32,7 +33,8 @@ def write_channels(path: Path, channels: NDArray[np.float32], bits: Bits = 8, *,
     extension
         Which format it is: ``.exr`` (float32), ``.png`` or ``.tga``, as of `extension_of`.
     """
-    _WRITERS[extension](path, channels, bits)
+    module = importlib.import_module(f"tfm_cl.files.image_io.{WRITERS[extension]}")
+    module.write_channels(path, channels, bits)
 
 
 def extension_of(path: Path) -> str:
@@ -44,39 +46,14 @@ def extension_of(path: Path) -> str:
         None that `write_channels` knows.
     """
     extension = path.suffix.lower()
-    if extension not in _WRITERS:
+    if extension not in WRITERS:
         raise ImageError(
-            f"{path}: channels cannot be written as '{path.suffix}'; known: {' '.join(sorted(_WRITERS))}"
+            f"{path}: channels cannot be written as '{path.suffix}'; known: {' '.join(sorted(WRITERS))}"
         )
     return extension
 
 
-def _codes(channels: NDArray[np.float32], largest: int) -> NDArray[np.float32]:
+def codes_of(channels: NDArray[np.float32], largest: int) -> NDArray[np.float32]:
     """Return the nearest whole numbers to the channels' parts of the largest."""
     codes: NDArray[np.float32] = np.floor(np.clip(channels, 0, 1) * np.float32(largest) + np.float32(0.5))
     return codes
-
-
-def _write_exr(path: Path, channels: NDArray[np.float32], bits: Bits) -> None:
-    del bits
-    exr.write(path, Image(rgba=channels), WriteOptions(pixel_type="float"))
-
-
-def _write_png(path: Path, channels: NDArray[np.float32], bits: Bits) -> None:
-    codes = _codes(channels, (1 << bits) - 1)
-    narrow = bits == 8  # noqa: PLR2004 - a byte
-    path.write_bytes(file_of(codes.astype(np.uint8) if narrow else codes.astype(np.uint16), is_srgb=False))
-
-
-def _write_tga(path: Path, channels: NDArray[np.float32], bits: Bits) -> None:
-    del bits
-    PIL.Image.fromarray(_codes(channels, 255).astype(np.uint8)).save(
-        path, format="TGA", compression="tga_rle"
-    )
-
-
-_WRITERS: dict[str, Callable[[Path, NDArray[np.float32], Bits], None]] = {
-    ".exr": _write_exr,
-    ".png": _write_png,
-    ".tga": _write_tga,
-}

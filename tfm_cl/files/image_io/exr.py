@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError, unknown_key
 from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions, with_alpha
+from tfm_cl.files.image_io.channels import Bits
 from tfm_cl.files.image_io.exr_header import header_of, line_of
 from tfm_cl.files.image_io.exr_layers import Part, beauty
 from tfm_cl.files.image_io.image import Image, Picture, Window
@@ -28,6 +29,11 @@ HOLDS_LAYERS = True
 _HALF_MAX = 65504.0
 _MAX_RATIO = 1 << 16  # pixels per byte, more than any of the compressions reaches on real pictures
 _stderr_lock = threading.Lock()
+
+
+def write_channels(path: Path, channels: NDArray[np.float32], _bits: Bits) -> None:
+    """Write numbers [H, W, 4] of any size, as float32."""
+    write(path, Image(rgba=channels), WriteOptions(pixel_type="float"))
 
 
 def write(path: Path, image: Image, options: WriteOptions) -> None:

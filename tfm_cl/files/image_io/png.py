@@ -23,6 +23,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from tfm_cl.errors import ImageError
 from tfm_cl.files.image_io import MAX_PIXELS, Exposure, PngOptions, WriteOptions
+from tfm_cl.files.image_io.channels import Bits, codes_of
 from tfm_cl.files.image_io.display import automatic_exposure, shown, straight
 from tfm_cl.files.image_io.dither import thresholds
 from tfm_cl.files.image_io.image import Image, Picture, check_finite
@@ -51,6 +52,15 @@ def write(path: Path, image: Image, options: WriteOptions) -> None:
     """
     rgba = image.foreground if options.transparent and image.foreground is not None else image.rgba
     path.write_bytes(_encoded(rgba, options, image.data_window[:2]))
+
+
+def write_channels(path: Path, channels: NDArray[np.float32], bits: Bits) -> None:
+    """Write numbers [H, W, 4] from 0 to 1, which are no colours; nothing says that they are sRGB."""
+    codes = codes_of(channels, (1 << bits) - 1)
+    if bits == 8:  # noqa: PLR2004 - a byte
+        path.write_bytes(_file_of_8_bits(codes.astype(np.uint8), is_srgb=False))
+    else:
+        path.write_bytes(_file_of_16_bits(codes.astype(np.uint16), is_srgb=False))
 
 
 def png_bytes(
@@ -104,7 +114,7 @@ def _encoded(picture: NDArray[np.float32], options: WriteOptions, corner: tuple[
         else:
             values += 0.5
         codes[y : y + rows] = values  # rounded down
-    return file_of(codes)
+    return _file_of_16_bits(codes) if deep else _file_of_8_bits(codes)
 
 
 def _values(picture: NDArray[np.float32], options: WriteOptions, stops: float) -> NDArray[np.float64]:
@@ -123,14 +133,7 @@ def _thresholds(shape: tuple[int, ...], x: int, y: int) -> NDArray[np.floating[A
     return np.stack(channels, axis=2)
 
 
-def file_of(codes: NDArray[np.uint8] | NDArray[np.uint16], *, is_srgb: bool = True) -> bytes:
-    """Return a file of codes [H, W, 3 or 4], of 8 or 16 bits; ``is_srgb``: it says that they are sRGB."""
-    if codes.dtype == np.uint8:
-        return _file_of_8_bits(codes.astype(np.uint8, copy=False), is_srgb=is_srgb)
-    return _file_of_16_bits(codes.astype(np.uint16, copy=False), is_srgb=is_srgb)
-
-
-def _file_of_8_bits(codes: NDArray[np.uint8], *, is_srgb: bool) -> bytes:
+def _file_of_8_bits(codes: NDArray[np.uint8], *, is_srgb: bool = True) -> bytes:
     tagged = PngInfo()
     if is_srgb:
         tagged.add(b"sRGB", SRGB)
@@ -139,7 +142,7 @@ def _file_of_8_bits(codes: NDArray[np.uint8], *, is_srgb: bool) -> bytes:
     return stream.getvalue()
 
 
-def _file_of_16_bits(codes: NDArray[np.uint16], *, is_srgb: bool) -> bytes:
+def _file_of_16_bits(codes: NDArray[np.uint16], *, is_srgb: bool = True) -> bytes:
     """Write out the format, as Pillow has no pictures of 16-bit colours."""
     height, width, channels = codes.shape
     lines = codes.astype(">u2").reshape(height, -1).view(np.uint8)
