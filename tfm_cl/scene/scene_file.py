@@ -144,7 +144,7 @@ class VolumeSettings(Movable):
     origin: Accepts[Numbers | None, Point | None] = Field(
         default=None,
         validate_default=True,
-        description="world position of the low corner of voxel 0,0,0 (files without a transform)",
+        description="position of the low corner of voxel 0,0,0, world units (files without a transform)",
     )
     transform: Accepts[Rows | None, Matrix | None] = Field(
         default=None,

@@ -18,8 +18,8 @@ class SphereVolume(Homogeneous):
     KIND: ClassVar[int] = 2
     HEADER: ClassVar[str] = "body/sphere.h"
     shape: Literal["sphere"] = "sphere"
-    centre: Vec3 = Field(default=(0, 0, 0), validate_default=True, description="world position")
-    radius: float = Field(default=1.0, gt=0, le=LARGEST_COORDINATE, description="world units")
+    centre: Vec3 = Field(default=(0, 0, 0), validate_default=True, description="centre, world units")
+    radius: float = Field(default=1.0, gt=0, le=LARGEST_COORDINATE, description="radius, world units")
 
     @property
     def bounds(self) -> NDArray[np.float64]:

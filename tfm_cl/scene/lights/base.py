@@ -311,7 +311,7 @@ class Light(Model):
         """1, or 1 / distance², which does not grow further below the distance ``nearest``.
 
         Of a ball of the radius R, see `core`, the mean of that over its points, where x = distance / R:
-        3/2 (1 + (1 - x²) / 2x ln |(1 + x) / (1 - x)|) / R². Within 4 %, at the surface, that is
+        ``3/2 (1 + (1 - x²) / 2x ln |(1 + x) / (1 - x)|) / R²``. Within 4 %, at the surface, that is
         (3 - x² - x⁴/5 - 3x⁸/10) / R² inside, and (1 + x⁻²/5 + 3x⁻⁶/10) / distance² outside.
         """
         gain = np.ones(len(distance))

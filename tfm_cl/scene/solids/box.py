@@ -23,9 +23,12 @@ class BoxSolid(AnalyticSolid):
         default=DEFAULT_ALBEDO, validate_default=True, description="diffuse reflectance, linear RGB, 0 to 1"
     )
     from_: Vec3 = Field(
-        default=(-1.0, -1.0, -1.0), validate_default=True, validation_alias="from", description="low corner"
+        default=(-1.0, -1.0, -1.0),
+        validate_default=True,
+        validation_alias="from",
+        description="low corner, object units",
     )
-    to: Vec3 = Field(default=(1.0, 1.0, 1.0), validate_default=True, description="high corner")
+    to: Vec3 = Field(default=(1.0, 1.0, 1.0), validate_default=True, description="high corner, object units")
 
     @model_validator(mode="after")
     def _has_a_volume(self) -> Self:

@@ -15,7 +15,9 @@ class PlaneSolid(FlatSolid):
     """The plane through ``point`` perpendicular to ``normal``; visible from both sides."""
 
     shape: Literal["plane"] = "plane"
-    point: Vec3 = Field(default=(0.0, 0.0, 0.0), validate_default=True, description="a point on the plane")
+    point: Vec3 = Field(
+        default=(0.0, 0.0, 0.0), validate_default=True, description="a point on the plane, object units"
+    )
     normal: Vec3 = Field(
         default=(0.0, 1.0, 0.0),
         validate_default=True,

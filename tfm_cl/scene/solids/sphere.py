@@ -19,9 +19,11 @@ class SphereSolid(AnalyticSolid):
     albedo: Albedo = Field(
         default=DEFAULT_ALBEDO, validate_default=True, description="diffuse reflectance, linear RGB, 0 to 1"
     )
-    centre: Vec3 = Field(default=(0.0, 0.0, 0.0), validate_default=True, description="centre of the sphere")
+    centre: Vec3 = Field(
+        default=(0.0, 0.0, 0.0), validate_default=True, description="centre of the sphere, object units"
+    )
     radius: float = Field(
-        default=1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius of the sphere"
+        default=1.0, ge=1 / LARGEST_COORDINATE, le=LARGEST_COORDINATE, description="radius, object units"
     )
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
