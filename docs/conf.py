@@ -28,6 +28,7 @@ myst_enable_extensions = ["attrs_inline", "attrs_block", "colon_fence", "deflist
 myst_heading_anchors = 3
 copybutton_prompt_text = "$ "
 copybutton_only_copy_prompt_lines = True
+copybutton_line_continuation_character = "\\"
 
 smartquotes = False
 default_role = "py:obj"  # docstrings name code in single backticks

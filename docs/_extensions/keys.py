@@ -34,8 +34,10 @@ KINDS: dict[str, dict[str, type[Model]]] = {
 """What there are several kinds of -> the models of the kinds, by the name that tells them apart."""
 
 UNIT = re.compile(
-    r"(?:^|, |: |in )(world units|object units|degrees|millimetres|µm|texels|pixels|stops|steps)\b"
-    r"|(per world unit)"
+    r"(?:^|, |: |in )(world units|object units|the file's units|degrees|millimetres|µm)\b"
+    r"|(?:^|, |: |in )(texels|pixels|stops|steps)\b"
+    r"|(?:^|RGB )(radiance|irradiance)\b"
+    r"|(per world unit)\b"
 )
 """Where the description of a number names its unit."""
 
@@ -142,8 +144,8 @@ def facts_of(model: type[Model], key: str) -> tuple[str, str, str]:
 
 def _entry(prefix: str, model: type[Model], key: str) -> Entry:
     takes, default, meaning = facts_of(model, key)
-    found = UNIT.search(meaning) if re.search("number|angle", takes) else None
-    unit = (found[1] or found[2]) if found else ""
+    numeric = re.search("number|angle", takes)
+    unit = " ".join(found[found.lastindex or 0] for found in UNIT.finditer(meaning)) if numeric else ""
     example, required = example_of(model, key), _field(model, key).is_required()
     return Entry(key, f"{prefix}-{key}", takes, default, meaning, unit, example, required)
 

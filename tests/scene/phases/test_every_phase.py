@@ -160,10 +160,10 @@ def test_every_parameter_has_a_default_on_the_command_line(name):
 
 
 @pytest.mark.parametrize("name", PHASES)
-def test_the_help_and_the_readme_know_it(name):
+def test_the_help_and_the_guide_know_it(name):
     assert PHASES[name].usage() in str(tfm.Medium.model_fields["phase"].description)
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
-    assert f"| `{PHASES[name].usage()}` |" in readme or f'`type = "{name}"`' in readme
+    guide = (Path(__file__).parents[3] / "docs/guide/media.md").read_text(encoding="utf-8")
+    assert f"| `{PHASES[name].usage()}` |" in guide or f'`type = "{name}"`' in guide
 
 
 @pytest.mark.parametrize(
