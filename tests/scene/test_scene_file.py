@@ -138,6 +138,8 @@ png_bits = 16
 dither = false
 aov = ["depth", "samples"]
 pixel_type = "half"
+deep_tolerance = 0.02
+deep_colour = true
 """
 
 
@@ -255,6 +257,8 @@ def test_every_key_arrives(folder):
         dither=False,
         aov=("depth", "samples"),
         pixel_type="half",
+        deep_tolerance=0.02,
+        deep_colour=True,
     )
     assert plan(scene, file=file).told == {}
 

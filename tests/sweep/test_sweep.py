@@ -136,7 +136,7 @@ WRITE_REPORT = sweep_report.write
 @pytest.fixture(autouse=True)
 def _without_report(monkeypatch):
     """The report takes most of a small sweep's time; what looks at it asks for it."""
-    monkeypatch.setattr(sweep_report, "write", lambda _out: None)
+    monkeypatch.setattr(sweep_report, "write", lambda *_, **__: None)
 
 
 @pytest.fixture
@@ -1042,6 +1042,8 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
         "converged_steps": 90,
         "ray": (0.25, 1.0),
         "jobs": 2,
+        "figures": (),
+        "latex": False,
         "overrides": [("march.steps", 7)],
     }
     said = capsys.readouterr()
@@ -1136,7 +1138,7 @@ def test_several_processes_make_the_same_rows(volume, tmp_path, device_name):
 
 
 def test_errors_of_other_processes_are_ours(volume, out):
-    with pytest.raises(NoDeviceError, match="no OpenCL device with 'abacus'") as caught:
+    with pytest.raises(NoDeviceError, match="no OpenCL device has the name or number 'abacus'") as caught:
         sweep.run([volume], out, partial(Renderer, "abacus"), jobs=2)
 
     assert "\n" not in str(caught.value)

@@ -161,7 +161,7 @@ def test_unusable_files_are_one_line(tmp_path):
     for name, message in (
         ("missing.png", "cannot be read (No such file or directory)"),
         ("text.png", "not a readable PNG"),
-        ("a.jpg", "not a known image format '.jpg'; known: .exr .npy .png"),
+        ("a.jpg", "not a known image format '.jpg'; known: .deep.exr .exr .npy .png"),
         ("folder.png", "is not a file"),
         ("nul\0.png", "without control characters"),
     ):

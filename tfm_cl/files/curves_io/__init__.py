@@ -13,7 +13,7 @@ from tfm_cl.files.paths import read_by_extension
 FORMATS: dict[str, str] = {
     ".hair": ".hair",
     ".npz": ".numpy_arrays",
-    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd_curves"),
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), ".usd_curves"),
 }
 """Modules of this package by file extension; imported when a file of that kind is opened."""
 

@@ -14,7 +14,7 @@ FORMATS: dict[str, str] = {
     ".bgeo": ".bgeo",
     ".npz": ".numpy_arrays",
     ".ply": ".ply",
-    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd_points"),
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), ".usd_points"),
     ".vtk": ".vtk_legacy",
     ".vtp": ".vtk_xml",
     ".vtu": ".vtk_xml",
