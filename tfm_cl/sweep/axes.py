@@ -141,11 +141,11 @@ class Axes:
 
 
 def nearest_count(basis: str, count: Any) -> Any:
-    """Return the number of coefficients of a basis nearest to a given one, the smaller of two."""
+    """Return the number of coefficients of a basis nearest to a given one, the larger of two."""
     counts = BASES[BEST if basis == "auto" else basis].counts
     # A number far from all of these is refused by the settings.
     possible = type(count) is int and 1 <= count <= max(*counts, *USUAL_COUNTS)
-    return min(counts, key=lambda own: (abs(own - count), own)) if possible else count
+    return min(counts, key=lambda own: (abs(own - count), -own)) if possible else count
 
 
 def _unique(values: Iterable[Weighting]) -> list[Weighting]:
