@@ -105,6 +105,26 @@ def claim(kind: str, name: str, known: dict[str, Any]) -> None:
     _claimed.append(name)
 
 
+def register_class(kind: str, cls: object, base: type[Any], key: str, known: dict[str, Any]) -> None:
+    """Add a class of models to those that are known, by the name that is the default of a key.
+
+    Raises
+    ------
+    InputError
+        It is no class of ``base``, has no name, or one that is taken, or its kernel header is not there.
+    """
+    if not isinstance(cls, type) or not issubclass(cls, base):
+        raise InputError(f"a {kind} should be a class of tfm_cl.{base.__name__}; got {cls!r:.80}")
+    model: Any = cls
+    name = model.model_fields[key].default
+    if not isinstance(name, str):
+        raise InputError(f"{cls.__name__}: {key} should be Literal[NAME] with that name as default")
+    claim(kind, name, known)
+    if hasattr(model, "HEADER"):
+        check_header(model.HEADER)
+    known[name] = cls
+
+
 _claimed: list[str] = []
 """Names of all that was registered."""
 

@@ -5,8 +5,7 @@ To add one, write a module with a `Light` subclass and its kernel header, and li
 
 from typing import Any
 
-from tfm_cl.errors import InputError
-from tfm_cl.plugins import check_header, claim, register_installed
+from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.lights.base import LIGHTS, Arrival, Light, LightFrame, parse_light
 from tfm_cl.scene.lights.environment import EnvironmentLight
 from tfm_cl.scene.lights.point import PointLight
@@ -50,15 +49,7 @@ def register_light(cls: type[Light]) -> None:
     InputError
         It is no such class, its name is taken, or its header is not there.
     """
-    found: object = cls
-    if not isinstance(found, type) or not issubclass(found, Light):
-        raise InputError(f"a light should be a class of tfm_cl.Light; got {found!r:.80}")
-    name = cls.model_fields["type"].default
-    if not isinstance(name, str):
-        raise InputError(f"{cls.__name__}: type should be Literal[NAME] with that name as default")
-    claim("light", name, LIGHTS)
-    check_header(cls.HEADER)
-    LIGHTS[name] = cls
+    register_class("light", cls, Light, "type", LIGHTS)
 
 
 def _register(_name: str, cls: Any) -> None:

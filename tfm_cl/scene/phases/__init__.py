@@ -5,8 +5,7 @@ To add one, write a module with a `Phase` subclass and its kernel header, and li
 
 from typing import Any
 
-from tfm_cl.errors import InputError
-from tfm_cl.plugins import check_header, claim, register_installed
+from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.phases.double_henyey_greenstein import DoubleHenyeyGreenstein
 from tfm_cl.scene.phases.draine import Draine
@@ -69,15 +68,7 @@ def register_phase(cls: type[Phase]) -> None:
     InputError
         It is no such class, its name is taken, or its header is not there.
     """
-    found: object = cls
-    if not isinstance(found, type) or not issubclass(found, Phase):
-        raise InputError(f"a phase function should be a class of tfm_cl.Phase; got {found!r:.80}")
-    name = cls.model_fields["type"].default
-    if not isinstance(name, str):
-        raise InputError(f"{cls.__name__}: type should be Literal[NAME] with that name as default")
-    claim("phase function", name, PHASES)
-    check_header(cls.HEADER)
-    PHASES[name] = cls
+    register_class("phase function", cls, Phase, "type", PHASES)
 
 
 def _register(_name: str, cls: Any) -> None:

@@ -5,8 +5,7 @@ To add a shape, write a module with an `AnalyticSolid` subclass and list the cla
 
 from typing import Any
 
-from tfm_cl.errors import InputError
-from tfm_cl.plugins import claim, register_installed
+from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.solids.base import MESHES, SOLIDS, AnalyticSolid, Solid, parse_solid
 from tfm_cl.scene.solids.box import BoxSolid
 from tfm_cl.scene.solids.ground import GroundSolid
@@ -47,14 +46,7 @@ def register_solid(cls: type[AnalyticSolid]) -> None:
     InputError
         It is no such class, or its name is taken.
     """
-    found: object = cls
-    if not isinstance(found, type) or not issubclass(found, AnalyticSolid):
-        raise InputError(f"a solid should be a class of tfm_cl.AnalyticSolid; got {found!r:.80}")
-    name = cls.model_fields["shape"].default
-    if not isinstance(name, str):
-        raise InputError(f"{cls.__name__}: shape should be Literal[NAME] with that name as default")
-    claim("solid", name, SOLIDS)
-    SOLIDS[name] = cls
+    register_class("solid", cls, AnalyticSolid, "shape", SOLIDS)
 
 
 def _register(_name: str, cls: Any) -> None:
