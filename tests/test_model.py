@@ -102,6 +102,7 @@ def test_what_is_no_colour(colour):
         (lambda: tfm.MarchSettings(steps="all"), "march.steps = 'all': should be a whole number"),
         (lambda: tfm.MarchSettings(cutoff=1), "march.cutoff = 1: should be less than 1"),
         (lambda: tfm.MarchSettings(cutoff=-1e-9), "march.cutoff = -1e-09: should be greater than or equal"),
+        (lambda: tfm.SphereSolid(radius=0), "solid.radius = 0: should be greater than or equal to 1e-15"),
         (lambda: tfm.MarchSettings(voxels="f64"), "march.voxels = 'f64': should be 'f32', 'f16' or 'u8'"),
         (lambda: tfm.MarchSettings(skip_empty="no"), "march.skip_empty = 'no': should be a valid boolean"),
         (lambda: tfm.MapSettings(storage="f64"), "map.storage = 'f64': should be 'f32', 'f16' or 'u8'"),

@@ -31,6 +31,13 @@ tfm.register_basis(replace(BASES["dct"], name="mine", header=__file__, counts=(0
 """
 
 
+WITH_A_HEADER_OF_OURS = """
+from dataclasses import replace
+from tfm_cl.maps.bases import BASES
+tfm.register_basis(replace(BASES["dct"], name="mine", header=BASES["klt"].header))
+"""
+
+
 @pytest.fixture(autouse=True)
 def forgotten(monkeypatch):
     """What a test registers is forgotten after it."""
@@ -81,6 +88,12 @@ def test_a_format_of_volumes(plugin, tmp_path):
     tfm.load_plugin(path)
 
     np.testing.assert_array_equal(tfm.Volume.load(tmp_path / "a.cloud").data, blobs())
+
+
+def test_a_basis_may_share_the_header_of_another(plugin):
+    tfm.load_plugin(plugin(WITH_A_HEADER_OF_OURS))
+
+    assert tfm.MapSettings(basis="mine").basis == "mine"
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,8 @@ class Model(DescribedModel):
         if fault["type"] == "missing":
             return Fault(f"{cls.SECTION}.{fault['loc'][0]} is missing")
         message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
+        if fault["type"] == "greater_than_equal":  # pydantic writes out all zeros of 1e-15
+            message = f"should be greater than or equal to {fault['ctx']['ge']:g}"
         if not key or (fault["type"] == "value_error" and not parts):
             return Fault(f"{cls.SECTION}: {message}", place)
         return Fault(f"{key} = {reprlib.repr(fault['input'])}: {message}", place)

@@ -126,7 +126,9 @@ def _common(section: str) -> list[str]:
 
 
 def _listed(prefix: str, model: type[Model], keys: list[str]) -> str:
-    return definition_list(_entry(prefix, model, key) for key in keys) or "It has no keys of its own."
+    # What has to be there comes first; else they are in the order of the model.
+    entries = sorted((_entry(prefix, model, key) for key in keys), key=lambda entry: not entry.required)
+    return definition_list(entries) or "It has no keys of its own."
 
 
 def _field(model: type[Model], key: str) -> FieldInfo:

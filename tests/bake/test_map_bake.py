@@ -131,6 +131,13 @@ def test_what_no_decoder_reads_is_refused(renderer, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_is_not_called_as_a_file(tmp_path):
+    with pytest.raises(tfm.InputError, match=r"light.vdb: is to be a folder of maps"):
+        MapBake().check(tmp_path / "light.vdb")
+    MapBake().check(tmp_path / "maps.v2")
+    assert not list(tmp_path.iterdir())
+
+
 def test_decoders_are_short():
     for name in DECODERS:
         code = re.sub(r'""".*?"""', "", (DECODER_FOLDER / name).read_text(), flags=re.DOTALL)

@@ -217,6 +217,7 @@ def test_the_volume_of_a_scene_is_not_overwritten(bad, scene):
         ("to = [8, 6, 7]\n[[", "to = [8, 6, 7\n[[", "not TOML: "),
         ("file = ", "file ", "scene.toml:2: not TOML: "),
         ("from = [0, 0, 40]", "from = [0, 0, 40]\nfrom = [0, 0, 41]", "scene.toml:5: not TOML: "),
+        ("[[light]]", "[light]\ncone = 3\n[[light]]", "each begins with [[light]], not [light]"),
         ("[camera]", "[camrea]", "unknown key 'camrea'; did you mean 'camera'?"),
         ("[camera]\nfrom", "[camera]\nform", "unknown key 'form' in [camera]; did you mean 'from'?"),
         (

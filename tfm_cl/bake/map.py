@@ -22,7 +22,7 @@ from pydantic import BeforeValidator, Field
 
 from tfm_cl.bake.base import Bake, check_folder, filling
 from tfm_cl.constants import TABULATED_CELLS
-from tfm_cl.errors import SceneError, unknown_key
+from tfm_cl.errors import InputError, SceneError, unknown_key
 from tfm_cl.files import texture_io
 from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.scene.lights.base import names_of
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 VERSION = 1
 """Of ``maps.json``, raised when older decoders would misread the files."""
 DECODERS = ("decode.glsl", "decode.hlsl", "decode.osl", "decode.py")
+FILE_ENDINGS = frozenset({".exr", ".ktx2", ".npy", ".nvdb", ".png", ".tga", ".vdb"})
+"""Of files that are baked; a folder with such a name would be a surprise."""
 PROJECTIONS = ("orthographic", "perspective", "hemisphere", "octahedron")
 """By their numbers in the decoders: a sun's, and the charts of lights with a position."""
 FINE = 1024
@@ -86,7 +88,11 @@ class MapBake(Bake):
     )
 
     def check(self, out: Path) -> None:
-        """As `Bake.check`."""
+        """As `Bake.check`; a name that ends as a file's was meant for another kind."""
+        if out.suffix.lower() in FILE_ENDINGS and not out.is_dir():
+            raise InputError(
+                f"{out}: is to be a folder of maps, but is called as a file; name a folder, or choose --what"
+            )
         check_folder(out)
 
     def check_scene(self, scene: Scene) -> None:

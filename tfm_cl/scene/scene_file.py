@@ -455,6 +455,8 @@ def _values_of(path: Path) -> tuple[Values, Source]:
         reason, where = str(error), str(path)
         if place := re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", reason, re.DOTALL):
             reason, where = f"{place[1]} (column {place[3]})", f"{path}:{place[2]}"
+            if reason.startswith(("Cannot overwrite", "Cannot declare")):
+                reason += "; it is there already; of several lights each begins with [[light]], not [light]"
         raise SceneError(f"{where}: not TOML: {reason}") from None
 
 
