@@ -159,7 +159,8 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 
 #if TFM_ORDER_DEGREE
 /* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.
-   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine; of each medium in turn
+   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine; of each medium in turn, for each spread
+              of lights in turn
    scattered  of the points one after the other, and there of each medium in turn; adds to
    way_view, way_media  where the media are told apart: coefficients of what they scatter */
 __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
@@ -193,7 +194,7 @@ __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
     const Ints row = between_points(met / (met + BEYOND_HALF) * (float)(BEYOND_DEPTHS - 1), BEYOND_DEPTHS, &to_next);
     const Ints at = row * BEYOND_ANGLES + column;
     for (int m = 0; m < APART_MEDIA; ++m) {
-      __global const float *table = beyond + m * BEYOND_DEPTHS * BEYOND_ANGLES;
+      __global const float *table = beyond + (from->spread * APART_MEDIA + m) * BEYOND_DEPTHS * BEYOND_ANGLES;
       const Floats one = lerp(gather_floats(table, at), gather_floats(table + 1, at), to_right);
       const Floats next = lerp(gather_floats(table + BEYOND_ANGLES, at), gather_floats(table + BEYOND_ANGLES + 1, at), to_right);
       const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);

@@ -26,6 +26,9 @@ CASES = {
     "colours": SCENE,
     "grey": SCENE.replace(medium=GREY),
     "lobe": make_scene(medium=RGB.replace(phase="hg:0.8")),
+    "lobe, an even sky": make_scene(
+        medium=RGB.replace(phase="hg:0.8"), lights=[tfm.EnvironmentLight(intensity=0.3, samples=4), SUN]
+    ),
     "grey lobe, a map of depths": make_scene(
         medium=GREY.replace(phase="hg:-0.3"), map=SCENE.map.replace(basis="fourier", coeffs=7)
     ),

@@ -17,6 +17,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF, MOST_DEGREE
+from tfm_cl.scene.phases.base import left_by_spread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -164,7 +165,9 @@ def far_moments(phase: Phase) -> Floats:
     return phase.legendre_moments(FARTHEST_DEGREE) * fades
 
 
-def beyond(phase: Phase, lobe: Lobe, orders: int, way: Floats | None = None) -> NDArray[np.float32]:
+def beyond(
+    phase: Phase, lobe: Lobe, orders: int, way: Floats | None = None, spread: float = 0.0
+) -> NDArray[np.float32]:
     """Tabulate what the orders after the first scatter of a light beyond the lobe's degree.
 
     In a small angle around its way, light that was scattered k times has the moments χ_l^k, and there is
@@ -172,7 +175,8 @@ def beyond(phase: Phase, lobe: Lobe, orders: int, way: Floats | None = None) -> 
     steradian: the sum over k from 1 to orders - 1 of e^-s s^k / k! Σ (2l + 1) / 4π χ_l^(k+1) P_l(μ) over all
     l > degree, and of the others as far as they are not trusted. Rows are even in s / (s + BEYOND_HALF), of
     s = ϖ τ, columns in ((1 - μ) / 2)^(1/4). ``way``: the moments `far_moments` of what scatters on the way,
-    where that is not this phase function alone, which then is that of the last scattering.
+    where that is not this phase function alone, which then is that of the last scattering. ``spread``: as of
+    `Light.spread`.
 
     Source: H. C. van de Hulst, "Multiple Light Scattering" (1980), small-angle scattering.
     """
@@ -182,6 +186,7 @@ def beyond(phase: Phase, lobe: Lobe, orders: int, way: Floats | None = None) -> 
     moments = far_moments(phase)
     unknown = np.ones(FARTHEST_DEGREE)
     unknown[: lobe.degree + 1] -= lobe.trusted
+    unknown *= left_by_spread(np.arange(FARTHEST_DEGREE), spread)
     way = moments if way is None else way
     mu = 1 - 2 * np.linspace(0, 1, BEYOND_ANGLES) ** 4
     part = np.linspace(0, 1, BEYOND_DEPTHS)[:-1]  # nothing is left at the last

@@ -255,14 +255,15 @@ def albedo_of(medium: Medium) -> NDArray[np.float64]:
     return np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
 
 
-def beyond_of_media(scene: Scene) -> NDArray[np.float32]:
-    """Return the table `beyond` of each medium ``[media, BEYOND_DEPTHS, BEYOND_ANGLES]``.
+def beyond_of_media(scene: Scene, spreads: Sequence[float]) -> NDArray[np.float32]:
+    """Return tables `beyond` ``[spreads, media, BEYOND_DEPTHS, BEYOND_ANGLES]``, of lights of these spreads.
 
     On the way of light all media together scatter it, by how much each of them does in the whole scene.
     """
     media, count = media_of(scene), orders_of(scene)
     if len(media) == 1:
-        return beyond(media[0].phase, lobes(scene)[0], count)[None]
+        phase, (lobe,) = media[0].phase, lobes(scene)
+        return np.stack([beyond(phase, lobe, count, spread=spread)[None] for spread in spreads])
     low, high = region_of(scene)
     room, scatters = float(np.prod(high - low)), np.zeros(len(media))
     for body in scene.bodies:
@@ -271,10 +272,10 @@ def beyond_of_media(scene: Scene) -> NDArray[np.float32]:
     shares = scatters / max(float(scatters.sum()), TINY)
     moments = [far_moments(medium.phase) for medium in media]
     way = shares @ np.array(moments)
-    tables = [
-        beyond(medium.phase, lobe, count, way) for medium, lobe in zip(media, lobes(scene), strict=True)
-    ]
-    return np.stack(tables)
+    known = list(zip(media, lobes(scene), strict=True))
+    return np.array(
+        [[beyond(medium.phase, lobe, count, way, spread) for medium, lobe in known] for spread in spreads]
+    )
 
 
 def of_fields(

@@ -40,6 +40,8 @@ class Brought(NamedTuple):
     """In which it goes."""
     depth_of: Callable[[Coefficients], Floats]
     """RGB optical depth of other coefficients in the place of the media's extinction."""
+    spread: float
+    """As of `Light.spread`."""
 
 
 class Bounded(Protocol):

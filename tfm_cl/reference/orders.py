@@ -122,9 +122,10 @@ class LaterOrders:
                 for i, lobe in enumerate(self._lobes):
                     total[i] += zonal(lobe.seen, (to_camera * travel).sum(axis=-1))[..., None] * one
         scattered = {medium: np.asarray(medium.sigma_s) for medium in self._media}
-        tables = beyond_of_media(self._scene).astype(np.float64)
+        spreads = sorted({light.spread for light in at_centres})
+        tables = beyond_of_media(self._scene, spreads).astype(np.float64)
         for travel, light in zip(travels, at_centres, strict=True):
-            for i, table in enumerate(tables):
+            for i, table in enumerate(tables[spreads.index(light.spread)]):
                 total[i] += _beyond(table, light, scattered, (to_camera * travel).sum(axis=-1))
         return [np.maximum(one, 0) for one in total]
 

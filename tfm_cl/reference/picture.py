@@ -242,7 +242,8 @@ def _arrives(light: _Light, obstacles: Obstacles, scene: Scene, points: Floats) 
     visible *= light.light.reaches(points)[:, None]
     transmittance = np.broadcast_to(light.transmittance(scene, points=points), visible.shape)
     depth_of = partial(light.depth, scene, points=points)
-    return Brought(visible, transmittance, light.light.arrival(points).direction, depth_of)
+    direction = light.light.arrival(points).direction
+    return Brought(visible, transmittance, direction, depth_of, light.light.spread)
 
 
 def _trace(

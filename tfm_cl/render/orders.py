@@ -400,7 +400,7 @@ class Orders:
         total, nbytes = found(density, arrive, done)
         table = None
         if self.lobe.degree:
-            of_lobe = beyond_of_media(self.scene)
+            of_lobe = beyond_of_media(self.scene, self.scene.spreads)
             table = self.launcher.upload(WHAT, of_lobe)
             nbytes += of_lobe.nbytes
         return Scattered(total, table, nbytes, self._colours, colour)

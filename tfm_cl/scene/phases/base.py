@@ -152,13 +152,19 @@ PHASES: dict[str, type[Phase]] = {}
 """Name in scene files -> class, of all that `tfm_cl.scene.phases` lists."""
 
 
+def left_by_spread(order: NDArray[np.integer], spread: float) -> NDArray[np.float64]:
+    """Return what a spread of light, as in `Phase.widened`, leaves of Legendre moments of these orders."""
+    # A Gaussian on the sphere multiplies each moment.
+    left: NDArray[np.float64] = np.exp(-order * (order + 1) * OVERLAP * spread**2 / 2)
+    return left
+
+
 @lru_cache(maxsize=64)
 def _widened(phase: Phase, _content: Hashable, spread: float) -> Phase:
     variance = OVERLAP * spread**2  # along each axis
     count = int(np.sqrt(-2 * np.log(LEAST) / variance)) + 2
     order = np.arange(count)
-    # A Gaussian on the sphere multiplies each moment.
-    moments = phase.legendre_moments(count) * np.exp(-order * (order + 1) * variance / 2)
+    moments = phase.legendre_moments(count) * left_by_spread(order, spread)
     cosines = np.cos(np.linspace(np.pi, 0, COSINES))
     values = np.maximum(legval(cosines, (2 * order + 1) / (4 * np.pi) * moments), 0)
     if np.allclose(values, phase.evaluate(cosines), rtol=ALIKE, atol=0):
