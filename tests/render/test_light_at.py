@@ -40,6 +40,17 @@ def test_equals_the_map_and_the_light_without_media(renderer, small_scene, rng):
         renderer.light_at(scene, [[0, 0, np.nan]])
 
 
+def test_of_primitives(renderer, small_scene, rng):
+    points = rng.uniform(-0.8, 0.8, (50, 3))
+    balls = tfm.Points([[0.0, 0.3, 0.0], [-0.4, 0.1, -0.3]], [0.5, 0.4], 1.5)
+    scene = small_scene.replace(volume=balls)
+    (light_map,) = renderer.build_maps(scene)
+    found = renderer.light_at(scene, points)
+    expected = light_map.evaluate(points, scene.medium.sigma_t)
+    np.testing.assert_allclose(found.transmittance[0], expected, atol=LOOKED_UP)
+    assert (expected < 0.9).any()
+
+
 @pytest.mark.slow
 def test_bodies_and_solids_without_a_map(renderer):
     medium = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=0.1)

@@ -209,7 +209,7 @@ class Frame:
         whole = np.tile([0, 0, MOST_PIXELS, MOST_PIXELS], (len(self.scene.lights), 1))
         work = self._work(raster, gbuffer, _Shared(whole), "tfm", None, (), None)
         from_origin = (points - world_from_device(self.scene)[:3, 3]).astype(np.float32)
-        found = PointSums(self.launcher, self.media, work.view, from_origin, groups)
+        found = PointSums(self.launcher, self.media, work.met, work.view, from_origin, groups)
         for variant, members in work.batches.groups(range(len(groups)), all_of_them=True):
             for indices in work.batches.cut(members):
                 found.add(work.batches.at_points(variant, indices, self._maps_of(work, indices)))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
+    from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.batches import Batch
@@ -33,6 +34,8 @@ class PointSums:
     ----------
     media
         On the device.
+    met
+        What kernels are told of media.
     view
         The struct of a camera, which says how maps speak of media, too.
     points
@@ -45,11 +48,13 @@ class PointSums:
         self,
         launcher: Launcher,
         media: MediaOnDevice,
+        met: Met,
         view: cl.Buffer,
         points: NDArray[np.float32],
         groups: Sequence[int],
     ) -> None:
-        self._launcher, self._media, self._view, self._groups = launcher, media, view, groups
+        self._launcher, self._media, self._met = launcher, media, met
+        self._view, self._groups = view, groups
         self._count = len(points)
         self._points = launcher.upload(WHAT, np.ascontiguousarray(points.T))
         self._sums: dict[int, cl.Buffer] = {}
@@ -62,7 +67,7 @@ class PointSums:
         """Look some of the lights up."""
         launcher, lanes = self._launcher, self._launcher.lanes
         kernel = launcher.kernels.kernel("light_at_points", "light_at.cl", *batch.variant(self._media))
-        known = self._media.arguments | batch.arguments
+        known = self._met.arguments | batch.arguments
         known |= {"view": self._view, "points": self._points, "count": self._count}
         items, most = -(-self._count // lanes), max(1, LOOK_UPS_AT_ONCE // lanes)
         for number, light in enumerate(batch.indices):
