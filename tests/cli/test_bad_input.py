@@ -257,6 +257,7 @@ def test_the_volume_of_a_scene_is_not_overwritten(bad, scene):
         ("", "[march]\nmax_stretch = 1" + "0" * 400, "march.max_stretch"),
         ("", "[volume.x]\ny = 1", "unknown key 'x' in [volume]"),
         ("", "x = " + "[" * 5000, "not TOML"),
+        ("", "x = " + "9" * 5000, "not TOML"),
         ("", '["placed light"]\ncone = 3', "unknown key 'placed light'"),
     ],
 )

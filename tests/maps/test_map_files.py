@@ -133,6 +133,7 @@ DAMAGE = {
     "a chart that is none": ({"arrays": {"light_chart": np.array(9.0)}}, "one of the 3 charts"),
     "no grids": ({"arrays": {"of_grids_size": np.zeros((0, 3), np.int32)}}, "has 0 rows"),
     "a field too many": ({"about": {"field_index": 1}}, "field_index = 1 of 1"),
+    "a chart of no number": ({"arrays": {"light_chart": np.array(np.nan)}}, "'light_chart' holds numbers"),
     "a pickle": ({"arrays": {"numbers": np.array([print], object)}}, "'numbers' is object"),
 }
 
@@ -146,6 +147,7 @@ def test_a_damaged_file_is_refused_in_one_line(case, file):
     (line,) = caught.value.args
     assert str(line).startswith(f"{file}: ")
     assert why in line
+    assert line.count("damaged map") < 2  # the place once
 
 
 def test_a_small_archive_that_declares_much_takes_no_memory(file):

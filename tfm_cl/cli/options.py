@@ -87,7 +87,7 @@ def toml_value(text: str) -> Any:
     for candidate in (text, f"[{text}]") if text else ():
         try:
             read = tomllib.loads(f"value = {candidate}")
-        except (tomllib.TOMLDecodeError, RecursionError):
+        except (ValueError, RecursionError):  # also of integers of thousands of digits
             continue
         if len(read) == 1:  # no further lines with keys of their own
             return read["value"]

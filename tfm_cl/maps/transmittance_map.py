@@ -429,16 +429,13 @@ def saved(light_map: TransmittanceMap) -> tuple[dict[str, Any], dict[str, NDArra
 
 def loaded(file: map_file.MapFile, device: str | None) -> TransmittanceMap:
     """Make the map of a file; raises `InputError` for what is damaged."""
+    fit = {name: file.take(f"light_{name}", file.shape(f"light_{name}"), np.float64) for name in _fit(file)}
+    alpha = file.number("density_weighting", 1.0)
+    asked, used, of_light = (file.get(key, dict) for key in ("requested", "settings", "light"))
     try:
-        requested = MapSettings.from_table(file.get("requested", dict))
-        alpha = file.number("density_weighting", 1.0)
-        settings = resolve(MapSettings.from_table(file.get("settings", dict))).replace(
-            density_weighting=alpha
-        )
-        light = parse_light(file.get("light", dict))
-        fit = {
-            name: file.take(f"light_{name}", file.shape(f"light_{name}"), np.float64) for name in _fit(file)
-        }
+        requested = MapSettings.from_table(asked)
+        settings = resolve(MapSettings.from_table(used)).replace(density_weighting=alpha)
+        light = parse_light(of_light)
         light = light.with_fit(fit) if fit else light
         light.frame()
     except SceneError as error:

@@ -451,7 +451,7 @@ def _values_of(path: Path) -> tuple[Values, Source]:
         return tomllib.loads(text), Source(path, TomlLines(text))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({reason_of(error)})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # TOML, UTF-8, and integers of thousands of digits
         reason, where = str(error), str(path)
         if place := re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", reason, re.DOTALL):
             reason, where = f"{place[1]} (column {place[3]})", f"{path}:{place[2]}"
