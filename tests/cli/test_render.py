@@ -252,7 +252,7 @@ def test_layers_that_a_file_has_no_room_for_are_told(render, cloud):
     done = render(cloud, "-o", "a.exr", "-o", "a.png", "-o", "a.npy", "--aov", "depth,samples")
     notes = [line for line in done.err.splitlines() if "note" in line]
     assert notes == [
-        f"tfm: note: a.{suffix}: has no room for layers, depth, samples are left out (.exr has)"
+        f"tfm: note: a.{suffix}: has no room for layers: depth, samples (.exr has)"
         for suffix in ("png", "npy")
     ]
     assert "note" not in render(cloud, "-o", "a.png", "--aov", "depth", "-q").err
@@ -360,7 +360,8 @@ def test_an_automatic_exposure_is_told_and_repeated(render, cloud, folder):
     )
     other = render(cloud, "-o", "c.npy", "--exposure", "auto", "--json", "-")
     assert "image.exposure" not in other.json["plan"]  # nothing needed it
-    assert "exposure" not in other.err
+    assert "chosen for --exposure" not in other.err
+    assert "tfm: note: --exposure auto is of .png, and none is written\n" in other.err
 
 
 @pytest.mark.parametrize("method", ["tfm", "dual"])

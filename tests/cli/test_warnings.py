@@ -93,3 +93,16 @@ def test_light_that_no_lattice_holds_is_told_where_it_was_asked_for(render, clou
     assert [line for line in lines if "lattice" in line] == [f"tfm: warning: {what}: {why}"]
     for quiet in (("--lookup", "auto"), ("--lookup", "lattice", "--method", "dual")):
         assert "lattice" not in render(cloud, "-o", "a.npy", *quiet, *options).err
+
+
+@pytest.mark.parametrize(
+    ("output", "flags", "told"),
+    [
+        ("a.npy", ("--exposure", "1"), "tfm: note: --exposure 1 is of .png, and none is written\n"),
+        ("a.png", ("--deep-colour",), "tfm: note: --deep-colour is of .deep.exr, and none is written\n"),
+        ("a.png", ("--exposure", "1"), ""),
+    ],
+)
+def test_options_of_pictures_that_are_not_written(render, lump, output, flags, told):
+    lines = render(lump, "-o", output, *flags).err.splitlines(keepends=True)
+    assert "".join(line for line in lines if "note" in line) == told

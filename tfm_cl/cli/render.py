@@ -93,13 +93,15 @@ def command(
     pictures, configs = _sorted_out(outputs, print_config=print_config, every_key=every_key)
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
     _check_writable(pictures, json_file, *configs)
-    scene_file = SceneFile.read(source, overrides(given, settings), look)
+    changes = overrides(given, settings)
+    scene_file = SceneFile.read(source, changes, look)
     _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
     scene = scene_file.make(Scene)
     planned = plan(scene, file=scene_file)
     resolved = options.table(scene_file, planned.scene)
     if not quiet:
         _tell_left_out(pictures, scene_file.image)
+        _tell_unused(pictures, dict(changes))
         _tell_chosen(source, planned)
     _warn(options.warnings(scene_file, scene), quiet=quiet)
     if verbose:
@@ -255,9 +257,24 @@ def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
         if image.aov and not image_io.holds_layers(path):
             layers = ", ".join(image.aov)
             print(
-                f"tfm: note: {path}: has no room for layers, {layers} are left out (.exr has)",
+                f"tfm: note: {path}: has no room for layers: {layers} (.exr has)",
                 file=sys.stderr,
             )
+
+
+OF_FORMATS = {
+    ".png": ("image.exposure", "image.view", "image.transparent", "image.png_bits", "image.dither"),
+    image_io.DEEP: ("image.deep_tolerance", "image.deep_colour"),
+}
+"""Extension -> options that are of such pictures alone."""
+
+
+def _tell_unused(outputs: tuple[Path, ...], changes: Values) -> None:
+    """Say which options were given for pictures that are not asked for."""
+    for extension, keys in OF_FORMATS.items():
+        given = {key: changes[key] for key in keys if key in changes}
+        if given and outputs and not any(path.name.lower().endswith(extension) for path in outputs):
+            print(f"tfm: note: {as_flags(given)} is of {extension}, and none is written", file=sys.stderr)
 
 
 def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:
