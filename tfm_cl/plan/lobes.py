@@ -17,7 +17,6 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF, MOST_DEGREE
-from tfm_cl.scene.phases.base import left_by_spread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -186,7 +185,7 @@ def beyond(
     moments = far_moments(phase)
     unknown = np.ones(FARTHEST_DEGREE)
     unknown[: lobe.degree + 1] -= lobe.trusted
-    unknown *= left_by_spread(np.arange(FARTHEST_DEGREE), spread)
+    unknown *= phase.left_by_spread(np.arange(FARTHEST_DEGREE), spread)
     way = moments if way is None else way
     mu = 1 - 2 * np.linspace(0, 1, BEYOND_ANGLES) ** 4
     part = np.linspace(0, 1, BEYOND_DEPTHS)[:-1]  # nothing is left at the last

@@ -124,6 +124,13 @@ class Phase(Model):
         """
         return self if spread == 0 or self.KNOWS_TANGENTS else _widened(self, self.content, spread)
 
+    @staticmethod
+    def left_by_spread(order: NDArray[np.integer], spread: float) -> NDArray[np.float64]:
+        """Return what is left of Legendre moments of these orders where it is `widened` by a spread."""
+        # A Gaussian on the sphere multiplies each moment.
+        left: NDArray[np.float64] = np.exp(-order * (order + 1) * OVERLAP * spread**2 / 2)
+        return left
+
     @classmethod
     def parameters(cls) -> list[str]:
         """Keys of the numbers that may follow its name on the command line, in order."""
@@ -152,19 +159,12 @@ PHASES: dict[str, type[Phase]] = {}
 """Name in scene files -> class, of all that `tfm_cl.scene.phases` lists."""
 
 
-def left_by_spread(order: NDArray[np.integer], spread: float) -> NDArray[np.float64]:
-    """Return what a spread of light, as in `Phase.widened`, leaves of Legendre moments of these orders."""
-    # A Gaussian on the sphere multiplies each moment.
-    left: NDArray[np.float64] = np.exp(-order * (order + 1) * OVERLAP * spread**2 / 2)
-    return left
-
-
 @lru_cache(maxsize=64)
 def _widened(phase: Phase, _content: Hashable, spread: float) -> Phase:
     variance = OVERLAP * spread**2  # along each axis
     count = int(np.sqrt(-2 * np.log(LEAST) / variance)) + 2
     order = np.arange(count)
-    moments = phase.legendre_moments(count) * left_by_spread(order, spread)
+    moments = phase.legendre_moments(count) * phase.left_by_spread(order, spread)
     cosines = np.cos(np.linspace(np.pi, 0, COSINES))
     values = np.maximum(legval(cosines, (2 * order + 1) / (4 * np.pi) * moments), 0)
     if np.allclose(values, phase.evaluate(cosines), rtol=ALIKE, atol=0):
