@@ -48,9 +48,9 @@ that is quick, and modules beside it have the device's own number. Most device f
 both."""
 
 
-EVERY = 3
+EVERY = 6
 """Of the cases of a test that differ from others in the rays a work-item only, and that no CPU chooses, each
-third is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
+sixth is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
 
 
 def pytest_collection_modifyitems(config, items):
