@@ -5,6 +5,7 @@ import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,6 +159,24 @@ def test_an_entry_point_that_fails_names_its_package(monkeypatch):
 
     with pytest.raises(InputError, match=r"^plugin no_such_package:MINE: fails: ModuleNotFoundError: .*pip"):
         plugins.register_installed("bases", lambda _name, _value: None)
+
+
+class Wrong:
+    """Functions of a basis that forgets one."""
+
+    modes = np.zeros(0, np.float32)
+
+    def values(self, v):
+        return np.ones((len(v), 3))
+
+
+def test_functions_of_the_wrong_shape_are_one_line():
+    choices = SimpleNamespace(coeffs=4, fit="visibility", target="optical-depth")
+    message = (
+        r"^basis 'dct': values should return finite numbers of the shape \(50, 4\); got the shape \(50, 3\)$"
+    )
+    with pytest.raises(InputError, match=message):
+        BASES["dct"].table(Wrong(), choices, 50)
 
 
 @pytest.mark.slow

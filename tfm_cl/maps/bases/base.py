@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.constants import RIDGE, SUMS_BLOCK
+from tfm_cl.errors import InputError
 
 if TYPE_CHECKING:
     from tfm_cl.maps.bases.curves import Curves
@@ -129,18 +130,33 @@ class Basis:
             Of the map.
         steps
             Number of steps along the range of a ray.
+
+        Raises
+        ------
+        InputError
+            Functions that return something else than they should.
         """
         n = choices.coeffs
         if choices.fit == "l2":
-            analysis = functions.analysis(steps)
+            analysis = self._checked("analysis", functions.analysis(steps), steps, n)
             rows = analysis if choices.target == "extinction" else _suffix_sums(analysis)
             return rows.astype(np.float32).ravel()
-        values = functions.values(middles(steps))
+        values = self._checked("values", functions.values(middles(steps)), steps, n)
         below = np.tril_indices(n)
         products = np.zeros((steps, -(-len(below[0]) // SUMS_BLOCK) * SUMS_BLOCK))
         products[:, : len(below[0])] = values[:, below[0]] * values[:, below[1]]
         rows = np.concatenate([_suffix_sums(values / steps), values, products], axis=1)
         return np.concatenate([products.mean(axis=0), rows.ravel()]).astype(np.float32)
+
+    def _checked(self, what: str, found: Floats, steps: int, n: int) -> Floats:
+        """Refuse what functions should not return, as those of a plugin may."""
+        shape = np.shape(found)
+        if shape != (steps, n) or not np.isfinite(found).all():
+            raise InputError(
+                f"basis '{self.name}': {what} should return finite numbers of the shape ({steps}, {n}); got "
+                f"{'others' if shape == (steps, n) else f'the shape {shape}'}"
+            )
+        return found
 
 
 def middles(steps: int) -> Floats:
