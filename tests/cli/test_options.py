@@ -459,7 +459,7 @@ def test_a_configuration_needs_no_opencl(scene):
 
 @pytest.mark.slow
 def test_print_config_writes_what_json_writes(cli, scene, tiny):
-    done = cli("render", scene, "-o", "a.npy", "--print-config", "--json", "b.json", *tiny)
+    done = cli("render", scene, "-o", "a.npy", "--print-config", "--all", "--json", "b.json", *tiny)
     options = json.loads((scene.parent / "b.json").read_text())["options"]
 
     def kept(table):
