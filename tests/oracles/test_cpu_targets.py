@@ -26,9 +26,10 @@ LANGUAGE = (
     *("-Wall", "-Werror", "-emit-llvm", "-c", "-o", "/dev/null"),
 )
 
+# One ray has no vectors, and is compiled for GPUs; fewer than the widest are passed like these.
 EVERY = [
     *((target, lanes, "-O0") for target, lanes in WIDEST.items()),
-    *((target, lanes, "-O2") for target in TARGETS for lanes in (1, WIDEST[target])),
+    *((target, lanes, "-O2") for target, lanes in WIDEST.items()),
 ]
 
 
