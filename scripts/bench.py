@@ -27,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
@@ -45,7 +46,7 @@ from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.program import fingerprint, kernels_dir
-from tfm_cl.errors import InputError
+from tfm_cl.errors import InputError, TfmWarning
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import replacing, write_text
 from tfm_cl.model import decided
@@ -53,6 +54,8 @@ from tfm_cl.plan.plan import plan
 from tfm_cl.render import buffers
 from tfm_cl.render.raster import Crop
 from tfm_cl.scene.optical_depth import density_scale_for
+
+warnings.simplefilter("ignore", TfmWarning)  # of pictures of one pixel, that they are black
 
 SCRIPTS = Path(__file__).resolve().parent
 REPOSITORY = SCRIPTS.parent
