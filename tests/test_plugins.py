@@ -109,8 +109,8 @@ def test_a_basis_may_share_the_header_of_another(plugin):
         ("tfm.register_light(tfm.SunLight)", "there is a light 'sun' already"),
         ("tfm.register_solid(tfm.SpotLight)", "a solid should be a class of tfm_cl.AnalyticSolid"),
         ("tfm.register_solid(tfm.BoxSolid)", "there is a solid 'box' already"),
-        ("tfm.register_volume_format('.vdb', __name__)", "there is a volume format '.vdb' already"),
-        ("tfm.register_image_format('jpg', __name__)", "extension of an image format should be like '.abc'"),
+        ("tfm.register_volume_format('.vdb', __name__)", "there is a format '.vdb' already"),
+        ("tfm.register_image_format('jpg', __name__)", "extension of images should be like '.abc'"),
         (
             "class Own(tfm.Phase):\n  type: str = 'own'\n  HEADER = 'own.h'\ntfm.register_phase(Own)",
             "whole path",

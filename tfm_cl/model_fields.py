@@ -127,32 +127,39 @@ def takes(field: FieldInfo) -> str:
     kinds = [kind for kind in get_args(field.annotation) or [field.annotation] if kind is not NoneType]
     if get_origin(field.annotation) is Literal:
         return "{" + ", ".join(map(repr, kinds)) + "}"
-    has_check = any(isinstance(limit, BeforeValidator | PlainValidator) for limit in field.metadata)
-    if has_check or len(kinds) > 1 or not isinstance(kinds[0], type):
-        return _said(field)
-    bounds = [
+    if has_check(field) or len(kinds) > 1 or not isinstance(kinds[0], type):
+        said = complaints(field) or ["anything"]
+        for pattern, instead in MESSAGES:
+            said = [re.sub(pattern, instead, message) for message in said]
+        return " or ".join(dict.fromkeys(said))
+    return " ".join([kinds[0].__name__, " and ".join(bounds_of(field))]).strip()
+
+
+def has_check(field: FieldInfo) -> bool:
+    """Tell whether a field has a check of our own, whose messages say what it takes."""
+    return any(isinstance(limit, BeforeValidator | PlainValidator) for limit in field.metadata)
+
+
+def bounds_of(field: FieldInfo) -> list[str]:
+    """Return the limits of a number, as ``≥ 0``."""
+    return [
         f"{sign} {getattr(limit, name):g}"
         for limit in field.metadata
         for name, sign in BOUNDS.items()
         if hasattr(limit, name) and abs(getattr(limit, name)) < LARGEST
     ]
-    return " ".join([kinds[0].__name__, " and ".join(bounds)]).strip()
 
 
-def _said(field: FieldInfo) -> str:
-    """Return what the message about an impossible value says that it should be."""
+def complaints(field: FieldInfo) -> list[str]:
+    """Return what is said of an impossible value; nothing where any is possible."""
     declared: Any = field.annotation
     for limit in field.metadata:
         declared = Annotated[declared, limit]
     try:
         TypeAdapter(declared).validate_python(object())
     except ValidationError as error:
-        said = [fault.get("ctx", {}).get("lines", [fault["msg"]])[0] for fault in error.errors()]
-    else:
-        return "anything"
-    for pattern, instead in MESSAGES:
-        said = [re.sub(pattern, instead, message) for message in said]
-    return " or ".join(dict.fromkeys(said))
+        return [fault.get("ctx", {}).get("lines", [fault["msg"]])[0] for fault in error.errors()]
+    return []
 
 
 def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:

@@ -9,7 +9,7 @@ for what is there when it is imported.
 import importlib.util
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.abc import Loader
 from pathlib import Path
 from types import ModuleType
@@ -92,7 +92,7 @@ def register_installed(group: str, register: Callable[[str, Any], None]) -> None
         load_plugin(name)
 
 
-def claim(kind: str, name: str, known: dict[str, Any]) -> None:
+def claim(kind: str, name: str, known: Mapping[str, Any]) -> None:
     """Take a name for what is registered.
 
     Raises
@@ -123,6 +123,20 @@ def register_class(kind: str, cls: object, base: type[Any], key: str, known: dic
     if hasattr(model, "HEADER"):
         check_header(model.HEADER)
     known[name] = cls
+
+
+def register_format(kind: str, extension: str, module: str, known: dict[str, str]) -> None:
+    """Add the name of a module to those that know a format, by the extension of its files.
+
+    Raises
+    ------
+    InputError
+        The extension is none, or known already.
+    """
+    if not extension.startswith(".") or extension != extension.lower() or not extension[1:].isalnum():
+        raise InputError(f"the extension of {kind} should be like '.abc'; got {extension!r}")
+    claim("format", extension, known)
+    known[extension] = module
 
 
 _claimed: list[str] = []

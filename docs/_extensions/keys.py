@@ -6,13 +6,13 @@ import tomllib
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from entries import Entry, definition_list
-from pydantic import BeforeValidator, PlainValidator, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from tfm_cl.model import Model
+from tfm_cl.model_fields import bounds_of, complaints, has_check
 from tfm_cl.scene.bodies.homogeneous import SHAPES
 from tfm_cl.scene.bodies.primitive_settings import CurvesSettings, PointsSettings, PolygonsSettings
 from tfm_cl.scene.lights import LIGHTS
@@ -43,11 +43,6 @@ UNIT = re.compile(
 
 WORDS = {bool: "true or false", int: "whole number", float: "number", str: "text"}
 """Type -> as a user calls it."""
-
-LARGEST = 1e9
-"""A limit so far out only keeps float32 from overflowing, and is not told."""
-BOUNDS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
-
 
 MESSAGES = (
     (r"Value error, |Input |should be ", ""),
@@ -157,29 +152,15 @@ def _takes(field: FieldInfo) -> str:
     kinds = [kind for kind in get_args(field.annotation) or [field.annotation] if kind is not NoneType]
     if get_origin(field.annotation) is Literal:
         return " | ".join(map(_toml, kinds))
-    bounds = [
-        f"{sign} {_toml(getattr(limit, name))}"
-        for limit in field.metadata
-        for name, sign in BOUNDS.items()
-        if hasattr(limit, name) and abs(getattr(limit, name)) < LARGEST
-    ]
-    if len(kinds) == 1 and kinds[0] in WORDS and not _has_check(field):
-        return ", ".join([WORDS[kinds[0]], *bounds])
+    if len(kinds) == 1 and kinds[0] in WORDS and not has_check(field):
+        return ", ".join([WORDS[kinds[0]], *bounds_of(field)])
     return _said(field)
-
-
-def _has_check(field: FieldInfo) -> bool:
-    return any(isinstance(limit, BeforeValidator | PlainValidator) for limit in field.metadata)
 
 
 def _said(field: FieldInfo) -> str:
     """Return what the message about an impossible value says that it should be."""
-    declared: Any = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
-    try:
-        TypeAdapter(declared).validate_python(object())
-    except ValidationError as error:
-        said = " or ".join(fault["msg"] for fault in error.errors())
-    else:
+    said = " or ".join(complaints(field))
+    if not said:
         raise ValueError(f"{field.description}: takes anything")
     for pattern, instead in MESSAGES:
         said = re.sub(pattern, instead, said)

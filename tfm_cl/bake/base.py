@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import shutil
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -41,6 +42,7 @@ class Bake(Model):
     NOT_USED: ClassVar[tuple[str, ...]] = ("image.", "march.method")
     """What dotted keys of the scene begin with that make no difference; flags that set them are refused."""
 
+    @abstractmethod
     def check(self, out: Path) -> None:
         """Find out, before the work is done, whether its result could be written.
 
@@ -49,7 +51,6 @@ class Bake(Model):
         InputError
             A name of the wrong kind, or nothing can be written there.
         """
-        raise NotImplementedError
 
     def check_scene(self, scene: Scene) -> None:
         """Find out, before anything is built, whether it can be baked, as far as settings tell.
@@ -60,28 +61,23 @@ class Bake(Model):
             Settings that cannot.
         """
 
+    def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
+        """As `bake_frames`, of one scene."""
+        return self.bake_frames(renderer, [lambda: scene], out, progress)
+
+    @abstractmethod
     def bake_frames(
         self, renderer: Renderer, frames: Sequence[MakeScene], out: Path, progress: Progress
     ) -> list[Path]:
-        """As `bake`, of one scene after the other: of one alone, unless the kind ``TAKES_SEVERAL``.
-
-        Parameters
-        ----------
-        frames
-            Each makes a scene; it may be called again, and is not kept, so that one is in memory at a time.
-        """
-        (make,) = frames
-        return self.bake(renderer, make(), out, progress)
-
-    def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
-        """Make it.
+        """Make it, of one scene after the other: of one alone, unless the kind ``TAKES_SEVERAL``.
 
         Parameters
         ----------
         renderer
             Does the work.
-        scene
-            As requested; what is ``"auto"`` is for the renderer's plan to decide.
+        frames
+            Each makes a scene, as requested: what is ``"auto"`` is for the renderer's plan to decide. It may
+            be called again, and is not kept, so that one is in memory at a time.
         out
             File or folder, as `check` found it right.
 
@@ -99,7 +95,6 @@ class Bake(Model):
         DeviceError
             Memory or compilation.
         """
-        raise NotImplementedError
 
 
 def check_folder(out: Path) -> None:

@@ -17,6 +17,9 @@ from tfm_cl.files.volume_io.written import WrittenGrid
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfm_cl.bake.base import MakeScene
     from tfm_cl.bake.renderer import Renderer
     from tfm_cl.device.launch import Progress
     from tfm_cl.scene.bodies import Volume
@@ -67,8 +70,12 @@ class LightGridBake(Bake):
         """As `Bake.check`."""
         check_writable(out)
 
-    def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
-        """As `Bake.bake`."""
+    def bake_frames(
+        self, renderer: Renderer, frames: Sequence[MakeScene], out: Path, progress: Progress
+    ) -> list[Path]:
+        """As `Bake.bake_frames`."""
+        (make,) = frames
+        scene = make()
         if not scene.lights:
             raise SceneError("nothing to bake: the scene has no lights")
         scene.read_files()

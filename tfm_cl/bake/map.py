@@ -28,6 +28,9 @@ from tfm_cl.maps.bases import BASES, BEST
 from tfm_cl.scene.lights.base import names_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfm_cl.bake.base import MakeScene
     from tfm_cl.bake.renderer import Renderer
     from tfm_cl.device.launch import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -105,8 +108,12 @@ class MapBake(Bake):
             )
         names_of(scene.lights)
 
-    def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
-        """As `Bake.bake`."""
+    def bake_frames(
+        self, renderer: Renderer, frames: Sequence[MakeScene], out: Path, progress: Progress
+    ) -> list[Path]:
+        """As `Bake.bake_frames`."""
+        (make,) = frames
+        scene = make()
         self.check_scene(scene)
         names = names_of(scene.lights)
         maps = renderer.build_maps(scene, progress)

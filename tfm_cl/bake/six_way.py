@@ -111,10 +111,6 @@ class SixWayBake(Bake):
         for path in _written(out):
             check_writable(path)
 
-    def bake(self, renderer: Renderer, scene: Scene, out: Path, progress: Progress) -> list[Path]:
-        """As `Bake.bake`, of one frame."""
-        return self.bake_frames(renderer, [lambda: scene], out, progress)
-
     def bake_frames(
         self, renderer: Renderer, frames: Sequence[MakeScene], out: Path, progress: Progress
     ) -> list[Path]:

@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from tfm_cl.bake import KINDS, Bake
 from tfm_cl.cli.options import (
+    LOOKS,
     GroupedCommand,
     GroupedOption,
     as_flags,
@@ -28,7 +29,6 @@ from tfm_cl.cli.streams import one_line
 from tfm_cl.files.paths import real_path
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import plan
-from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
 
@@ -130,7 +130,7 @@ def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
 @scene_options(without=PICTURES)
 @click.option(
     "--look",
-    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
+    type=LOOKS,
     cls=GroupedOption,
     group="Medium",
     help="what is chosen where nothing is given, as of tfm render  [what suits the kind]",
@@ -184,12 +184,11 @@ def command(
     from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
-        if len(scene_files) == 1:
-            written = bake.bake(renderer, scene, out, progress)
-        else:
+        frames: list[Callable[[], Scene]] = [lambda: scene]
+        if len(scene_files) > 1:  # one is in memory at a time
             del scene
             frames = [partial(scene_file.make, Scene) for scene_file in scene_files]
-            written = bake.bake_frames(renderer, frames, out, progress)
+        written = bake.bake_frames(renderer, frames, out, progress)
     if not quiet:
         for path in written:
             print(path)

@@ -267,9 +267,10 @@ def scene_options(*, without: tuple[str, ...] = ()) -> Callable[[Callable[..., A
     return decorate
 
 
+LOOKS = click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS])
 look_option = click.option(
     "--look",
-    type=click.Choice([looks.AUTO, looks.PLAIN, *looks.LOOKS]),
+    type=LOOKS,
     default=looks.AUTO,
     cls=GroupedOption,
     group="Image",

@@ -23,6 +23,8 @@ HOW_TO_GET_ONE = {
     "GPUs": "the vendor's driver with its OpenCL; on Debian nvidia-opencl-icd or intel-opencl-icd",
 }
 """System -> what brings a device to it."""
+MOST_DEVICES = 100
+"""Of a machine: a larger number is part of a name, as in "4090"."""
 NO_DEVICE = (
     "no OpenCL device found; install a CPU's: pip install 'pyopencl[pocl]' (`tfm devices` lists what other "
     "systems and GPUs need)"
@@ -126,7 +128,8 @@ def _of_name(devices: list[cl.Device], wanted: str) -> cl.Device | None:
 
 
 def _is_meant(wanted: str, number: str, name: str) -> bool:
-    return wanted == number or (len(wanted) > len(number) and wanted.casefold() in name.casefold())
+    is_number = wanted.isdecimal() and int(wanted) < MOST_DEVICES
+    return wanted == number if is_number else wanted.casefold() in name.casefold()
 
 
 def _places(devices: list[cl.Device]) -> list[str]:

@@ -92,9 +92,8 @@ def _contribution(depth: float, medium: Medium) -> float:
     ahead = max(medium.phase.mean_cosine, 0.0)
     power = BY_DEPTH + BY_DEPTH_AHEAD * ahead
     white = AT_DEPTH_1 * np.exp(-AHEAD * ahead**2) * max(depth, SHALLOWEST) ** power
-    scatters = np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
     # Light loses the albedo each time that it is scattered: more often in what is deeper.
-    left = float(scatters.mean()) ** (TIMES_SCATTERED * float(np.sqrt(depth)))
+    left = float(medium.albedo.mean()) ** (TIMES_SCATTERED * float(np.sqrt(depth)))
     return _over_the_one_before(left * float(np.clip(white, LEAST, MOST)), medium.octaves)
 
 

@@ -83,7 +83,7 @@ def orders_of(scene: Scene) -> int:
 
 
 def media_of(scene: Scene) -> tuple[Medium, ...]:
-    """Return what the bodies are made of, each medium once, in the order in which kernels know them."""
+    """Return what scatters, each medium once, in the order in which kernels know them: flames come after."""
     return tuple(dict.fromkeys(scene.medium_of(body) for body in scene.bodies))
 
 
@@ -248,11 +248,6 @@ def numbers_of(lobe: Lobe, media: int = 1) -> int:
     those along x, which are less than half; what each of several media scatters.
     """
     return 2 * lobe.harmonics + 3 * DIRECTIONS + (2 * media if media > 1 else 0)
-
-
-def albedo_of(medium: Medium) -> NDArray[np.float64]:
-    """Return the part of what is extinguished that is scattered, RGB."""
-    return np.divide(medium.sigma_s, medium.sigma_t, out=np.zeros(3), where=medium.sigma_t > 0)
 
 
 def beyond_of_media(scene: Scene, spreads: Sequence[float]) -> NDArray[np.float32]:

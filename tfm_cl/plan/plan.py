@@ -100,7 +100,7 @@ class Plan:
 
     def log(self) -> None:
         """Tell the logger the decisions, for debugging."""
-        for line in self.lines():
+        for line in self.lines() if LOG.isEnabledFor(logging.DEBUG) else ():
             LOG.debug("%s", line)
 
     def completed(

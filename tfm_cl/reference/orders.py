@@ -16,7 +16,6 @@ from tfm_cl.plan.deposits import deposited
 from tfm_cl.plan.lobes import quadrature, zonal
 from tfm_cl.plan.orders import (
     Lattice,
-    albedo_of,
     beyond_of_media,
     is_endless,
     lattice_of,
@@ -245,7 +244,7 @@ class _Matter(NamedTuple):
         straight = [lobe.straight * part for lobe, part in zip(known, scattering, strict=True)]
         extinction = _extinguished(media, amounts)
         if len(media) == 1:
-            albedo = albedo_of(media[0])
+            albedo = media[0].albedo
             return cls(extinction, albedo, known[0].straight * albedo, scattering)
         return cls(extinction, None, np.sum(straight, axis=0), scattering)
 

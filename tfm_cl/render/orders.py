@@ -44,7 +44,6 @@ from tfm_cl.plan.deposits import deposited
 from tfm_cl.plan.lobes import harmonics, quadrature
 from tfm_cl.plan.orders import (
     DIRECTIONS,
-    albedo_of,
     beyond_of_media,
     directions,
     is_endless,
@@ -320,14 +319,14 @@ class Orders:
         struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
         struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
         struct["samples"] = samples
-        struct["albedo"], struct["straight"] = albedo_of(medium), lobe.straight
+        struct["albedo"], struct["straight"] = medium.albedo, lobe.straight
         degrees = slice(lobe.degree + 1)
         struct["bent"][degrees], struct["seen"][degrees] = lobe.bent, lobe.seen
 
     @cached_property
     def _colour(self) -> NDArray[np.float64] | None:
         """The colour of all that is scattered, at most 1; None where lights or orders differ in theirs."""
-        lights, albedo = self.scene.lights, albedo_of(media_of(self.scene)[0])
+        lights, albedo = self.scene.lights, media_of(self.scene)[0].albedo
         is_grey = not self._mixed and channels_of(self.media) == 1 and np.ptp(albedo) == 0
         if not is_grey or any(light.is_textured for light in lights):
             return None

@@ -220,24 +220,37 @@ class Renderer:
         if len(single.lights) > len(groups):
             groups += [len(names)] * (len(single.lights) - len(groups))
             names.append(EMISSION)
-        frame = Frame(
-            self._launcher,
-            self._visibility,
-            self._maps,
-            single,
-            self._media(single, None),
-            (0, 0, 1, 1),
-            RenderStats(self.device_name),
-            progress,
-            self._cache,
-            PLAIN,
-        )
+        frame = self._frame(single, None, (0, 0, 1, 1), RenderStats(self.device_name), progress)
         sums = frame.light_at(world.reshape(-1, 3), groups)
         found = np.zeros((2, len(names), *world.shape), np.float32)
         for number in range(len(names)):
             for of, values in zip(found, sums.of(number), strict=True):
                 of[number] = values.reshape(world.shape)
         return LightAtPoints(tuple(names), *found)
+
+    def _frame(
+        self,
+        scene: Scene,
+        maps: Sequence[TransmittanceMap] | None,
+        crop: Crop,
+        stats: RenderStats,
+        progress: Progress,
+        antialiasing: Antialiasing = PLAIN,
+    ) -> Frame:
+        """Begin a frame of a scene whose lights are single."""
+        media = self._media(scene, maps)
+        return Frame(
+            self._launcher,
+            self._visibility,
+            self._maps,
+            scene,
+            media,
+            crop,
+            stats,
+            progress,
+            self._cache,
+            antialiasing,
+        )
 
     def _media(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
         """Put the media of a scene on the device; those of the last frame are there.
@@ -468,18 +481,8 @@ class Renderer:
         made = self._cache.made.copy()
         traced = self._visibility.seconds
         points = _single_lights(scene)
-        frame = Frame(
-            self._launcher,
-            self._visibility,
-            self._maps,
-            points,
-            self._media(points, maps),
-            antialiasing.around(crop, scene.camera.res),
-            stats,
-            progress,
-            self._cache,
-            antialiasing,
-        )
+        around = antialiasing.around(crop, scene.camera.res)
+        frame = self._frame(points, maps, around, stats, progress, antialiasing)
         names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
         layers_of_lights = _layers_of_lights(scene, aovs)
         sums, samples, told = frame.render(method, maps, aovs, crop, layers_of_lights, deep)

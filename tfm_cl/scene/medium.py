@@ -183,6 +183,11 @@ class Medium(Model):
         return np.stack([depth, contribution**i, cosine])
 
     @property
+    def albedo(self) -> NDArray[np.float64]:
+        """The part of what is extinguished that is scattered, RGB; 0 where nothing is."""
+        return np.divide(self.sigma_s, self.sigma_t, out=np.zeros(3), where=self.sigma_t > 0)
+
+    @property
     def sigma_t(self) -> NDArray[np.float64]:
         """Extinction coefficient σ_s + σ_a at density 1, RGB, per world unit."""
         return np.add(self.sigma_s, self.sigma_a)

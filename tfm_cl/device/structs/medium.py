@@ -27,7 +27,7 @@ def medium_structs(media: Sequence[Medium]) -> NDArray[Any]:
         sigma_t = medium.sigma_t
         struct["sigma_t"] = sigma_t
         struct["sigma_s"] = medium.sigma_s
-        struct["albedo"] = np.divide(medium.sigma_s, sigma_t, out=np.zeros(3), where=sigma_t > 0)
+        struct["albedo"] = medium.albedo
         struct["phase_kind"] = kinds.index(medium.phase.type)
         phase = medium.phase.kernel_parameters()
         struct["phase"][: len(phase)] = phase

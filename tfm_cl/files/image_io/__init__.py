@@ -7,18 +7,18 @@ To add a format, write a module with ``write(path, image, options)`` and ``read(
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypedDict, Unpack, cast
+from typing import Literal, Protocol, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import ImageError, InputError, unknown_key
+from tfm_cl.errors import ImageError, unknown_key
 from tfm_cl.files import paths as files
 from tfm_cl.files.image_io.image import Image, Picture
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
 from tfm_cl.limits import MOST_STOPS
-from tfm_cl.plugins import claim, register_installed
+from tfm_cl.plugins import register_format, register_installed
 
 FORMATS: dict[str, str] = {".exr": ".exr", ".png": ".png", ".npy": ".npy", ".deep.exr": ".deep_exr"}
 """Modules by file extension, those of this package as ``.NAME``; imported when one is met."""
@@ -253,14 +253,10 @@ def register_image_format(extension: str, module: str) -> None:
     InputError
         The extension is none, or known already.
     """
-    if not extension.startswith(".") or extension != extension.lower() or not extension[1:].isalnum():
-        raise InputError(f"the extension of an image format should be like '.abc'; got {extension!r}")
-    claim("image format", extension, FORMATS)
-    FORMATS[extension] = module
+    register_format("images", extension, module, FORMATS)
 
 
-def _register(name: str, module: Any) -> None:
-    register_image_format(f".{name.removeprefix('.')}", module.__name__)
-
-
-register_installed("image_formats", _register)
+register_installed(
+    "image_formats",
+    lambda name, module: register_image_format(f".{name.removeprefix('.')}", module.__name__),
+)

@@ -6,17 +6,16 @@ To add a format, write a module with ``EXTENSIONS`` and ``open_grids(path)`` (se
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import InputError, VolumeError
+from tfm_cl.errors import VolumeError
 from tfm_cl.files.paths import read_by_extension
 from tfm_cl.files.volume_io.grid import COLOUR, DEFAULT_NAME, Grid, shown, shown_names
 from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.limits import too_large, too_many_leaves
-from tfm_cl.plugins import claim, register_installed
+from tfm_cl.plugins import register_format, register_installed
 
 FORMATS: dict[str, str] = {
     ".vdb": ".vdb",
@@ -193,14 +192,10 @@ def register_volume_format(extension: str, module: str) -> None:
     InputError
         The extension is none, or known already.
     """
-    if not extension.startswith(".") or extension != extension.lower() or not extension[1:].isalnum():
-        raise InputError(f"the extension of a volume format should be like '.abc'; got {extension!r}")
-    claim("volume format", extension, FORMATS)
-    FORMATS[extension] = module
+    register_format("volumes", extension, module, FORMATS)
 
 
-def _register(name: str, module: Any) -> None:
-    register_volume_format(f".{name.removeprefix('.')}", module.__name__)
-
-
-register_installed("volume_formats", _register)
+register_installed(
+    "volume_formats",
+    lambda name, module: register_volume_format(f".{name.removeprefix('.')}", module.__name__),
+)

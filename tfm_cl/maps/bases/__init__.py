@@ -3,8 +3,6 @@
 To add one, write both and add the basis to ``BASES``.
 """
 
-from typing import Any
-
 from tfm_cl.errors import InputError
 from tfm_cl.maps.bases.base import Basis
 from tfm_cl.maps.bases.cosine import DCT, HCOS
@@ -74,8 +72,4 @@ def register_basis(basis: Basis) -> None:
     BASES[basis.name] = basis
 
 
-def _register(_name: str, basis: Any) -> None:
-    register_basis(basis)
-
-
-register_installed("bases", _register)
+register_installed("bases", lambda _name, basis: register_basis(basis))

@@ -3,8 +3,6 @@
 To add one, write a module with a `Light` subclass and its kernel header, and list the class here.
 """
 
-from typing import Any
-
 from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.lights.base import LIGHTS, Arrival, Light, LightFrame, parse_light
 from tfm_cl.scene.lights.environment import EnvironmentLight
@@ -52,8 +50,4 @@ def register_light(cls: type[Light]) -> None:
     register_class("light", cls, Light, "type", LIGHTS)
 
 
-def _register(_name: str, cls: Any) -> None:
-    register_light(cls)
-
-
-register_installed("lights", _register)
+register_installed("lights", lambda _name, cls: register_light(cls))

@@ -3,8 +3,6 @@
 To add one, write a module with a `Phase` subclass and its kernel header, and list the class here.
 """
 
-from typing import Any
-
 from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.phases.base import PHASES, Phase, parse_phase
 from tfm_cl.scene.phases.double_henyey_greenstein import DoubleHenyeyGreenstein
@@ -71,8 +69,4 @@ def register_phase(cls: type[Phase]) -> None:
     register_class("phase function", cls, Phase, "type", PHASES)
 
 
-def _register(_name: str, cls: Any) -> None:
-    register_phase(cls)
-
-
-register_installed("phases", _register)
+register_installed("phases", lambda _name, cls: register_phase(cls))

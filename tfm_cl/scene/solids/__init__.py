@@ -3,8 +3,6 @@
 To add a shape, write a module with an `AnalyticSolid` subclass and list the class here.
 """
 
-from typing import Any
-
 from tfm_cl.plugins import register_class, register_installed
 from tfm_cl.scene.solids.base import MESHES, SOLIDS, AnalyticSolid, Solid, parse_solid
 from tfm_cl.scene.solids.box import BoxSolid
@@ -49,8 +47,4 @@ def register_solid(cls: type[AnalyticSolid]) -> None:
     register_class("solid", cls, AnalyticSolid, "shape", SOLIDS)
 
 
-def _register(_name: str, cls: Any) -> None:
-    register_solid(cls)
-
-
-register_installed("solids", _register)
+register_installed("solids", lambda _name, cls: register_solid(cls))
