@@ -22,7 +22,7 @@ from tfm_cl.render import renderer as renderers
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.written import to_toml
+from tfm_cl.scene.scene_file_writer import to_toml
 
 PLACED = {"world_from_index": turned(25, (1, 2, 0.5), (0.15, 0.2, 0.14), (-1.1, -1.0, -0.9))}
 TWICE = 2 * PASS

@@ -14,7 +14,7 @@ from tfm_cl.plan.plan import plan
 from tfm_cl.scene.looks import FILLED, LOOKS
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.written import scene_text
+from tfm_cl.scene.scene_file_writer import scene_text
 
 DENSITY = 3 * blobs((12, 14, 16))
 

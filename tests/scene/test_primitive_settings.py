@@ -11,7 +11,7 @@ from scenes import turned
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError, TfmError, VolumeError
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.written import to_toml
+from tfm_cl.scene.scene_file_writer import to_toml
 
 POINTS = {"points": "plume.npz"}
 CURVES = {"curves": "tuft.npz"}

@@ -23,8 +23,8 @@ from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.movable import STEPS
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SECTIONS, SceneFile
+from tfm_cl.scene.scene_file_writer import to_toml
 from tfm_cl.scene.settings import ImageSettings
-from tfm_cl.scene.written import to_toml
 
 SAMPLES = Path(__file__).resolve().parents[2] / "volumes"
 

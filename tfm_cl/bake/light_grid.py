@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from tfm_cl.bake.base import Bake
 from tfm_cl.errors import SceneError
 from tfm_cl.files.volume_io.writing import check_writable, write_grids
-from tfm_cl.files.volume_io.written import WrittenGrid
+from tfm_cl.files.volume_io.written_grid import WrittenGrid
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:

@@ -29,8 +29,8 @@ from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile, Values
+from tfm_cl.scene.scene_file_writer import scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
-from tfm_cl.scene.written import scene_text, to_toml
 
 if TYPE_CHECKING:
     from tfm_cl.render.result import RenderResult

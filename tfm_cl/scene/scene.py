@@ -23,8 +23,8 @@ from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.emission_lights import emission_lights_of
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.scene_file_writer import scene_table, scene_text
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
-from tfm_cl.scene.written import scene_table, scene_text
 
 if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
@@ -310,7 +310,7 @@ class Scene:
             temporary.write_text(text, encoding="utf-8")
 
     def to_table(self, beside: Mapping[int, Path] | None = None) -> dict[str, Any]:
-        """Return what it says in the shape of a scene file: `tfm_cl.scene.written.scene_table`."""
+        """Return what it says in the shape of a scene file: `tfm_cl.scene.scene_file_writer.scene_table`."""
         settings = (self.camera, self.ambient, self.shadow, self.map, self.march)
         return scene_table(self.bodies, self.medium, self.lights, self.solids, *settings, beside=beside)
 

@@ -13,7 +13,7 @@ from tolerances import FLOAT32
 from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io import open_grids, vdb_writer
 from tfm_cl.files.volume_io.writing import check_writable, write_grids
-from tfm_cl.files.volume_io.written import WrittenGrid
+from tfm_cl.files.volume_io.written_grid import WrittenGrid
 
 UNIFORM, STRETCHED = np.diag([0.5, 0.5, 0.5, 1.0]), np.diag([0.5, 0.25, 2.0, 1.0])
 UNIFORM[:3, 3] = 10, -20, 30

@@ -14,7 +14,7 @@ from tfm_cl.scene.lights import Light, LightFrame
 from tfm_cl.scene.lights.area import disk_points
 from tfm_cl.scene.lights.spot import MOST_SAMPLES
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.scene.written import to_toml
+from tfm_cl.scene.scene_file_writer import to_toml
 
 ROUNDING = 1e-12
 """Sums of up to 256 float64 numbers near 1, and a rotation."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.files.volume_io.written import WrittenGrid
+from tfm_cl.files.volume_io.written_grid import WrittenGrid
 
 
 def write(path: Path, grids: Sequence[WrittenGrid]) -> None:

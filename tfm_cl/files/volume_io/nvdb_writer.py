@@ -19,7 +19,7 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files.volume_io.grid import shown
 from tfm_cl.files.volume_io.nvdb_layout import Layout
 from tfm_cl.files.volume_io.tree_shape import LOWER_EDGE, ROOT_EDGE, UPPER_EDGE, vector_type
-from tfm_cl.files.volume_io.written import WrittenGrid, WrittenLeaves, bits_of, entries_of, nodes_above
+from tfm_cl.files.volume_io.written_grid import WrittenGrid, WrittenLeaves, bits_of, entries_of, nodes_above
 
 _MAGIC = b"NanoVDB0"
 _VERSION = 32 << 21 | 4 << 10 | 2

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.files.volume_io.tree_shape import LOWER_EDGE, ROOT_EDGE, UPPER_EDGE
-from tfm_cl.files.volume_io.written import WrittenGrid, WrittenLeaves, bits_of, entries_of, nodes_above
+from tfm_cl.files.volume_io.written_grid import WrittenGrid, WrittenLeaves, bits_of, entries_of, nodes_above
 
 _VERSION, _LIBRARY = 224, (10, 0)
 _ZLIB, _ACTIVE_MASK = 1, 2

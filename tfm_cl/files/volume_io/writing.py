@@ -15,7 +15,7 @@ from tfm_cl.errors import VolumeError
 from tfm_cl.files import paths as files
 from tfm_cl.files.paths import path_of, replacing
 from tfm_cl.files.volume_io.grid import shown
-from tfm_cl.files.volume_io.written import WrittenGrid
+from tfm_cl.files.volume_io.written_grid import WrittenGrid
 
 WRITERS: dict[str, str] = {".vdb": "vdb_writer", ".nvdb": "nvdb_writer", ".npy": "numpy_writer"}
 """Modules of this package by file extension; imported when a file of that kind is written."""

@@ -11,8 +11,8 @@ from scenes import blobs
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.scene_file_writer import scene_text, to_toml, without_defaults
 from tfm_cl.scene.settings import ImageSettings
-from tfm_cl.scene.written import scene_text, to_toml, without_defaults
 
 SAMPLES = Path(__file__).resolve().parents[2] / "volumes"
 PARTS = [field.name for field in fields(tfm.Scene) if field.name not in {"bodies", "flames"}]
