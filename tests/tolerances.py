@@ -58,3 +58,8 @@ half-waves are off by 0.00008 between the 1025 rows of their table at most."""
 BAKED_ON_GPU = 3e-3
 """The same where a texture unit interpolates: by a fraction of 8 bits between two texels, of coefficients,
 ranges and functions."""
+BAKED_IN_CYCLES = 1e-4
+"""As `BAKED`: a shader's numbers are float32, and rays lie within a hundredth of a pixel of its centre."""
+CYCLES_EMISSION = 5e-4
+"""Cycles' picture of a homogeneous medium that glows, mean difference relative to the mean: at silhouettes
+its rays, within a hundredth of a pixel of the centre, see other lengths."""

@@ -291,12 +291,3 @@ def test_hlsl_decodes_what_the_map_evaluates(baked, opengl, points, tmp_path):
         block.bind_to_uniform_block(0)
         found = run_opengl(opengl, program, textures_of(folder, entry, "exr"), points)
         check(found, light_map, points, BAKED_ON_GPU)
-
-
-@pytest.mark.slow
-def test_osl_is_what_its_compiler_takes(tmp_path):
-    if shutil.which("oslc") is None:
-        pytest.skip("no oslc, the compiler of Open Shading Language, which Blender and others bring")
-    command = ["oslc", "-o", tmp_path / "decode.oso", DECODER_FOLDER / "decode.osl"]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stdout + run.stderr
