@@ -12,6 +12,7 @@ SIZES = {
     "plume": "480x600",
     "figure": "480x480",
     "fire": "1280x720",
+    "inks": "1280x720",
     "smoke_and_solids": "640x480",
     "shafts": "1280x720",
     "two_clouds": "640x360",

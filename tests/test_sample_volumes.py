@@ -41,7 +41,19 @@ def density(sample):
 @pytest.fixture(scope="module")
 def modules():
     """The generators' modules, which import each other as scripts do."""
-    names = ("noise", "cumulus", "figure", "plume", "fire", "ply", "particles", "hair", "tree", "generate")
+    names = (
+        "noise",
+        "cumulus",
+        "figure",
+        "plume",
+        "fire",
+        "inks",
+        "ply",
+        "particles",
+        "hair",
+        "tree",
+        "generate",
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(FOLDER)
         yield {name: importlib.import_module(name) for name in names}
@@ -175,6 +187,20 @@ def test_fire_is_hot_below_and_smoke_above(modules):
     scene = tfm_cl.Scene.load(FOLDER / "fire.toml")
     assert scene.medium.temperature_scale == fire.KELVIN
     assert 1 < scene.flames[0].medium.emission[0] * scene.flames[0].largest < 100
+
+
+@pytest.mark.slow
+def test_inks_are_of_three_colours(modules):
+    inks, kept = modules["inks"], load("inks")
+    for key, function in (("density", inks.density), ("colour", inks.colour)):
+        made = modules["generate"].generate(inks, every=3, function=function)
+        np.testing.assert_array_equal(made, kept[key][1::3, 1::3, 1::3])
+    assert (FOLDER / "inks.npz").stat().st_size < 300_000
+    density = kept["density"].astype(np.float64)
+    assert not any(np.moveaxis(density, axis, 0)[[0, -1]].any() for axis in range(3))
+    for channel in range(3):
+        strongest = kept["colour"].argmax(axis=-1) == channel
+        assert 0.15 < density[strongest].sum() / density.sum() < 0.6
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ import cumulus
 import figure
 import fire
 import hair
+import inks
 import numpy as np
 import particles
 import plume
@@ -44,7 +45,13 @@ class Sample(Protocol):
         ...
 
 
-SAMPLES: dict[str, Sample] = {"cumulus": cumulus, "figure": figure, "plume": plume, "fire": fire}
+SAMPLES: dict[str, Sample] = {
+    "cumulus": cumulus,
+    "figure": figure,
+    "plume": plume,
+    "fire": fire,
+    "inks": inks,
+}
 PARTICLES = {"particles": particles.smoke_plume, "spirals": particles.spirals}
 GROWN = (*hair.STYLES, "tree")
 """Those that have a full size too."""
@@ -98,6 +105,8 @@ def write_volume(name: str, folder: Path) -> str:
     grids = {"density": generate(sample)}
     if sample is fire:
         grids["temperature"] = generate(sample, function=fire.temperature)
+    if sample is inks:
+        grids["colour"] = generate(sample, function=inks.colour)
     save(sample, folder / f"{name}.npz", **grids)
     z, y, x = grids["density"].shape
     return f"{x}×{y}×{z} voxels"
