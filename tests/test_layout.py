@@ -26,6 +26,7 @@ FLOORS = {
     "reference": 10,
     "render": 9,
     "sweep": 9,
+    "sequence": 9,
     "bake": 8,
     "cli": 10,
 }

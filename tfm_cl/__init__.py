@@ -68,6 +68,7 @@ if TYPE_CHECKING:
         SphereSolid,
         register_solid,
     )
+    from tfm_cl.sequence.shot import Shot
 
 _HOME = {
     "Ambient": "scene.ambient",
@@ -106,6 +107,7 @@ _HOME = {
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
     "ShadowSettings": "scene.settings",
+    "Shot": "sequence.shot",
     "SkyLight": "scene.lights",
     "SphereSolid": "scene.solids",
     "SphereVolume": "scene.bodies",
@@ -165,6 +167,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "ShadowSettings",
+    "Shot",
     "SkyLight",
     "SphereSolid",
     "SphereVolume",

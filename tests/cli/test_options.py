@@ -13,6 +13,7 @@ import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, as_flags, toml_value
 from tfm_cl.scene.lights import SpotLight
+from tfm_cl.scene.of_frames import KEYS as OF_FRAMES
 from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
 
@@ -235,6 +236,9 @@ def test_the_tables_of_this_file_miss_nothing():
     assert {flag for flag, *_ in FLAGS} == {option.flag for option in SCENE_OPTIONS}
     keys = {f"{name}.{key}" for name, model in SECTIONS.items() for key in model.keys()}  # noqa: SIM118 - no dict
     keys |= {f"light.{key}" for key in SpotLight.keys()}  # noqa: SIM118 - no dict
+    keys -= {
+        f"{section}.{key}" for section in ("volume", "light") for key in OF_FRAMES
+    }  # refused of one file
     assert {key for key, *_ in KEYS} == keys
 
 

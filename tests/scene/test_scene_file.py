@@ -21,6 +21,7 @@ from tfm_cl.plan import options, resolution
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.movable import STEPS
+from tfm_cl.scene.of_frames import KEYS as OF_FRAMES
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SECTIONS, SceneFile
 from tfm_cl.scene.scene_file_writer import to_toml
@@ -271,10 +272,10 @@ def without_place(line):
 def test_the_full_scene_has_every_key(folder):
     table = tomllib.loads((folder / "full.toml").read_text())
     for name, model in SECTIONS.items():
-        # Instead of coeffs, fov, transform, and from, to and up.
-        other = {"bytes", "max_error", "focal_length", "sensor_width", "matrix", *STEPS}
+        # Instead of coeffs, fov, transform, and from, to and up; and of files of many frames.
+        other = {"bytes", "max_error", "focal_length", "sensor_width", "matrix", *STEPS, *OF_FRAMES}
         assert set(table[name]) == set(model.keys()) - other, name
-    assert set(table["light"][0]) == set(tfm.SpotLight.keys())
+    assert set(table["light"][0]) == set(tfm.SpotLight.keys()) - set(OF_FRAMES)
 
 
 def test_defaults_are_those_of_the_interface(read):

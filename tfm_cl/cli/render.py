@@ -1,15 +1,18 @@
 """``tfm render``: a volume or a scene to pictures."""
 
+import contextlib
 import json
 import logging
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfm_cl.cli.frames import Frame, check_names, frame_options, frames_asked, named
 from tfm_cl.cli.options import (
     GroupedCommand,
     GroupedOption,
@@ -23,16 +26,16 @@ from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import log_shown, progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files import image_io
-from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
-from tfm_cl.plan import options
-from tfm_cl.plan.plan import Plan, plan
-from tfm_cl.scene.scene import Scene
+from tfm_cl.plan.plan import Plan
 from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.scene_file_writer import scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
+from tfm_cl.sequence.frame import ReadFrame, read
+from tfm_cl.sequence.shot import Shot
 
 if TYPE_CHECKING:
+    from tfm_cl.render.renderer import Renderer
     from tfm_cl.render.result import RenderResult
 
 
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
 )
 @scene_options()
 @look_option
+@frame_options
 @device_option
 @click.option(
     "--print-config",
@@ -73,6 +77,9 @@ def command(
     look: str,
     device: str | None,
     json_path: str | None,
+    frames: str | None,
+    frame: float | None,
+    turntable: int | None,
     *,
     print_config: bool,
     every_key: bool,
@@ -88,73 +95,101 @@ def command(
     tfm render scene.toml -o shot.exr -o shot.png --aov depth,transmittance --res 1920x1080
     tfm render cloud.vdb -o reference.exr --method dual
     tfm render cloud.vdb -o cloud.toml
+    tfm render shot.toml --frames 1-100x2 -o shot.####.exr
     """  # noqa: D301 - click wants the character \b, not its escape
-    started = time.perf_counter()
+    wanted = frames_asked(frames, frame, turntable)
     pictures, configs = _sorted_out(outputs, print_config=print_config, every_key=every_key)
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
-    _check_writable(pictures, json_file, *configs)
+    check_names(outputs, wanted)
+    if print_config and len(wanted) > 1:
+        raise click.UsageError("--print-config is of one frame: say which with --frame")
     changes = overrides(given, settings)
-    scene_file = SceneFile.read(source, changes, look)
-    _check_apart((*outputs, *filter(None, [json_file])), (source, *scene_file.files()))
-    scene = scene_file.make(Scene)
-    planned = plan(scene, file=scene_file)
-    resolved = options.table(scene_file, planned.scene)
-    if not quiet:
-        _tell_left_out(pictures, scene_file.image)
-        _tell_unused(pictures, dict(changes))
-        _tell_chosen(source, planned)
-    _warn(options.warnings(scene_file, scene), quiet=quiet)
-    if verbose:
-        _tell_all(resolved, planned)
-    _write_configs(resolved, configs, print_config=print_config, every_key=every_key)
-    if not pictures:
-        return
-    scene.read_files()  # before the device is looked for
-    load_seconds = time.perf_counter() - started
-
-    # Imported here: printing a configuration needs no OpenCL.
-    from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
-
-    with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
-        image = scene_file.image
-        result = renderer.render(scene, progress=progress, **_frame(image, pictures))
-    _warn(result.warnings, quiet=quiet)
-    stops = _exposure(result, pictures, image)
-    if stops is not None:
-        dark = too_dark(result, stops, image.view, transparent=image.transparent)
-        _warn(filter(None, [dark]), quiet=quiet)
-        if image.exposure == "auto" and not quiet:
-            print(f"chosen for --exposure auto: {as_flags({'image.exposure': stops})}", file=sys.stderr)
-        resolved["image"] |= {"exposure": stops}
-    resolved["map"] = _used_map(resolved["map"], result)
-    resolved["march"] |= {"steps": result.scene.march.steps}
-    _tell_error(scene.map.max_error, result, quiet=quiet)
-
-    rendered = time.perf_counter()
-    _save(result, pictures, image, resolved)
-    ended = time.perf_counter()
-    planned = planned.completed(result.scene, result.stats.map, result.stats.error_estimate, stops)
-    report = {"options": resolved, "plan": planned.to_dict()} | result.stats.to_dict()
-    report["seconds"] |= {"load": load_seconds, "save": ended - rendered, "total": ended - started}
-    if stats and not quiet:
-        _print_stats(report)
-    if json_path is not None:
-        _write_json(json_file, report)
+    told = _Told(quiet=quiet)
+    run = _Run(Shot(source, changes, look, turntable), pictures, configs, json_file, device, told)
+    reports: list[Values] = []
+    with contextlib.ExitStack() as stack:
+        for number in wanted:
+            started = time.perf_counter()
+            ready = run.read(number)
+            if number == wanted[0] and not quiet:
+                _tell_left_out(pictures, ready.file.image)
+                _tell_unused(pictures, dict(changes))
+                _tell_chosen(source, ready.planned)
+            told.warn(ready.warnings())
+            if verbose:
+                _tell_all(ready.options, ready.planned)
+            targets = named(configs, number)
+            _write_configs(ready.options, targets, print_config=print_config, every_key=every_key)
+            if not pictures:
+                continue
+            report = run.render(ready, stack, time.perf_counter() - started)
+            if stats and not quiet:
+                _print_stats(report)
+            reports.append(report)
+    if json_path is not None and reports:
+        _write_json(json_file, reports[0] if len(wanted) == 1 else {"frames": reports})
 
 
-def _frame(image: ImageSettings, outputs: tuple[Path, ...]) -> dict[str, Any]:
-    """Return what the renderer is asked for; deep images have no use for several samples of a pixel."""
-    deep = [image_io.is_deep(path) for path in outputs]
-    asked: dict[str, Any] = {**image.frame, "deep_colour": image.deep_colour}
-    return (
-        asked | ({"deep": image.deep_tolerance} if any(deep) else {}) | ({"samples": 1} if all(deep) else {})
-    )
+@dataclass
+class _Run:
+    """What is rendered to what, by a renderer that serves all frames."""
+
+    shot: Shot
+    pictures: tuple[Path, ...]
+    configs: tuple[Path, ...]
+    json_file: Path | None
+    device: str | None
+    told: "_Told"
+    renderer: "Renderer | None" = None
+
+    def read(self, number: Frame) -> ReadFrame:
+        """Read a frame, and find out whether its files can be written, before the hours that make them."""
+        pictures, configs = named(self.pictures, number), named(self.configs, number)
+        _check_writable(pictures, self.json_file, *configs)
+        scene_file = self.shot.scene_file(number)
+        _check_apart((*pictures, *configs, *filter(None, [self.json_file])), scene_file)
+        return read(scene_file, number)
+
+    def render(self, ready: ReadFrame, stack: contextlib.ExitStack, seconds: float) -> Values:
+        """Render and write a frame that took some seconds to read, and return its figures."""
+        started, told, pictures = time.perf_counter(), self.told, named(self.pictures, ready.number)
+        ready.scene.read_files()  # before the device is looked for
+        loaded = time.perf_counter()
+        with progress_bar(quiet=told.quiet) as progress:
+            if self.renderer is None:
+                from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - printing needs no OpenCL
+
+                self.renderer = stack.enter_context(Renderer(self.device))
+            done = ready.render(self.renderer, pictures, progress)
+        told.warn(done.warnings)
+        if done.stops is not None and ready.file.image.exposure == "auto":
+            told.tell(f"chosen for --exposure auto: {as_flags({'image.exposure': done.stops})}")
+        _tell_error(ready.scene.map.max_error, done.result, quiet=told.quiet)
+        rendered = time.perf_counter()
+        done.save(pictures)
+        ended, report = time.perf_counter(), done.report()
+        load = seconds + loaded - started
+        report["seconds"] |= {"load": load, "save": ended - rendered, "total": seconds + ended - started}
+        return report
 
 
-def _warn(warnings: Iterable[str], *, quiet: bool) -> None:
-    for warning in () if quiet else warnings:
-        print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+class _Told:
+    """What was told already, as of another frame, is not told again."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self.quiet = quiet
+        self._lines: set[str] = set()
+
+    def tell(self, line: str) -> None:
+        """Print a line to stderr."""
+        if not self.quiet and line not in self._lines:
+            self._lines.add(line)
+            print(line, file=sys.stderr)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print warnings."""
+        for warning in warnings:
+            self.tell(f"tfm: warning: {one_line(warning)}")
 
 
 def _tell_chosen(source: Path, planned: Plan) -> None:
@@ -181,16 +216,6 @@ def _tell_error(asked: float | None, result: "RenderResult", *, quiet: bool) -> 
         chosen |= {"map.res": used["res"], "map.coeffs": used["coeffs"]}
     measured = f"measured error {result.stats.error_estimate:.2g}"
     print(f"chosen for --max-error {asked:g}: {as_flags(chosen)}; {measured}", file=sys.stderr)
-
-
-def _used_map(asked: Values, result: "RenderResult") -> Values:
-    """Return what the map's settings came to; asked for: those of the scene."""
-    used = result.stats.map
-    if used is None:
-        return asked
-    # Where the target is not the transmittance, α means nothing.
-    alpha = {} if used.target == "transmittance" else {"density_weighting": asked["density_weighting"]}
-    return used.to_dict() | alpha
 
 
 def _sorted_out(
@@ -220,24 +245,17 @@ def _check_writable(pictures: tuple[Path, ...], *others: Path | None) -> None:
         check_writable(other)
 
 
-def _check_apart(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
-    """Refuse to replace what the picture is made from (both may be ``.npy``), or what was just written."""
+def _check_apart(outputs: tuple[Path, ...], scene_file: SceneFile) -> None:
+    """Refuse to replace what a picture is made from (both may be ``.npy``), or what was just written."""
+    inputs = (scene_file.path, *scene_file.files())
     taken = {real_path(source): "is the input itself" for source in inputs}
     for path in outputs:
+        if scene_file.is_file_of_a_frame(path):
+            raise click.UsageError(f"{path}: is the input of a frame; choose another name")
         what = taken.setdefault(real_path(path), "")
         if what:
             raise click.UsageError(f"{path}: {what}; choose another name")
         taken[real_path(path)] = "is written twice"
-
-
-def _exposure(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings) -> float | None:
-    """Return the stops of the PNGs; None without one."""
-    if not any(path.suffix.lower() == ".png" for path in outputs):
-        return None
-    if image.exposure != "auto":
-        return image.exposure
-    picture = result.picture(transparent=image.transparent)
-    return automatic_exposure(picture, image.view, transparent=image.transparent)
 
 
 def _tell_left_out(outputs: tuple[Path, ...], image: ImageSettings) -> None:
@@ -275,18 +293,6 @@ def _tell_unused(outputs: tuple[Path, ...], changes: Values) -> None:
         given = {key: changes[key] for key in keys if key in changes}
         if given and outputs and not any(path.name.lower().endswith(extension) for path in outputs):
             print(f"tfm: note: {as_flags(given)} is of {extension}, and none is written", file=sys.stderr)
-
-
-def _save(result: "RenderResult", outputs: tuple[Path, ...], image: ImageSettings, resolved: Values) -> None:
-    for path in outputs:
-        result.save(
-            path,
-            exposure=resolved["image"]["exposure"],
-            aovs=image.aov,
-            pixel_type=image.pixel_type,
-            metadata={"tfm_cl:options": json.dumps(resolved)},
-            **image.png,
-        )
 
 
 def _write_json(path: Path | None, report: Values) -> None:

@@ -208,6 +208,19 @@ class Camera(Model):
             kept.pop(attributes[key], None)
         return type(self)(**kept | {attributes.get(key, key): value for key, value in changes.items()})
 
+    def turned(self, degrees: float) -> Self:
+        """Return a camera that is turned about ``up`` through ``to``; seen from above, counter-clockwise."""
+        if degrees == 0:
+            return self
+        if self.matrix is not None:
+            raise SceneError("camera.matrix: is not turned; a turntable needs camera.from and camera.to")
+        axis, away = np.array(self.up) / np.linalg.norm(self.up), np.subtract(self.from_, self.to)
+        angle = np.radians(degrees)
+        along = axis * (axis @ away)
+        across = away - along
+        moved = along + np.cos(angle) * across + np.sin(angle) * np.cross(axis, across)
+        return self.replace(from_=tuple((self.to + moved).tolist()))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the section as a scene file writes it; None for what follows from other keys."""
         unsaid = {"fov"} if self.focal_length is not None else {"focal_length", "sensor_width"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import tomllib
 import zipfile
@@ -27,22 +28,25 @@ from tfm_cl.errors import (
 from tfm_cl.files import curves_io, points_io, volume_io
 from tfm_cl.files.curves_io.numpy_arrays import COUNTS
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
+from tfm_cl.files.patterns import FilePattern
 from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.toml_lines import TomlLines
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.model import SPELLINGS, Model, Point, number_or_auto
 from tfm_cl.model_fields import NUMBER, TEXT, Accepts, Numbers, accepts, numbers
-from tfm_cl.scene import looks, placement
+from tfm_cl.scene import frame_files, keyframes, looks, placement
 from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, OF_BODIES, Body, BodySettings
+from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.camera import outdone as outdone_of_camera
 from tfm_cl.scene.lights.base import LIGHTS, Light, names_of, parse_light
 from tfm_cl.scene.medium import Medium, OwnMedium
 from tfm_cl.scene.movable import Movable, outdone
+from tfm_cl.scene.of_frames import FrameNumbers, OfFrames, name_at
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.presets import PRESETS, expanded
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
@@ -95,7 +99,7 @@ def _window(value: Any) -> Any:
     return float(value[0]), float(value[1])
 
 
-class VolumeSettings(Movable):
+class VolumeSettings(OfFrames, Movable):
     """Which grid of which file, and where it lies."""
 
     SECTION: ClassVar[str] = "volume"
@@ -291,41 +295,68 @@ class SceneFile:
     light: tuple[Light, ...] | None
     placed_light: Values
     look: looks.Chosen
+    changing: tuple[Key, ...] = ()
+    """Keys whose values change from frame to frame."""
+    patterns: tuple[frame_files.Changing, ...] = ()
+    """Of the files that change."""
+    turn: float = 0.0
+    """Degrees by which the camera, once it is placed, is turned about ``camera.up`` through ``camera.to``."""
 
     @classmethod
     def read(
-        cls, path: Path, overrides: Iterable[tuple[str, Any]] = (), look: str = looks.PLAIN
+        cls,
+        path: Path,
+        overrides: Iterable[tuple[str, Any]] = (),
+        look: str = looks.PLAIN,
+        frame: float | None = None,
     ) -> SceneFile:
         """Read a scene (``.toml``), or make one around a bare volume file.
 
         Parameters
         ----------
+        path
+            May be a pattern, as ``smoke.####.vdb``.
         overrides
             Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
             ``light.KEY`` means the first light, ``light.1.KEY`` the second; likewise solids and volumes.
         look
             ``plain``, ``auto`` or one of `tfm_cl.scene.looks.LOOKS`: what is chosen where the file and the
             overrides say nothing.
+        frame
+            At which keyframes have their values, and of which files that are patterns are taken: of the whole
+            frame before, where it lies between two.
 
         Raises
         ------
         SceneError
-            Unknown key (names the nearest), wrong type or impossible value.
+            Unknown key (names the nearest), wrong type or impossible value; no frame, where something changes
+            from frame to frame; or the file of a frame is not there.
         VolumeError
             Neither a scene nor a volume.
         """
-        (values, source), placed_light = _values_of(path), Values()
+        overrides = list(overrides)
+        (values, source), placed_light = _values_at(path, dict(overrides), frame), Values()
+        path = source.path
         # A medium by name comes first, so that what is said of it besides changes its numbers.
         overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
         _make_way(values, {key for key, _ in overrides})
         holds = None if path.suffix.lower() == ".toml" else next(iter(values["volume"]))
         chosen = looks.chosen(look, path, holds)
         if chosen.name != looks.PLAIN:
-            looks.dress(values, chosen.name, path, dict(overrides))
+            _dress(values, chosen.name, path, dict(overrides), frame)
         for key, value in overrides:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
                 _check_used(values, key)
+        values, changing = keyframes.evaluated(values, frame, faults)
+        files = frame_files.at_frame(values, frame, path.parent, faults)
+        changing += [file.key for file in files]
+        if frame is None:
+            faults.add(*map(_needs_frame, changing[:1]))
+        try:
+            faults.raise_any()
+        except SceneError as error:
+            raise source.located(error) from None
         tables, written = _tables(values, faults)
         sections = cls._sections(tables, written, path.parent, faults)
         with faults.collect():
@@ -334,7 +365,20 @@ class SceneFile:
             faults.raise_any()
         except SceneError as error:
             raise source.located(error) from None
-        return cls(source=source, path=path, placed_light=placed_light, look=chosen, **sections)
+        return cls(
+            source=source,
+            path=path,
+            placed_light=placed_light,
+            look=chosen,
+            changing=tuple(changing),
+            patterns=tuple(files),
+            **sections,
+        )
+
+    @property
+    def is_animated(self) -> bool:
+        """Whether it differs from frame to frame."""
+        return bool(self.changing or self.turn)
 
     @staticmethod
     def _sections(tables: Values, written: dict[str, str], folder: Path, faults: Faults) -> Values:
@@ -375,10 +419,12 @@ class SceneFile:
         bodies = self._bodies()
         try:
             lights = self.light
-            camera = placement.camera_for(bodies, **looks.framing(self.look.name), **self.camera)
+            seen = [body for body in bodies if not _is_nothing(body)] or bodies
+            camera = placement.camera_for(seen, **looks.framing(self.look.name), **self.camera)
             if lights is None:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
-                lights = (placement.light_for(bodies, camera, **placed),)
+                lights = (placement.light_for(seen, camera, **placed),)
+            camera = camera.turned(self.turn)
             self._check_crop(camera)
             if self.image.shows_environment:
                 check_surrounded(lights)
@@ -400,6 +446,15 @@ class SceneFile:
         folder = self.path.parent
         return tuple(
             settings.load(folder, (settings.medium or self.medium).typical_depth) for settings in self.volumes
+        )
+
+    def is_file_of_a_frame(self, path: Path) -> bool:
+        """Tell whether a file, there or not yet, is one that another frame would read."""
+        folders = {file.folder: real_path(file.folder) for file in self.patterns}
+        return any(
+            (whole := FilePattern.of(folders[file.folder] / file.pattern.text)) is not None
+            and whole.frame_of(real_path(path)) is not None
+            for file in self.patterns
         )
 
     def files(self) -> list[Path]:
@@ -433,6 +488,42 @@ def _make_way(values: Values, overridden: set[str]) -> None:
         values["camera"] = {key: value for key, value in values["camera"].items() if key not in dropped}
     if isinstance(values.get("map"), dict) and overridden & {f"map.{key}" for key in NUMBERS}:
         values["map"] = {key: value for key, value in values["map"].items() if key not in NUMBERS}
+
+
+def _values_at(path: Path, given: Values, frame: float | None) -> tuple[Values, Source]:
+    """Return the values of a file, or of a frame's where its name is a pattern; ``given``: overrides."""
+    pattern = FilePattern.of(path)
+    if pattern is None:
+        return _values_of(path)
+    if frame is None:
+        raise SceneError(f"{path}: is a pattern of files; {SAY_FRAME}")
+    said = {key: given[f"volume.{key}"] for key in FrameNumbers.model_fields if f"volume.{key}" in given}
+    numbers = FrameNumbers() if path.suffix.lower() == ".toml" else FrameNumbers(**said)
+    name = name_at(pattern, frame, numbers)
+    # Of what is not there, the first file tells what it would be.
+    shown = name or pattern.at(next(iter(pattern.frames_in())))
+    values, source = _values_of(Path(shown))
+    if path.suffix.lower() != ".toml":
+        (kind,) = [key for key in BODIES if key in values["volume"]]
+        values["volume"][kind] = os.fspath(path.absolute())
+    return values, source
+
+
+def _dress(values: Values, look: str, path: Path, given: Values, frame: float | None) -> None:
+    """Fill in what a scene leaves out, as its other values are at a frame."""
+    now, _ = keyframes.evaluated(values, frame, Faults())
+    frame_files.at_frame(now, frame, path.parent, Faults())
+    looks.dress(now, look, path, given)
+    values |= {name: section for name, section in now.items() if name not in values}
+    if isinstance(values.get("image"), dict):
+        values["image"] = now["image"] | values["image"]
+
+
+SAY_FRAME = "say of which frame: --frame 1, or --frames 1-24"
+
+
+def _needs_frame(key: Key) -> Fault:
+    return Fault(f"{'.'.join(map(str, key))}: changes from frame to frame; {SAY_FRAME}", key)
 
 
 def _values_of(path: Path) -> tuple[Values, Source]:
@@ -577,6 +668,8 @@ def _each(name: str, tables: Any, make: Callable[[Values], Any]) -> tuple[Any, .
     """Make what every table of an array says; the faults of all are told, with their numbers."""
     made, faults = [], Faults()
     for i, table in enumerate(tables):
+        if table is None:  # not there in this frame
+            continue
         with faults.collect(f"{name} {i}", i):
             if not isinstance(table, dict):
                 raise SceneError(f"{name} should be a table")
@@ -632,6 +725,11 @@ def _camera(table: Values) -> Values:
     placed = {} if "matrix" in table else PLACED
     _without_place("camera", table, lambda: Camera.from_table(placed | table))
     return table
+
+
+def _is_nothing(body: Body) -> bool:
+    """Tell whether a body stands for one that is not there in this frame."""
+    return isinstance(body, Homogeneous) and body.density == 0
 
 
 def _check_placed(table: Values, folder: Path) -> None:

@@ -23,6 +23,7 @@ from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
 from tfm_cl.scene.medium import OwnMedium
 from tfm_cl.scene.movable import Movable
+from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Matrix, Rows
 
@@ -47,7 +48,7 @@ WHITE = (1.0, 1.0, 1.0)
 """Colours of a mesh are not read."""
 
 
-class PrimitiveSettings(Movable):
+class PrimitiveSettings(OfFrames, Movable):
     """What all kinds have in common."""
 
     SECTION: ClassVar[str] = "volume"

@@ -15,13 +15,14 @@ from tfm_cl.scene.lights.base import Floats, Light
 from tfm_cl.scene.lights.panorama import means
 from tfm_cl.scene.lights.sun import SunLight
 from tfm_cl.scene.lights.surroundings import Surroundings
+from tfm_cl.scene.of_frames import OfFrames
 
 BLOCKS = (512, 1024)
 """Largest size of an environment image, rows and columns, after downsampling; then each pixel is assigned to
 the nearest direction."""
 
 
-class EnvironmentLight(Surroundings):
+class EnvironmentLight(OfFrames, Surroundings):
     """Radiance from all directions, as the sum of suns in fixed directions, each with a map of its own.
 
     ``texture`` is a latitude-longitude image with +y up, as OpenEXR defines it: the top row is +y, the

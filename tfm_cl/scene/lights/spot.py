@@ -16,10 +16,11 @@ from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
 from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval
 from tfm_cl.scene.lights.fitting import Cone
 from tfm_cl.scene.lights.placed import PlacedLight
+from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.transform import corners_of, turned
 
 
-class SpotLight(PlacedLight):
+class SpotLight(OfFrames, PlacedLight):
     """A cone of light from a point (TFM section 4).
 
     With a ``radius`` the light comes from a disk instead; `parts` returns points on it. A ``texture`` is

@@ -19,6 +19,7 @@ from tfm_cl.model import Triple, as_colour
 from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts, numbers
 from tfm_cl.scene.frames import Axis
 from tfm_cl.scene.movable import Movable
+from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
 
 UPWARDS = 0.999
@@ -203,7 +204,7 @@ class AnalyticSolid(Solid):
         """Object normals [N, 3] at surface points [N, 3], on either side and of any length."""
 
 
-class FlatSolid(AnalyticSolid):
+class FlatSolid(OfFrames, AnalyticSolid):
     """An infinite plane, visible from both sides; an image as its albedo is repeated without end."""
 
     albedo: AlbedoOrImage = Field(

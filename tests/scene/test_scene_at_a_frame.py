@@ -1,0 +1,228 @@
+"""A scene file at a frame: keyframes and files of frames, evaluated before the models."""
+
+import numpy as np
+import pytest
+
+from tfm_cl.errors import SceneError
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.sequence.shot import Shot
+
+TEXT = """
+[volume]
+file = "smoke.####.npy"
+[camera]
+from = [{ frame = 1, value = [0, 0, 9] }, { frame = 3, value = [2, 0, 9] }]
+to = [0, 0, 0]
+fov = 30
+[[light]]
+type = "sun"
+from = [0, 9, 0]
+to = [0, 0, 0]
+intensity = [{ frame = 1, value = 1 }, { frame = 3, value = 2 }]
+"""
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """A scene file of three frames, which can be said more of; frame n has the density n everywhere."""
+    for frame in (1, 2, 3):
+        np.save(tmp_path / f"smoke.{frame:04d}.npy", np.full((3, 3, 3), frame, np.float32))
+
+    def written(old="", new=""):
+        (tmp_path / "shot.toml").write_text(TEXT.replace(old, new) if old else TEXT)
+        return tmp_path / "shot.toml"
+
+    return written
+
+
+def density(path, frame, *overrides):
+    return float(Shot(path, overrides).scene(frame).bodies[0].data.max())
+
+
+def test_a_frame_has_its_values_and_its_file(shot):
+    scene = Shot(shot()).scene(2)
+
+    assert scene.camera.from_ == (1, 0, 9)
+    assert scene.lights[0].intensity == (1.5, 1.5, 1.5)
+    assert scene.bodies[0].data.max() == 2
+
+
+def test_between_frames_files_are_of_the_frame_before(shot):
+    scene = Shot(shot()).scene(2.5)
+
+    assert scene.camera.from_ == (1.5, 0, 9)
+    assert scene.bodies[0].data.max() == 2
+
+
+def test_it_says_what_changes(shot):
+    file = SceneFile.read(shot(), frame=1)
+
+    assert file.is_animated
+    assert set(file.changing) == {("volume", "file"), ("camera", "from"), ("light", 0, "intensity")}
+    assert not SceneFile.read(shot("smoke.####.npy", "smoke.0001.npy"), STILL).is_animated
+
+
+STILL = [("camera.from", [0, 0, 9]), ("light.0.intensity", 1)]
+
+
+def test_overrides_may_be_keyframes(shot):
+    fov = [{"frame": 1, "value": 20}, {"frame": 9, "value": 40}]
+
+    assert Shot(shot(), [("camera.fov", fov)]).scene(3).camera.fov == 25
+
+
+def test_without_a_frame_it_is_refused_in_a_line_that_says_where(shot):
+    with pytest.raises(SceneError) as error:
+        SceneFile.read(shot())
+
+    assert str(error.value).endswith(
+        "shot.toml:5: camera.from: changes from frame to frame; "
+        "say of which frame: --frame 1, or --frames 1-24"
+    )
+
+
+@pytest.mark.parametrize(
+    ("said", "frame", "found"),
+    [
+        ("frame_offset = -10", 12, 2),
+        ("frame_offset = 1", 1, 2),
+        ("frame_step = 0.5", 5, 2),
+        ("frame_step = 2\nframe_offset = -1", 2, 3),
+        ("frame_step = -1\nframe_offset = 4", 1, 3),
+        ('before = "hold"', -7, 1),
+        ('after = "hold"', 9, 3),
+    ],
+)
+def test_files_may_be_of_other_frames(shot, said, frame, found):
+    assert density(shot('npy"', f'npy"\n{said}'), frame) == found
+
+
+@pytest.mark.parametrize("frame", [0, 4])
+def test_a_body_may_be_there_for_some_frames_alone(shot, frame):
+    scene = Shot(shot('npy"', 'npy"\nbefore = "empty"\nafter = "empty"')).scene(frame)
+
+    assert [body.largest_density.max() for body in scene.bodies] == [0]
+
+
+def test_of_several_bodies_one_may_be_empty(shot):
+    two = '[[volume]]\nfile = "smoke.####.npy"\nafter = "empty"\n[[volume]]\nshape = "sphere"\n'
+    scene = Shot(shot('[volume]\nfile = "smoke.####.npy"\n', two)).scene(9)
+
+    assert [body.label for body in scene.bodies] == ["box", "sphere"]
+
+
+def test_a_missing_file_is_told_by_frame_pattern_and_what_is_there(shot):
+    path = shot()
+    (path.parent / "smoke.0002.npy").unlink()
+
+    for frame, hint in ((2, ""), (4, '; after = "hold" would keep 3'), (0, '; before = "hold" would keep 1')):
+        with pytest.raises(SceneError) as error:
+            Shot(path).scene(frame)
+        assert str(error.value) == (
+            f"{path}:3: volume.file: frame {frame}: there is no smoke.000{frame}.npy; "
+            f"of smoke.####.npy there are 1,3{hint}"
+        )
+
+
+def test_no_file_at_all_is_told(shot):
+    with pytest.raises(
+        SceneError, match=r"frame 1: there is no dust.0001.npy, nor any other of dust.####.npy$"
+    ):
+        Shot(shot("smoke.", "dust.")).scene(1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "smoke.####.npy",
+            'smoke.0001.npy"\nafter = "hold',
+            "shot.toml:4: volume.after: is for files that change",
+        ),
+        (
+            'npy"',
+            'npy"\nafter = "stay"',
+            "shot.toml:4: volume.after = 'stay': should be 'hold', 'empty' or 'error'",
+        ),
+        ('npy"', 'npy"\nframe_offset = 0.5', "shot.toml:4: volume.frame_offset = 0.5"),
+        (
+            "fov = 30",
+            "fov = [{ frame = 1, value = 2 }, { value = 3 }]",
+            "shot.toml:7: camera.fov: keyframe 2 has no frame",
+        ),
+        (
+            "fov = 30",
+            "fov = [{ frame = 1, value = 300 }]",
+            "shot.toml:7: camera.fov = 300: should be less than 180",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(shot, old, new, said):
+    with pytest.raises(SceneError) as error:
+        Shot(shot(old, new)).scene(1)
+
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_textures_and_meshes_have_frames_too(shot):
+    light = 'type = "spot"\ntexture = "gobo.##.png"\nafter = "hold"'
+    path = shot('type = "sun"', light)
+    (path.parent / "gobo.01.png").touch()
+    with path.open("a") as stream:
+        stream.write('[[solid]]\nmesh = "rock.%d.ply"\nafter = "empty"\n[[solid]]\nshape = "sphere"\n')
+    (path.parent / "rock.1.ply").touch()
+
+    first, third = (SceneFile.read(path, frame=frame) for frame in (1, 3))
+
+    assert [file.light[0].texture for file in (first, third)] == [str(path.parent / "gobo.01.png")] * 2
+    assert [len(file.solids) for file in (first, third)] == [2, 1]
+
+
+def test_an_image_is_never_empty(shot):
+    path = shot('type = "sun"', 'type = "spot"\ntexture = "gobo.##.png"\nafter = "empty"')
+    (path.parent / "gobo.01.png").touch()
+
+    with pytest.raises(SceneError, match=r'shot.toml:10: light.0.texture: "empty" is for volumes and meshes'):
+        SceneFile.read(path, frame=2)
+
+
+def test_a_pattern_of_volumes_needs_no_scene_file(shot):
+    pattern = shot().parent / "smoke.####.npy"
+
+    assert Shot(pattern).scene(2).bodies[0].data.max() == 2
+    assert density(pattern, 9, ("volume.after", "hold")) == 3
+    assert density(pattern, 1, ("volume.frame_offset", 1)) == 2
+    with pytest.raises(SceneError, match="is a pattern of files; say of which frame"):
+        Shot(pattern).scene()
+
+
+def test_scenes_may_have_a_file_for_each_frame(shot):
+    path = shot("smoke.####.npy", "smoke.0003.npy")
+    path.rename(path.with_name("shot.7.toml"))
+
+    assert density(path.with_name("shot.%d.toml"), 7) == 3
+
+
+def test_a_turntable_goes_once_around(shot):
+    path = shot(
+        "from = [{ frame = 1, value = [0, 0, 9] }, { frame = 3, value = [2, 0, 9] }]", "from = [1, 2, 9]"
+    )
+    views = [
+        Shot(path, [("volume.file", "smoke.0001.npy")], turntable=4).scene(frame).camera.from_
+        for frame in (1, 2, 3, 5)
+    ]
+
+    assert views[0] == views[3] == (1, 2, 9)
+    assert views[1] == pytest.approx((9, 2, -1))
+    assert views[2] == pytest.approx((-1, 2, -9))
+
+
+def test_a_camera_of_a_matrix_is_not_turned(shot):
+    path = shot(
+        "from = [{ frame = 1, value = [0, 0, 9] }, { frame = 3, value = [2, 0, 9] }]\nto = [0, 0, 0]",
+        "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,9, 0,0,0,1]",
+    )
+
+    with pytest.raises(SceneError, match=r"camera.matrix: is not turned"):
+        Shot(path, turntable=4).scene(2)

@@ -1,0 +1,148 @@
+"""One frame of a shot, from its scene file to its pictures, in three steps.
+
+`read` needs no device, and neither does `RenderedFrame.save`: other frames may be rendered meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tfm_cl.files import image_io
+from tfm_cl.files.image_io.display import automatic_exposure
+from tfm_cl.plan import options
+from tfm_cl.plan.plan import Plan, plan
+from tfm_cl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
+    from tfm_cl.render.result import RenderResult
+    from tfm_cl.scene.scene_file import SceneFile, Values
+    from tfm_cl.scene.settings import ImageSettings
+    from tfm_cl.sequence.renderer import Renderer
+
+
+@dataclass(frozen=True)
+class ReadFrame:
+    """A frame that is read and planned."""
+
+    number: float | None
+    """None of what does not change."""
+    file: SceneFile
+    scene: Scene
+    planned: Plan
+    options: Values
+    """All options as resolved, in the shape of a scene file."""
+
+    def warnings(self) -> tuple[str, ...]:
+        """Tell, one line each, what the file leaves out and most likely should not."""
+        return options.warnings(self.file, self.scene)
+
+    def render(
+        self, renderer: Renderer, pictures: Sequence[Path], progress: Progress | None = None
+    ) -> RenderedFrame:
+        """Render it.
+
+        Parameters
+        ----------
+        pictures
+            That it will be saved as: their formats tell what is needed.
+        """
+        from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415 - reading needs no OpenCL
+
+        image = self.file.image
+        result = renderer.render(self.scene, progress=progress, **_asked(image, pictures))
+        warnings, resolved = list(result.warnings), dict(self.options)
+        stops = _exposure(result, pictures, image)
+        if stops is not None:
+            dark = too_dark(result, stops, image.view, transparent=image.transparent)
+            warnings += filter(None, [dark])
+            resolved["image"] = resolved["image"] | {"exposure": stops}
+        resolved["map"] = _used_map(resolved["map"], result)
+        resolved["march"] = resolved["march"] | {"steps": result.scene.march.steps}
+        planned = self.planned.completed(result.scene, result.stats.map, result.stats.error_estimate, stops)
+        return RenderedFrame(self, result, tuple(warnings), stops, planned, resolved)
+
+
+@dataclass(frozen=True)
+class RenderedFrame:
+    """A frame that is rendered."""
+
+    read: ReadFrame
+    result: RenderResult
+    warnings: tuple[str, ...]
+    """What a user should know: one line each."""
+    stops: float | None
+    """Exposure of its PNGs; None without one."""
+    planned: Plan
+    options: Values
+    """As `ReadFrame.options`, with what rendering found out."""
+
+    def save(self, pictures: Sequence[Path]) -> None:
+        """Write its pictures, each whole or not at all.
+
+        Raises
+        ------
+        ImageError
+            A file cannot be written.
+        """
+        image = self.read.file.image
+        for path in pictures:
+            self.result.save(
+                path,
+                exposure=self.options["image"]["exposure"],
+                aovs=image.aov,
+                pixel_type=image.pixel_type,
+                metadata={"tfm_cl:options": json.dumps(self.options)},
+                **image.png,
+            )
+
+    def report(self) -> dict[str, Any]:
+        """Return options, plan and figures, for JSON."""
+        report = {"options": self.options, "plan": self.planned.to_dict()} | self.result.stats.to_dict()
+        return report if self.read.number is None else {"frame": self.read.number} | report
+
+
+def read(file: SceneFile, number: float | None) -> ReadFrame:
+    """Read the volumes of a frame's scene file, and plan it; solids and textures are read later.
+
+    Raises
+    ------
+    SceneError, VolumeError
+        As `SceneFile.make`.
+    """
+    scene = file.make(Scene)
+    planned = plan(scene, file=file)
+    return ReadFrame(number, file, scene, planned, options.table(file, planned.scene))
+
+
+def _asked(image: ImageSettings, pictures: Sequence[Path]) -> dict[str, Any]:
+    """Return what the renderer is asked for; deep images have no use for several samples of a pixel."""
+    deep = [image_io.is_deep(path) for path in pictures]
+    asked: dict[str, Any] = {**image.frame, "deep_colour": image.deep_colour}
+    return (
+        asked | ({"deep": image.deep_tolerance} if any(deep) else {}) | ({"samples": 1} if all(deep) else {})
+    )
+
+
+def _exposure(result: RenderResult, pictures: Sequence[Path], image: ImageSettings) -> float | None:
+    """Return the stops of the PNGs; None without one."""
+    if not any(path.suffix.lower() == ".png" for path in pictures):
+        return None
+    if image.exposure != "auto":
+        return image.exposure
+    picture = result.picture(transparent=image.transparent)
+    return automatic_exposure(picture, image.view, transparent=image.transparent)
+
+
+def _used_map(asked: Values, result: RenderResult) -> Values:
+    """Return what the map's settings came to; asked for: those of the scene."""
+    used = result.stats.map
+    if used is None:
+        return asked
+    # Where the target is not the transmittance, α means nothing.
+    alpha = {} if used.target == "transmittance" else {"density_weighting": asked["density_weighting"]}
+    return used.to_dict() | alpha

@@ -1,0 +1,17 @@
+"""What a sequence asks of a renderer: `tfm_cl.render.renderer.Renderer`, or one like it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from tfm_cl.render.result import RenderResult
+
+
+class Renderer(Protocol):
+    """Renders scenes, one after the other."""
+
+    @property
+    def render(self) -> Callable[..., RenderResult]:
+        """`tfm_cl.render.renderer.Renderer.render`, which takes a scene and what is asked for."""

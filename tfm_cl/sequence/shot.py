@@ -1,0 +1,73 @@
+"""A shot: a scene file, what is set besides, and what each of its frames is of."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tfm_cl.errors import SceneError
+from tfm_cl.files.paths import source_of
+from tfm_cl.scene import looks
+from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.sequence.turntable import angle_of
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A scene that may change from frame to frame, by keyframes and files of each frame.
+
+    Parameters
+    ----------
+    path
+        A scene file (``.toml``), a volume, or a pattern of either: ``smoke.####.vdb``.
+    overrides
+        Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
+    look
+        As of `tfm_cl.scene.scene_file.SceneFile.read`.
+    turntable
+        Frames of one turn of the camera about ``camera.up`` through ``camera.to``, which begins at frame 1;
+        None: it does not turn.
+
+    Raises
+    ------
+    SceneError
+        A turn of no frames, or a path that is none.
+    """
+
+    path: str | os.PathLike[str]
+    overrides: Iterable[tuple[str, Any]] = ()
+    look: str = looks.PLAIN
+    turntable: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", source_of(self.path, error=SceneError))
+        object.__setattr__(self, "overrides", tuple(self.overrides))
+        if self.turntable is not None and self.turntable < 1:
+            raise SceneError(f"turntable = {self.turntable}: should be a number of frames from 1")
+
+    def scene_file(self, frame: float | None = None) -> SceneFile:
+        """Read what is asked for in a frame; without one, in all frames of what does not change.
+
+        Raises
+        ------
+        SceneError, VolumeError
+            As `tfm_cl.scene.scene_file.SceneFile.read`.
+        """
+        found = SceneFile.read(Path(self.path), self.overrides, self.look, frame)
+        if self.turntable is None or frame is None:
+            return found
+        return replace(found, turn=angle_of(frame, self.turntable))
+
+    def scene(self, frame: float | None = None) -> Scene:
+        """Read the scene of a frame with its volumes, ready for `tfm_cl.render.renderer.Renderer.render`.
+
+        Raises
+        ------
+        SceneError, VolumeError
+            As `scene_file`; and a volume that cannot be used.
+        """
+        return self.scene_file(frame).make(Scene)
