@@ -2,10 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from tfm_cl.errors import SceneError
 from tfm_cl.scene.keyframes import at_frame
+
+ROUNDING = 1e-12
+"""Of sums of a few products of numbers near 1, in float64."""
 
 
 def value(keyframes, frame):
@@ -143,3 +147,60 @@ def test_thousands_of_keys_and_deep_files_are_read():
 
     assert value(many, 10_000.5) == (10_000 % 7 + 10_001 % 7) / 2
     assert at_frame({"camera": {"from": deep}}, 1)["camera"]["from"]
+
+
+def turned(degrees, *, axis=2, shift=(0, 0, 0), scale=1.0):
+    matrix = np.eye(4)
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    matrix[[one, other], [one, other]] = cosine
+    matrix[other, one], matrix[one, other] = sine, -sine
+    matrix[:3, :3] *= scale
+    matrix[:3, 3] = shift
+    return matrix
+
+
+def matrix_at(frame, *matrices, key="matrix", **more):
+    keyframes = [{"frame": 2 * i, "value": matrix.tolist(), **more} for i, matrix in enumerate(matrices)]
+    return np.array(at_frame({"camera": {key: keyframes}}, frame)["camera"][key])
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_matrices_turn_the_shorter_way_and_keep_their_size(axis):
+    found = matrix_at(1, turned(170, axis=axis, shift=(1, 2, 3)), turned(-150, axis=axis, shift=(3, 2, 1)))
+
+    assert found == pytest.approx(turned(190, axis=axis, shift=(2, 2, 2)), abs=ROUNDING)
+
+
+def test_half_turns_mirrors_and_scales_go_from_one_to_the_other():
+    mirrored = turned(40, scale=3) @ np.diag([1, -1, 1, 1])
+
+    assert np.linalg.det(matrix_at(1, turned(0), turned(180))[:3, :3]) == pytest.approx(1)
+    assert matrix_at(1, turned(0, scale=2), turned(40, scale=4), key="transform") == pytest.approx(
+        turned(20, scale=3), abs=ROUNDING
+    )
+    halfway = matrix_at(1, np.diag([1.0, -1, 1, 1]), mirrored)
+    assert np.linalg.svd(halfway[:3, :3])[1] == pytest.approx([2, 2, 2])
+    assert np.linalg.det(halfway[:3, :3]) == pytest.approx(-8)
+
+
+def test_a_smooth_turn_has_no_corners():
+    matrices = [turned(degrees) for degrees in (0, 30, 90, 100)]
+    close = 1e-5
+
+    def angle(frame):
+        found = matrix_at(frame, *matrices, interpolation="smooth")
+        return math.degrees(math.atan2(found[1, 0], found[0, 0]))
+
+    assert angle(2) == pytest.approx(30)
+    assert (angle(2) - angle(2 - close)) / (angle(2 + close) - angle(2)) == pytest.approx(1, rel=1e-3)
+    assert abs(angle(close)) < 1e-7
+
+
+def test_matrices_that_are_none_stay_numbers():
+    projective = np.ones((4, 4))
+
+    assert matrix_at(1, np.eye(4), projective).tolist() == ((np.eye(4) + 1) / 2).tolist()
+    assert np.array(
+        at_frame({"a": {"matrix": keys((0, [1, 2]), (2, [3, 4]))}}, 1)["a"]["matrix"]
+    ).tolist() == [2, 3]

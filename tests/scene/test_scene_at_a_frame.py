@@ -77,7 +77,7 @@ def test_without_a_frame_it_is_refused_in_a_line_that_says_where(shot):
 
     assert str(error.value).endswith(
         "shot.toml:5: camera.from: changes from frame to frame; "
-        "say of which frame: --frame 1, or --frames 1-24"
+        "say of which: tfm render --frame 1, or --frames 1-24"
     )
 
 
@@ -193,7 +193,7 @@ def test_a_pattern_of_volumes_needs_no_scene_file(shot):
     assert Shot(pattern).scene(2).bodies[0].data.max() == 2
     assert density(pattern, 9, ("volume.after", "hold")) == 3
     assert density(pattern, 1, ("volume.frame_offset", 1)) == 2
-    with pytest.raises(SceneError, match="is a pattern of files; say of which frame"):
+    with pytest.raises(SceneError, match="no such file; as a pattern of files it needs a frame"):
         Shot(pattern).scene()
 
 

@@ -84,6 +84,31 @@ def test_every_spelling_passes(validator):
     validator.validate(tomllib.loads(RIGHT))
 
 
+CHANGING = """
+[volume]
+file = "smoke.####.vdb"
+frame_offset = 100
+frame_step = 0.5
+before = "empty"
+density_scale = [{ frame = 1, value = 2 }, { frame = 9.5, value = 3, interpolation = "smooth" }]
+[medium]
+phase = { type = "hg", g = [{ frame = 1, value = 0.3 }] }
+[camera]
+from = [{ frame = 1, value = [0, 0, 9] }]
+[[light]]
+type = "sky"
+elevation = [{ frame = 1, value = 5, interpolation = "step" }]
+[[solid]]
+mesh = "rock.####.ply"
+after = "hold"
+transform = [{ frame = 1, value = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] }]
+"""
+
+
+def test_keyframes_pass_wherever_a_value_does(validator):
+    validator.validate(tomllib.loads(CHANGING))
+
+
 @pytest.mark.parametrize(
     ("at", "value"),
     [
@@ -117,6 +142,12 @@ def test_every_spelling_passes(validator):
         (("solid", 0, "smooth"), 200),
         (("solid", 0, "albedo"), 1.5),
         (("solid", 1, "shape"), "cone"),
+        (("solid", 1, "height"), [{"frame": 1}]),
+        (("solid", 1, "height"), [{"value": 1}]),
+        (("solid", 1, "height"), [{"frame": "1", "value": 1}]),
+        (("solid", 1, "height"), [{"frame": 1, "value": 1, "interpolation": "cubic"}]),
+        (("solid", 1, "height"), [{"frame": 1, "value": 1, "ease": 1}]),
+        (("volume", 0, "before"), "stay"),
     ],
 )
 def test_what_is_wrong_does_not(validator, at, value):

@@ -10,12 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tfm_cl.errors import Fault, Faults, Key
+from tfm_cl.scene.moved import Moved, affine_of, angle_between, turned_between
 
 INTERPOLATIONS = ("linear", "smooth", "step")
 """Between a key and the next, said by the key: a straight line; a curve without overshoot; none."""
 KEYS = ("frame", "value", "interpolation")
 """Of a keyframe's table."""
+MATRICES = ("matrix", "transform")
+"""Keys of matrices, which are no mere numbers: what turns keeps its size."""
 LARGEST = 1e30
 """Of frames and values: what is larger is no number of a scene."""
 
@@ -112,7 +117,7 @@ def _value_at(tables: list[Values], frame: float, key: Key, faults: Faults) -> A
     if wrong:
         faults.add(*wrong)
         return None
-    return _between(keyframes, frame)
+    return _between(keyframes, frame, is_matrix=key[-1] in MATRICES)
 
 
 def _frame_of(keyframe: _Keyframe) -> float:
@@ -171,7 +176,7 @@ def _holds_lists(row: list[Any]) -> bool:
     return any(isinstance(item, list) for item in row)
 
 
-def _between(keyframes: Sequence[_Keyframe], frame: float) -> Any:
+def _between(keyframes: Sequence[_Keyframe], frame: float, *, is_matrix: bool) -> Any:
     """Return the value of keyframes, in order, at a frame."""
     after = bisect.bisect_right(keyframes, frame, key=_frame_of)
     before = keyframes[max(after - 1, 0)]
@@ -180,7 +185,26 @@ def _between(keyframes: Sequence[_Keyframe], frame: float) -> Any:
         return before.value
     # Of four neighbours a curve knows all that it depends on.
     near = keyframes[max(after - 2, 0) : after + 2]
+    matrices = [affine_of(one.value) for one in near] if is_matrix else [None]
+    places = [Moved.of(matrix) for matrix in matrices if matrix is not None]
+    if len(places) == len(near):
+        return _moved(places, near, min(after - 1, 1), frame)
     return _mixed([one.value for one in near], near, min(after - 1, 1), frame)
+
+
+def _moved(places: Sequence[Moved], near: Sequence[_Keyframe], begin: int, frame: float) -> list[list[float]]:
+    """Return the matrix between two places: turned the shorter way, the rest number by number."""
+    shift = _mixed([place.shift.tolist() for place in places], near, begin, frame)
+    stretch = _mixed([place.stretch.tolist() for place in places], near, begin, frame)
+    turned = list(
+        itertools.accumulate(itertools.starmap(angle_between, itertools.pairwise(places)), initial=0.0)
+    )
+    one, other = places[begin], places[begin + 1]
+    angle = turned[begin + 1] - turned[begin]
+    along = (_mixed(turned, near, begin, frame) - turned[begin]) / angle if angle > 0 else 0.0
+    turn = turned_between(one, other, along)
+    found: list[list[float]] = Moved(np.array(shift), turn, np.array(stretch)).matrix().tolist()
+    return found
 
 
 def _mixed(values: list[Any], near: Sequence[_Keyframe], begin: int, frame: float) -> Any:

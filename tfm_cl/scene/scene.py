@@ -260,15 +260,22 @@ class Scene:
         return bool(self.flames) or any(self.medium_of(body).emits for body in self.bodies)
 
     @classmethod
-    def load(cls, path: str | Path) -> Scene:
+    def load(cls, path: str | Path, frame: float | None = None) -> Scene:
         """Read a scene file (TOML), or a bare volume file with everything placed by itself.
+
+        Parameters
+        ----------
+        path
+            ``.toml``, a volume, or a pattern of either, as ``smoke.####.vdb``.
+        frame
+            Of what changes from frame to frame; it may lie between whole ones.
 
         Raises
         ------
         SceneError, VolumeError
             One line naming the file, the key, and what was expected.
         """
-        return SceneFile.read(source_of(path, error=SceneError)).make(cls)
+        return SceneFile.read(source_of(path, error=SceneError), frame=frame).make(cls)
 
     def save(self, path: str | Path, *, image: ImageSettings | None = None) -> None:
         """Write a scene file (TOML) that loads as this scene; names of files are relative to it.

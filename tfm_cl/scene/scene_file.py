@@ -496,7 +496,7 @@ def _values_at(path: Path, given: Values, frame: float | None) -> tuple[Values, 
     if pattern is None:
         return _values_of(path)
     if frame is None:
-        raise SceneError(f"{path}: is a pattern of files; {SAY_FRAME}")
+        raise SceneError(f"{path}: no such file; as a pattern of files it needs a frame: {SAY_FRAME}")
     said = {key: given[f"volume.{key}"] for key in FrameNumbers.model_fields if f"volume.{key}" in given}
     numbers = FrameNumbers() if path.suffix.lower() == ".toml" else FrameNumbers(**said)
     name = name_at(pattern, frame, numbers)
@@ -519,11 +519,12 @@ def _dress(values: Values, look: str, path: Path, given: Values, frame: float | 
         values["image"] = now["image"] | values["image"]
 
 
-SAY_FRAME = "say of which frame: --frame 1, or --frames 1-24"
+SAY_FRAME = "tfm render --frame 1, or --frames 1-24"
+"""How a frame is said."""
 
 
 def _needs_frame(key: Key) -> Fault:
-    return Fault(f"{'.'.join(map(str, key))}: changes from frame to frame; {SAY_FRAME}", key)
+    return Fault(f"{'.'.join(map(str, key))}: changes from frame to frame; say of which: {SAY_FRAME}", key)
 
 
 def _values_of(path: Path) -> tuple[Values, Source]:

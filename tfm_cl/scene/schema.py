@@ -14,6 +14,7 @@ from tfm_cl.model_fields import SECTION, accepted_by
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES
 from tfm_cl.scene.bodies.homogeneous import SHAPES
 from tfm_cl.scene.camera import RIVALS, Camera
+from tfm_cl.scene.keyframes import INTERPOLATIONS
 from tfm_cl.scene.lights.base import LIGHTS
 from tfm_cl.scene.movable import STEPS, Movable
 from tfm_cl.scene.phases.base import PHASES
@@ -34,6 +35,27 @@ OF_SECTIONS = {
     "image": "settings of the image that is written",
 }
 """What editors say of each."""
+
+
+KEYFRAMES: dict[str, Any] = {
+    "type": "array",
+    "minItems": 1,
+    "items": {
+        "type": "object",
+        "properties": {
+            "frame": {"type": "number", "description": "at which it has the value"},
+            "value": {"description": "as the key itself takes it"},
+            "interpolation": {
+                "enum": list(INTERPOLATIONS),
+                "default": INTERPOLATIONS[0],
+                "description": "of numbers, from here to the next keyframe; all else keeps its value",
+            },
+        },
+        "required": ["frame", "value"],
+        "additionalProperties": False,
+    },
+}
+"""Of any key, in place of a value that stays."""
 
 
 class _Writer(GenerateJsonSchema):
@@ -98,6 +120,7 @@ def scene_schema() -> dict[str, Any]:
         "light": {"oneOf": [_named(model, "type", optional="spot") for model in LIGHTS.values()]},
         "solid": {"oneOf": [*solids, *(_named(model, "shape") for model in SOLIDS.values())]},
         "phase": {"oneOf": [_by_name(PHASES), *(_named(model, "type") for model in PHASES.values())]},
+        "keyframes": KEYFRAMES,
     }
     return {
         "$schema": DIALECT,
@@ -119,6 +142,7 @@ def _of_model(model: type[Model]) -> dict[str, Any]:
     for other, name in SPELLINGS.items():
         if name in properties:
             properties[other] = properties[name] | {"description": f"as {name}"}
+    schema["properties"] = {name: _or_keyframes(said) for name, said in properties.items()}
     schema["title"] = model.__name__
     schema["description"] = re.sub(r"`+", "", (model.__doc__ or "").partition("\n")[0])
     if issubclass(model, Camera):
@@ -129,6 +153,15 @@ def _of_model(model: type[Model]) -> dict[str, Any]:
     if rivals:
         schema["allOf"] = [{"not": {"required": list(pair)}} for pair in rivals]
     return schema
+
+
+def _or_keyframes(said: dict[str, Any]) -> dict[str, Any]:
+    """Add keyframes to what a key takes, unless it tells of what kind a table is."""
+    if "const" in said:
+        return said
+    told = {name: said[name] for name in ("description", "default", "examples") if name in said}
+    value = {name: item for name, item in said.items() if name not in told}
+    return told | {"anyOf": [value, {"$ref": "#/$defs/keyframes"}]}
 
 
 def _linked(value: Any) -> Any:
