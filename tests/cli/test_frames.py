@@ -92,8 +92,10 @@ def test_a_turntable_needs_no_scene_file(render, cloud):
         (("-o", "a.png", "--frame", "4"), "volume.file: frame 4: there is no smoke.0004.npy"),
         (("-o", "smoke.%04d.npy", "--frames", "1-9"), "smoke.0001.npy: is the input of a frame"),
         (("-o", "smoke.0007.npy", "--frame", "1"), "smoke.0007.npy: is the input of a frame"),
+        (("-o", "a.#.png", "--frames", "1-2", "--json", "a.#.json"), "a.#.json: --json is one file for all"),
         (("--print-config", "--frames", "1-2"), "--print-config is of one frame"),
-        (("-o", "a.png", "--turntable", "0"), "--turntable"),
+        (("-o", "a.png", "--turntable", "0"), "--turntable 0: should be a number of frames from 1"),
+        (("-o", "a.#.png", "--turntable", "2000000"), "--turntable: '1-2000000': more than 1,000,000 frames"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(refused, shot, arguments, said):

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import pytest
+from fileseq import FileSequence
+from fileseq.constants import PAD_STYLE_HASH1, PAD_STYLE_HASH4
 
 from tfm_cl.files.patterns import MOST_SHOWN, FilePattern, shown_frames
 
@@ -40,6 +42,24 @@ def test_frames_have_the_names_that_their_conventions_say(name, frame, file):
 
     assert pattern.at(frame) == file
     assert pattern.frame_of(file) == frame
+
+
+@pytest.mark.parametrize(
+    ("name", "style"),
+    [
+        ("out.####.exr", PAD_STYLE_HASH1),
+        ("out.##.exr", PAD_STYLE_HASH1),
+        ("out.#.exr", PAD_STYLE_HASH4),
+        ("out.%04d.exr", PAD_STYLE_HASH4),
+        ("out.$F4.exr", PAD_STYLE_HASH4),
+    ],
+)
+@pytest.mark.parametrize("frame", [7, -5, 12345])
+def test_fileseq_calls_files_the_same(name, style, frame):
+    """In its style of a digit for each #; a lone one is four in its other style, of Houdini and Nuke."""
+    theirs = FileSequence(name, pad_style=style, allow_subframes=False)
+
+    assert FilePattern.of(name).at(frame) == theirs.frame(frame)
 
 
 @pytest.mark.parametrize(

@@ -193,6 +193,8 @@ def test_a_pattern_of_volumes_needs_no_scene_file(shot):
     assert Shot(pattern).scene(2).bodies[0].data.max() == 2
     assert density(pattern, 9, ("volume.after", "hold")) == 3
     assert density(pattern, 1, ("volume.frame_offset", 1)) == 2
+    with pytest.raises(SceneError, match=r"^volume.frame_offset = 'a': should be a valid integer$"):
+        density(pattern, 1, ("volume.frame_offset", "a"))
     with pytest.raises(SceneError, match="no such file; as a pattern of files it needs a frame"):
         Shot(pattern).scene()
 

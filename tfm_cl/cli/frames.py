@@ -23,7 +23,7 @@ def frame_options(function: Callable[..., Any]) -> Callable[..., Any]:
         (
             "--turntable",
             "N",
-            click.IntRange(1, LARGEST_FRAME),
+            click.INT,
             "turn the camera once about camera.up through camera.to in N frames, 1 to N",
         ),
         ("--frame", "N", click.FLOAT, "one frame of a scene that changes from frame to frame"),
@@ -52,16 +52,22 @@ def frames_asked(frames: str | None, frame: float | None, turntable: int | None)
     """
     if frames is not None and frame is not None:
         raise click.UsageError("--frame is one frame, --frames are several; keep one")
+    if turntable is not None and turntable < 1:
+        raise click.UsageError(f"--turntable {turntable}: should be a number of frames from 1")
     if frames is not None:
-        try:
-            return frames_of(frames)
-        except InputError as error:
-            raise InputError(f"--frames: {error}") from None
+        return _read("--frames", frames)
     if frame is not None:
         if not abs(frame) <= LARGEST_FRAME:
             raise click.UsageError(f"--frame {frame:g}: should be a number up to {LARGEST_FRAME:,}")
         return (int(frame) if frame.is_integer() else frame,)
-    return (None,) if turntable is None else tuple(range(1, turntable + 1))
+    return (None,) if turntable is None else _read("--turntable", f"1-{turntable}")
+
+
+def _read(flag: str, frames: str) -> tuple[int, ...]:
+    try:
+        return frames_of(frames)
+    except InputError as error:
+        raise InputError(f"{flag}: {error}") from None
 
 
 def check_names(outputs: Sequence[Path], frames: Sequence[Frame]) -> None:

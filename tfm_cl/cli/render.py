@@ -27,6 +27,7 @@ from tfm_cl.cli.progress import log_shown, progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
+from tfm_cl.files.patterns import FilePattern
 from tfm_cl.plan.plan import Plan
 from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.scene_file_writer import scene_text, to_toml
@@ -101,6 +102,8 @@ def command(
     pictures, configs = _sorted_out(outputs, print_config=print_config, every_key=every_key)
     json_file = None if json_path in {None, "-"} else path_of(str(json_path))
     check_names(outputs, wanted)
+    if json_file is not None and FilePattern.of(json_file) is not None:
+        raise click.UsageError(f"{json_file}: --json is one file for all frames; choose a plain name")
     if print_config and len(wanted) > 1:
         raise click.UsageError("--print-config is of one frame: say which with --frame")
     changes = overrides(given, settings)

@@ -498,7 +498,10 @@ def _values_at(path: Path, given: Values, frame: float | None) -> tuple[Values, 
     if frame is None:
         raise SceneError(f"{path}: no such file; as a pattern of files it needs a frame: {SAY_FRAME}")
     said = {key: given[f"volume.{key}"] for key in FrameNumbers.model_fields if f"volume.{key}" in given}
-    numbers = FrameNumbers() if path.suffix.lower() == ".toml" else FrameNumbers(**said)
+    try:
+        numbers = FrameNumbers(**({} if path.suffix.lower() == ".toml" else said))
+    except SceneError as error:
+        raise SceneError(*(f"volume.{line}" for line in error.args)) from None
     name = name_at(pattern, frame, numbers)
     # Of what is not there, the first file tells what it would be.
     shown = name or pattern.at(next(iter(pattern.frames_in())))
