@@ -56,6 +56,15 @@ def test_a_frame_may_be_printed_and_written_as_a_scene(render, cli, shot):
     assert "from = [0.0, 9.0, 30.0]" in shot.with_name("frame.02.toml").read_text()
 
 
+def test_nothing_is_no_matter_where_it_was_asked_for(render, shot):
+    shot.write_text(SHOT.replace('npy"', 'npy"\nafter = "empty"'))
+
+    done = render(shot, "--frame", 9, "-o", "out.png", "-o", "out.npy")
+
+    assert "warning" not in done.err
+    assert not np.load("out.npy").any()
+
+
 def test_warnings_and_what_is_chosen_are_told_once(render, shot):
     shot.write_text(SHOT.replace("density_scale = 1.5", "density_scale = 1e-9").replace("####", "0001"))
 

@@ -99,9 +99,11 @@ def test_files_may_be_of_other_frames(shot, said, frame, found):
 
 @pytest.mark.parametrize("frame", [0, 4])
 def test_a_body_may_be_there_for_some_frames_alone(shot, frame):
-    scene = Shot(shot('npy"', 'npy"\nbefore = "empty"\nafter = "empty"')).scene(frame)
+    path = shot('npy"', 'npy"\nbefore = "empty"\nafter = "empty"')
+    scene = Shot(path).scene(frame)
 
     assert [body.largest_density.max() for body in scene.bodies] == [0]
+    assert SceneFile.read(path, frame=frame).is_empty
 
 
 def test_of_several_bodies_one_may_be_empty(shot):
@@ -204,27 +206,3 @@ def test_scenes_may_have_a_file_for_each_frame(shot):
     path.rename(path.with_name("shot.7.toml"))
 
     assert density(path.with_name("shot.%d.toml"), 7) == 3
-
-
-def test_a_turntable_goes_once_around(shot):
-    path = shot(
-        "from = [{ frame = 1, value = [0, 0, 9] }, { frame = 3, value = [2, 0, 9] }]", "from = [1, 2, 9]"
-    )
-    views = [
-        Shot(path, [("volume.file", "smoke.0001.npy")], turntable=4).scene(frame).camera.from_
-        for frame in (1, 2, 3, 5)
-    ]
-
-    assert views[0] == views[3] == (1, 2, 9)
-    assert views[1] == pytest.approx((9, 2, -1))
-    assert views[2] == pytest.approx((-1, 2, -9))
-
-
-def test_a_camera_of_a_matrix_is_not_turned(shot):
-    path = shot(
-        "from = [{ frame = 1, value = [0, 0, 9] }, { frame = 3, value = [2, 0, 9] }]\nto = [0, 0, 0]",
-        "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,9, 0,0,0,1]",
-    )
-
-    with pytest.raises(SceneError, match=r"camera.matrix: is not turned"):
-        Shot(path, turntable=4).scene(2)

@@ -299,8 +299,9 @@ class SceneFile:
     """Keys whose values change from frame to frame."""
     patterns: tuple[frame_files.Changing, ...] = ()
     """Of the files that change."""
-    turn: float = 0.0
-    """Degrees by which the camera, once it is placed, is turned about ``camera.up`` through ``camera.to``."""
+    turn: float | None = None
+    """Degrees by which the camera, once it is placed, is turned about ``camera.up`` through ``camera.to``;
+    None where no frame has it turned."""
 
     @classmethod
     def read(
@@ -378,7 +379,12 @@ class SceneFile:
     @property
     def is_animated(self) -> bool:
         """Whether it differs from frame to frame."""
-        return bool(self.changing or self.turn)
+        return bool(self.changing) or self.turn is not None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no body is there in this frame, as ``before`` and ``after`` of their files say."""
+        return bool(self.patterns) and all(map(_is_nothing, self.volumes))
 
     @staticmethod
     def _sections(tables: Values, written: dict[str, str], folder: Path, faults: Faults) -> Values:
@@ -424,7 +430,7 @@ class SceneFile:
             if lights is None:
                 placed = _beside(self.placed_light, "texture", self.path.parent)
                 lights = (placement.light_for(seen, camera, **placed),)
-            camera = camera.turned(self.turn)
+            camera = camera.turned(self.turn or 0.0)
             self._check_crop(camera)
             if self.image.shows_environment:
                 check_surrounded(lights)
@@ -731,7 +737,7 @@ def _camera(table: Values) -> Values:
     return table
 
 
-def _is_nothing(body: Body) -> bool:
+def _is_nothing(body: Body | BodySettings) -> bool:
     """Tell whether a body stands for one that is not there in this frame."""
     return isinstance(body, Homogeneous) and body.density == 0
 

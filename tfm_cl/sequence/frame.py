@@ -55,11 +55,12 @@ class ReadFrame:
 
         image = self.file.image
         result = renderer.render(self.scene, progress=progress, **_asked(image, pictures))
-        warnings, resolved = list(result.warnings), dict(self.options)
+        # What is not there yet, or any more, was asked for.
+        warnings, resolved = [] if self.file.is_empty else list(result.warnings), dict(self.options)
         stops = _exposure(result, pictures, image)
         if stops is not None:
             dark = too_dark(result, stops, image.view, transparent=image.transparent)
-            warnings += filter(None, [dark])
+            warnings += filter(None, [None if self.file.is_empty else dark])
             resolved["image"] = resolved["image"] | {"exposure": stops}
         resolved["map"] = _used_map(resolved["map"], result)
         resolved["march"] = resolved["march"] | {"steps": result.scene.march.steps}
