@@ -121,6 +121,7 @@ def test_everything_else_stays_as_it_is():
         (keys((True, 1)), "keyframe 1 has frame = True"),
         (keys((1, 1), ease=1), "keyframe 1 has an unknown key 'ease'; known: frame, value, interpolation"),
         ([{"frame": 1, "value": 1}, {}], "keyframe 2 has no frame"),
+        ({"frame": 1, "value": 1}, "camera.fov: keyframes are a list, even of one"),
     ],
 )
 def test_what_is_wrong_is_told_in_a_line(keyframes, said):

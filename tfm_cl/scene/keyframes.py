@@ -67,6 +67,9 @@ def evaluated(values: Values, frame: float | None, faults: Faults) -> tuple[Valu
                 changing.append(key)
                 if frame is not None:
                     now = _value_at(value, frame, key, faults)
+            elif isinstance(holder, dict) and isinstance(value, dict) and {"frame", "value"} <= value.keys():
+                line = "keyframes are a list, even of one: [{ frame = 1, value = … }]"
+                faults.add(Fault(f"{'.'.join(map(str, key))}: {line}", key))
             if isinstance(now, dict | list):
                 now = copy.copy(now)
                 waiting.append((now, key))

@@ -26,6 +26,7 @@ class FrameNumbers(Model):
 
     frame_offset: int = Field(
         default=0,
+        examples=[100],
         ge=-LARGEST_COORDINATE,
         le=LARGEST_COORDINATE,
         description="with a pattern of files, as smoke.####.vdb: number of the file at frame 0, so 100 for "
@@ -33,6 +34,7 @@ class FrameNumbers(Model):
     )
     frame_step: float = Field(
         default=1.0,
+        examples=[0.5],
         ge=-LARGEST_COORDINATE,
         le=LARGEST_COORDINATE,
         description="with a pattern of files: by how much the file's number grows from frame to frame; 0.5 "
@@ -40,11 +42,13 @@ class FrameNumbers(Model):
     )
     before: Missing = Field(
         default="error",
+        examples=["empty"],
         description="with a pattern of files: what is there in frames before the first file; hold: the "
         "first file",
     )
     after: Missing = Field(
         default="error",
+        examples=["hold"],
         description="with a pattern of files: what is there in frames after the last file; hold: the last "
         "file",
     )
