@@ -71,6 +71,18 @@ def test_overrides_may_be_keyframes(shot):
     assert Shot(shot(), [("camera.fov", fov)]).scene(3).camera.fov == 25
 
 
+def test_a_light_that_is_placed_may_change(shot):
+    path = shot()
+    path.write_text(TEXT[: TEXT.index("[[light]]")])
+    cone = [{"frame": 1, "value": 20}, {"frame": 3, "value": 30}]
+
+    scene = Shot(path, [("light.cone", cone)]).scene(2)
+
+    assert scene.lights[0].cone == 25
+    with pytest.raises(SceneError, match=r"light.cone: keyframe 1 has no frame"):
+        Shot(path, [("light.cone", [{"value": 1}])]).scene(2)
+
+
 def test_without_a_frame_it_is_refused_in_a_line_that_says_where(shot):
     with pytest.raises(SceneError) as error:
         SceneFile.read(shot())

@@ -349,19 +349,15 @@ class SceneFile:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
                 _check_used(values, key)
-        values, changing = keyframes.evaluated(values, frame, faults)
-        files = frame_files.at_frame(values, frame, path.parent, faults)
-        changing += [file.key for file in files]
-        if frame is None:
-            faults.add(*map(_needs_frame, changing[:1]))
         try:
-            faults.raise_any()
+            values, changing, files = _at_frame(values, frame, path.parent)
+            placed, others, more = _at_frame({"light": placed_light}, frame, path.parent)
         except SceneError as error:
             raise source.located(error) from None
         tables, written = _tables(values, faults)
         sections = cls._sections(tables, written, path.parent, faults)
         with faults.collect():
-            _check_placed(placed_light, path.parent)
+            _check_placed(placed["light"], path.parent)
         try:
             faults.raise_any()
         except SceneError as error:
@@ -369,10 +365,10 @@ class SceneFile:
         return cls(
             source=source,
             path=path,
-            placed_light=placed_light,
+            placed_light=placed["light"],
             look=chosen,
-            changing=tuple(changing),
-            patterns=tuple(files),
+            changing=(*changing, *others),
+            patterns=(*files, *more),
             **sections,
         )
 
@@ -516,6 +512,26 @@ def _values_at(path: Path, given: Values, frame: float | None) -> tuple[Values, 
         (kind,) = [key for key in BODIES if key in values["volume"]]
         values["volume"][kind] = os.fspath(path.absolute())
     return values, source
+
+
+def _at_frame(
+    values: Values, frame: float | None, folder: Path
+) -> tuple[Values, list[Key], list[frame_files.Changing]]:
+    """Return values at a frame, the keys of those that change, and of these the files.
+
+    Raises
+    ------
+    SceneError
+        Keyframes that are none, a file that is not there, or no frame where something changes.
+    """
+    faults = Faults()
+    now, changing = keyframes.evaluated(values, frame, faults)
+    files = frame_files.at_frame(now, frame, folder, faults)
+    changing += [file.key for file in files]
+    if frame is None:
+        faults.add(*map(_needs_frame, changing[:1]))
+    faults.raise_any()
+    return now, changing, files
 
 
 def _dress(values: Values, look: str, path: Path, given: Values, frame: float | None) -> None:
