@@ -56,6 +56,16 @@ def test_a_frame_may_be_printed_and_written_as_a_scene(render, cli, shot):
     assert "from = [0.0, 9.0, 30.0]" in shot.with_name("frame.02.toml").read_text()
 
 
+def test_other_commands_take_a_frame(cli, shot, folder, tiny):
+    asked = ("--what", "map", "--map-res", 8, "--light-steps", 8, "--coeffs", 2, *tiny[10:])
+
+    assert "--frame 1" in cli("bake", shot, "-o", "maps", *asked).err
+    done = cli("bake", shot, "-o", "maps", "--frame", 2, *asked)
+
+    assert done.code == 0, done.err
+    assert (folder / "maps" / "maps.json").exists()
+
+
 def test_nothing_is_no_matter_where_it_was_asked_for(render, shot):
     shot.write_text(SHOT.replace('npy"', 'npy"\nafter = "empty"'))
 

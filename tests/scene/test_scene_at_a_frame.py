@@ -88,8 +88,7 @@ def test_without_a_frame_it_is_refused_in_a_line_that_says_where(shot):
         SceneFile.read(shot())
 
     assert str(error.value).endswith(
-        "shot.toml:5: camera.from: changes from frame to frame; "
-        "say of which: tfm render --frame 1, or --frames 1-24"
+        "shot.toml:5: camera.from: changes from frame to frame; say of which: --frame 1, or --frames 1-24"
     )
 
 

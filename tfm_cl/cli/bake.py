@@ -12,6 +12,7 @@ import click
 from pydantic.fields import FieldInfo
 
 from tfm_cl.bake import KINDS, Bake
+from tfm_cl.cli.frames import checked, frame_option
 from tfm_cl.cli.options import (
     LOOKS,
     GroupedCommand,
@@ -135,6 +136,7 @@ def _bake_options(function: Callable[..., Any]) -> Callable[..., Any]:
     group="Medium",
     help="what is chosen where nothing is given, as of tfm render  [what suits the kind]",
 )
+@frame_option
 @device_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
@@ -143,6 +145,7 @@ def command(
     what: str,
     settings: tuple[str, ...],
     look: str | None,
+    frame: float | None,
     device: str | None,
     *,
     quiet: bool,
@@ -163,7 +166,7 @@ def command(
     if len(sources) > 1 and not kind.TAKES_SEVERAL:
         raise click.UsageError(f"--what {what} takes one INPUT; got {len(sources)}")
     sources = tuple(sorted(sources, key=_in_order))
-    scene_files, shared = alike(sources, changes, look or kind.LOOK)
+    scene_files, shared = alike(sources, changes, look or kind.LOOK, checked(frame))
     for path in (*sources, *(file for scene_file in scene_files for file in scene_file.files())):
         if real_path(path) == real_path(out):
             raise click.UsageError(f"{out}: is the input itself; choose another name")
@@ -205,17 +208,17 @@ def _in_order(path: Path) -> list[tuple[int, str]]:
 
 
 def alike(
-    sources: Sequence[Path], changes: list[tuple[str, Any]], look: str
+    sources: Sequence[Path], changes: list[tuple[str, Any]], look: str, frame: float | None = None
 ) -> tuple[list[SceneFile], dict[str, float]]:
     """Read the files of a sequence, in which bare volumes have the same look and the same scales.
 
     What is chosen for a volume by itself flickers in a sequence: where densities are scaled, the deepest of
     all decides, and where temperatures are, the hottest. Returns these scales, too, by dotted key.
     """
-    first = SceneFile.read(sources[0], changes, look)
+    first = SceneFile.read(sources[0], changes, look, frame)
     if len(sources) == 1:
         return [first], {}
-    found = [first, *(SceneFile.read(source, changes, first.look.name) for source in sources[1:])]
+    found = [first, *(SceneFile.read(source, changes, first.look.name, frame) for source in sources[1:])]
     scaled = [scene_file.make(Scene).bodies[0] for scene_file in found if _scales_density(scene_file)]
     hot = [scene_file.medium for scene_file in found if _glows(scene_file)]
     shared: dict[str, float] = {}

@@ -17,8 +17,20 @@ Frame = float | None
 """None where nothing changes from frame to frame."""
 
 
+frame_option = click.option(
+    "--frame",
+    metavar="N",
+    type=click.FLOAT,
+    cls=GroupedOption,
+    group="Sequence",
+    help="one frame of a scene that changes from frame to frame",
+)
+"""Of every command that reads scenes of one frame."""
+
+
 def frame_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add ``--frames``, ``--frame`` and ``--turntable`` to a command."""
+    function = frame_option(function)
     for flag, metavar, kind, text in (
         (
             "--turntable",
@@ -26,7 +38,6 @@ def frame_options(function: Callable[..., Any]) -> Callable[..., Any]:
             click.INT,
             "turn the camera once about camera.up through camera.to in N frames, 1 to N",
         ),
-        ("--frame", "N", click.FLOAT, "one frame of a scene that changes from frame to frame"),
         (
             "--frames",
             "RANGE",
@@ -57,10 +68,23 @@ def frames_asked(frames: str | None, frame: float | None, turntable: int | None)
     if frames is not None:
         return _read("--frames", frames)
     if frame is not None:
-        if not abs(frame) <= LARGEST_FRAME:
-            raise click.UsageError(f"--frame {frame:g}: should be a number up to {LARGEST_FRAME:,}")
-        return (int(frame) if frame.is_integer() else frame,)
+        return (checked(frame),)
     return (None,) if turntable is None else _read("--turntable", f"1-{turntable}")
+
+
+def checked(frame: float | None) -> Frame:
+    """Return the frame that ``--frame`` names.
+
+    Raises
+    ------
+    click.UsageError
+        There can be no such frame.
+    """
+    if frame is None:
+        return None
+    if not abs(frame) <= LARGEST_FRAME:
+        raise click.UsageError(f"--frame {frame:g}: should be a number up to {LARGEST_FRAME:,}")
+    return int(frame) if frame.is_integer() else frame
 
 
 def _read(flag: str, frames: str) -> tuple[int, ...]:

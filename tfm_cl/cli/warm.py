@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
+from tfm_cl.cli.frames import checked, frame_option
 from tfm_cl.cli.options import (
     GroupedCommand,
     GroupedOption,
@@ -30,12 +31,14 @@ SAMPLE_SIZE = 24
 @click.argument("sources", metavar="[INPUT]...", nargs=-1, type=SOURCE)
 @scene_options()
 @look_option
+@frame_option
 @device_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
     sources: tuple[Path, ...],
     settings: tuple[str, ...],
     look: str,
+    frame: float | None,
     device: str | None,
     *,
     quiet: bool,
@@ -57,7 +60,7 @@ def command(
         else:
             sample = _sample(Path(folder))
             wanted = [(sample, name) for name in dict.fromkeys((look, looks.PLAIN))]
-        scenes = [SceneFile.read(source, changes, name) for source, name in wanted]
+        scenes = [SceneFile.read(source, changes, name, checked(frame)) for source, name in wanted]
         _compile(scenes, device, quiet=quiet)
 
 

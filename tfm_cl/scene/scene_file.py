@@ -544,7 +544,7 @@ def _dress(values: Values, look: str, path: Path, given: Values, frame: float | 
         values["image"] = now["image"] | values["image"]
 
 
-SAY_FRAME = "tfm render --frame 1, or --frames 1-24"
+SAY_FRAME = "--frame 1, or --frames 1-24"
 """How a frame is said."""
 
 
