@@ -81,6 +81,12 @@ def add(folder: Path, basis: tfm.Basis) -> None:
     tfm.register_image_format(".abc", "my_formats.abc")
 
 
+def frames(path: Path) -> list[tfm.Scene]:
+    """Return scenes of a shot, of which one is between whole frames."""
+    shot = tfm.Shot(path, [("camera.fov", 30.0)], look="plain", turntable=24)
+    return [shot.scene(frame) for frame in (1, 2.5)]
+
+
 def render(path: Path) -> tfm.Comparison:
     """Render the scene both ways, and compare the pictures."""
     with tfm.Renderer(device=None) as renderer:
