@@ -25,6 +25,7 @@ FLOORS = {
     "maps": 7,
     "reference": 10,
     "render": 9,
+    "jobs": 6,
     "sweep": 9,
     "sequence": 9,
     "bake": 8,

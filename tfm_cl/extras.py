@@ -5,6 +5,7 @@ import importlib.util
 from collections.abc import Iterator
 
 EXTRAS = {
+    "dask": {"distributed": "distributed"},
     "figures": {"matplotlib": "matplotlib"},
     "flip": {"flip_evaluator": "flip-evaluator"},
     "points": {"scipy": "SciPy"},

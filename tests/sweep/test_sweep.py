@@ -1042,6 +1042,7 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
         "converged_steps": 90,
         "ray": (0.25, 1.0),
         "jobs": 2,
+        "scheduler": None,
         "figures": (),
         "latex": False,
         "overrides": [("march.steps", 7)],

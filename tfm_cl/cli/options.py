@@ -285,6 +285,14 @@ device_option = click.option(
     "[$TFM_CL_DEVICE, else a GPU, else PoCL]",
 )
 """Of every command that uses a device."""
+scheduler_option = click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    cls=GroupedOption,
+    help="do the work on the workers of a Dask scheduler, as tcp://host:8786, which see the same files "
+    "(needs pip install 'tfm_cl[dask]')",
+)
+"""Of every command whose work is in jobs."""
 
 
 def overrides(given: dict[str, Any], settings: tuple[str, ...]) -> list[tuple[str, Any]]:

@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from tfm_cl.cli.options import GroupedCommand, GroupedOption, device_option, overrides, scene_options
+from tfm_cl.cli.options import (
+    GroupedCommand,
+    GroupedOption,
+    device_option,
+    overrides,
+    scene_options,
+    scheduler_option,
+)
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
@@ -121,6 +128,7 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
     )
 )
 @device_option
+@scheduler_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 def command(
     inputs: tuple[Path, ...],
@@ -128,6 +136,7 @@ def command(
     settings: tuple[str, ...],
     ray: str | None,
     device: str | None,
+    scheduler: str | None,
     *,
     converged: bool,
     converged_steps: int | None,
@@ -176,6 +185,7 @@ def command(
             converged_steps=converged_steps,
             ray=_ray(ray),
             jobs=jobs,
+            scheduler=scheduler,
             latex=latex,
             figures=() if figures is None else tuple(part.strip() for part in figures.split(",")),
             overrides=changes,

@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from tfm_cl.jobs.job import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.scene.scene import Scene
-    from tfm_cl.sweep.pool import Progress
 
 
 class Stats(Protocol):

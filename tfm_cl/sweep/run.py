@@ -23,12 +23,15 @@ from typing import TYPE_CHECKING, Any
 
 from tfm_cl.errors import InputError
 from tfm_cl.extras import missing
+from tfm_cl.jobs.cluster import Cluster
+from tfm_cl.jobs.here import Here
+from tfm_cl.jobs.job import Job, Pool, Progress
+from tfm_cl.jobs.processes import MOST_JOBS, Processes
 from tfm_cl.scene.settings import MAX_STEPS, MapSettings
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep import written as sweep_report
 from tfm_cl.sweep.axes import Axes
 from tfm_cl.sweep.keys import content_hash
-from tfm_cl.sweep.pool import MOST_JOBS, Here, Job, Processes, Progress
 from tfm_cl.sweep.report.figures import FORMATS
 from tfm_cl.sweep.rows import (
     BUDGETS,
@@ -75,6 +78,7 @@ def run(
     converged_steps: int | None = None,
     ray: Ray | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
     latex: bool = False,
     figures: Collection[str] = (),
     overrides: Overrides | None = None,
@@ -108,6 +112,9 @@ def run(
         by `tfm_cl.sweep.curves.choose_ray`, once for each reference.
     jobs
         Number of processes. Several of them share the device, so that their times are longer.
+    scheduler
+        Address of a Dask scheduler, ``tcp://host:8786``, whose workers do the work in place of processes of
+        this machine: they see the inputs and ``out`` under the same names, and have devices of one kind.
     latex
         Whether to write ``sweep.tex``, tables for a paper.
     figures
@@ -151,7 +158,7 @@ def run(
         storages=tuple(storages),
         map_sizes=tuple(map_sizes),
     )
-    _check(converged_steps, ray, jobs, renderer)
+    _check(converged_steps, ray, jobs, renderer, scheduler)
     _check_figures(figures)
     task = Task(
         out=out,
@@ -161,7 +168,11 @@ def run(
         converged_steps=converged_steps,
     )
     workshop = Workshop(task, renderer)
-    pool = Here(workshop.using()) if jobs == 1 else Processes(workshop.worker, jobs)
+    pool: Pool
+    if scheduler is not None:
+        pool = Cluster(scheduler, workshop.worker)
+    else:
+        pool = Here(workshop.using()) if jobs == 1 else Processes(workshop.worker, jobs)
     sweep = _Sweep(out, ray, notice or _say_nothing, progress)
     try:
         with pool:
@@ -173,7 +184,11 @@ def run(
 
 
 def _check(
-    converged_steps: int | None, ray: Ray | None, jobs: int, renderer: Renderer | Callable[[], Renderer]
+    converged_steps: int | None,
+    ray: Ray | None,
+    jobs: int,
+    renderer: Renderer | Callable[[], Renderer],
+    scheduler: str | None,
 ) -> None:
     if converged_steps is not None and not 1 <= converged_steps <= MAX_STEPS:
         raise InputError(f"converged steps = {converged_steps}: should be from 1 to {MAX_STEPS}")
@@ -183,6 +198,12 @@ def _check(
         raise InputError(f"jobs = {jobs}: should be from 1 to {MOST_JOBS}")
     if jobs > 1 and not callable(renderer):
         raise InputError(f"jobs = {jobs}: every process has its own renderer; give a function that makes one")
+    if scheduler is not None and jobs > 1:
+        raise InputError(f"jobs = {jobs}: the workers of {scheduler} do the work; leave jobs out")
+    if scheduler is not None and not callable(renderer):
+        raise InputError(
+            f"scheduler = {scheduler}: every worker has its own renderer; give a function that makes one"
+        )
 
 
 def _check_figures(figures: Collection[str]) -> None:
@@ -202,7 +223,7 @@ class _Sweep:
         self._out, self._ray, self._notice, self._progress = out, ray, notice, progress
         self._folder: SweepFolder | None = None
 
-    def run(self, pool: Here | Processes, inputs: list[Path]) -> list[SweepRow]:
+    def run(self, pool: Pool, inputs: list[Path]) -> list[SweepRow]:
         """Make the missing rows and curves of all inputs; returns the rows."""
         plans = self._plans(pool, inputs)
         for line in dict.fromkeys(line for plan in plans for line in plan.notices):
@@ -233,7 +254,7 @@ class _Sweep:
             self._folder.close()
 
     @staticmethod
-    def _plans(pool: Here | Processes, inputs: list[Path]) -> list[Plan]:
+    def _plans(pool: Pool, inputs: list[Path]) -> list[Plan]:
         found: dict[Path, Plan] = {}
 
         def planned(job: Job, plan: Plan) -> list[Job]:

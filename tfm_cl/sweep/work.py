@@ -25,11 +25,11 @@ from tfm_cl.sweep.keys import content_hash, reference_key
 from tfm_cl.sweep.rows import SweepRow, keep_image, keep_march, kept_image, kept_march
 
 if TYPE_CHECKING:
+    from tfm_cl.jobs.job import Progress
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.scene.settings import MapSettings
     from tfm_cl.sweep.axes import Axes
     from tfm_cl.sweep.curves import Curve, Ray
-    from tfm_cl.sweep.pool import Progress
     from tfm_cl.sweep.renderer import Renderer
 
 Overrides = Iterable[tuple[str, Any]] | Callable[[Scene], Scene]
@@ -93,6 +93,11 @@ class Worker:
         self._task, self._renderer = task, renderer
         self._scene: tuple[Path, Scene] | None = None
         self._maps: tuple[str, list[TransmittanceMap]] | None = None
+
+    def close(self) -> None:
+        """Release the device's memory."""
+        self._scene = self._maps = None
+        self._renderer.close()
 
     def plan(self, path: Path, name: str, progress: Progress) -> Plan:
         """Read an input, and check every setting requested for it.
