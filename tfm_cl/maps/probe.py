@@ -160,10 +160,8 @@ class LightProbe:
         """
         launcher = self._launcher
         size = len(probe.begin)
-        y, x = np.nonzero(probe.optical_depth > 0)
         most = RAYS if light.most_texels is None else min(RAYS, light.most_texels**2 // TEXELS_OF_RAY)
-        some = np.random.default_rng(SEED).permutation(len(x))[:most]
-        x, y = x[some], y[some]
+        y, x = some_of(probe.optical_depth > 0, most)
         ranges = np.broadcast_to(np.array([0, np.inf], np.float32), (len(x), 2))
         if field is not None:
             each = len(field) == size
@@ -190,6 +188,18 @@ class LightProbe:
     def _kernel(self, name: str, light: Light, medium: FieldOnDevice, *, clipped: bool = False) -> Kernel:
         defines = light_defines(light) | {"TFM_SHADOW": int(clipped)} | medium.defines
         return self._launcher.kernels.kernel(name, "probe.cl", (*medium.headers, *light.headers), defines)
+
+
+def some_of(rays: NDArray[np.bool_], most: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Choose some of the rays [size, size] that there are: y, x.
+
+    Each has its turn, whichever others there are: as a medium moves on, few of the chosen change, and so do
+    the functions that are learnt from them.
+    """
+    y, x = np.nonzero(rays)
+    turns = np.random.default_rng(SEED).permutation(rays.size)[rays.shape[1] * y + x]
+    some = np.argsort(turns)[:most]
+    return y[some], x[some]
 
 
 def light_defines(light: Light) -> dict[str, int | str]:
