@@ -117,3 +117,15 @@ def test_same_is_known_by_being_itself():
     assert found[0] is found[2] is not found[1]
     assert Same(None) == Same(None)
     assert Same(first) != first
+
+
+def test_what_two_frames_had_no_use_for_is_forgotten():
+    cache = Cache(100)
+    old, still = made(cache, "old"), made(cache, "still")
+    for frame in range(3):
+        made(cache, frame)
+        assert made(cache, "still") is still
+        cache.forget_unused()
+    assert cache.nbytes == 3  # of the last two frames, and what all have
+    assert made(cache, "old") is not old
+    assert made(cache, "still") is still

@@ -5,8 +5,9 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,9 @@ from tfm_cl.cli.options import (
 )
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import log_shown, progress_bar
+from tfm_cl.cli.sequence import Range, check_one, is_range, sequence_options, share_cores
 from tfm_cl.cli.streams import one_line
+from tfm_cl.errors import InputError
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.files.patterns import FilePattern
@@ -32,7 +35,12 @@ from tfm_cl.plan.plan import Plan
 from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.scene_file_writer import scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
+from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.frame import ReadFrame, read
+from tfm_cl.sequence.frames import FrameWorker, ShotFrames
+from tfm_cl.sequence.names import Files
+from tfm_cl.sequence.plan import RangePlan, looked_at, steady
+from tfm_cl.sequence.ranges import frames_of
 from tfm_cl.sequence.shot import Shot
 
 if TYPE_CHECKING:
@@ -56,6 +64,7 @@ if TYPE_CHECKING:
 @scene_options()
 @look_option
 @frame_options
+@sequence_options
 @device_option
 @click.option(
     "--print-config",
@@ -81,14 +90,17 @@ def command(
     frames: str | None,
     frame: float | None,
     turntable: int | None,
+    plan_frames: str | None,
+    jobs: int,
     *,
+    skip_existing: bool,
     print_config: bool,
     every_key: bool,
     stats: bool,
     quiet: bool,
     verbose: bool,
     **given: Any,
-) -> None:
+) -> int:
     """Render INPUT, a volume or a scene (.toml), to pictures.
 
     \b
@@ -107,8 +119,17 @@ def command(
     if print_config and len(wanted) > 1:
         raise click.UsageError("--print-config is of one frame: say which with --frame")
     changes = overrides(given, settings)
+    shot = Shot(source, changes, look, turntable)
+    if pictures and is_range(wanted, frame):
+        _check_range(shot, wanted, outputs, json_file, changes, quiet=quiet)
+        files = Files(pictures, configs, every_key=every_key)
+        of_range = _range(shot, wanted, plan_frames, files, device, jobs, skip_existing=skip_existing)
+        of_range.quiet, of_range.verbose = quiet, verbose
+        of_range.reports = stats or json_path is not None
+        return _finish_range(of_range, json_path, json_file, stats=stats and not quiet)
+    check_one(jobs, plan_frames, skip_existing=skip_existing)
     told = _Told(quiet=quiet)
-    run = _Run(Shot(source, changes, look, turntable), pictures, configs, json_file, device, told)
+    run = _Run(shot, pictures, configs, json_file, device, told)
     reports: list[Values] = []
     with contextlib.ExitStack() as stack:
         for number in wanted:
@@ -131,6 +152,7 @@ def command(
             reports.append(report)
     if json_path is not None and reports:
         _write_json(json_file, reports[0] if len(wanted) == 1 else {"frames": reports})
+    return 0
 
 
 @dataclass
@@ -246,6 +268,94 @@ def _check_writable(pictures: tuple[Path, ...], *others: Path | None) -> None:
         image_io.check_writable(path)
     for other in filter(None, others):
         check_writable(other)
+
+
+def _range(
+    shot: Shot,
+    asked: tuple[Frame, ...],
+    plan_frames: str | None,
+    files: Files,
+    device: str | None,
+    jobs: int,
+    *,
+    skip_existing: bool,
+) -> Range:
+    """Return how a range is rendered."""
+    frames = tuple(int(number) for number in asked if number is not None)
+    planned = frozenset((*frames, *(() if plan_frames is None else _frames_of(plan_frames))))
+    exposes = any(path.suffix.lower() == ".png" for path in files.pictures)
+
+    def decide(ledger: Ledger, rendering: Callable[[], Any]) -> RangePlan:
+        return steady(shot, planned, files.plan, ledger, exposes=exposes, renderer=rendering)
+
+    def decided(overrides: list[tuple[str, Any]]) -> Shot:
+        return replace(shot, decided=overrides)
+
+    return Range(
+        frames,
+        files,
+        ShotFrames(shot, files, read, partial(_renderer, device)),
+        decide,
+        lambda overrides: partial(_worker, decided(overrides), files, device, jobs, skip_existing),
+        decided,
+        jobs,
+        skip_existing,
+    )
+
+
+def _frames_of(text: str) -> tuple[int, ...]:
+    try:
+        return frames_of(text)
+    except InputError as error:
+        raise InputError(f"--plan-frames: {error}") from None
+
+
+def _renderer(device: str | None) -> "Renderer":
+    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - reading needs no OpenCL
+
+    return Renderer(device)
+
+
+def _worker(shot: Shot, files: Files, device: str | None, jobs: int, skip_existing: bool) -> FrameWorker:  # noqa: FBT001 - partial
+    """Make what works in one of several processes."""
+    share_cores(jobs)
+    return FrameWorker(shot, files, read, partial(_renderer, device), skip_existing=skip_existing)
+
+
+def _finish_range(of_range: Range, json_path: str | None, json_file: Path | None, *, stats: bool) -> int:
+    """Render a range, and print and write its figures; returns the exit code."""
+    code = of_range.render()
+    order = {frame: place for place, frame in enumerate(of_range.frames)}
+    of_range.found.sort(key=lambda report: order[report["frame"]])
+    for report in of_range.found if stats else ():
+        _print_stats(report)
+    if json_path is not None:
+        _write_json(json_file, {"frames": of_range.found})
+    return code
+
+
+def _check_range(
+    shot: Shot,
+    frames: tuple[Frame, ...],
+    outputs: tuple[Path, ...],
+    json_file: Path | None,
+    changes: list[tuple[str, Any]],
+    *,
+    quiet: bool,
+) -> None:
+    """Find out what is wrong with all frames of a range, before the first is made."""
+    pictures = tuple(path for path in outputs if path.suffix.lower() != ".toml")
+    _check_writable(named(pictures, frames[0]), json_file)
+    for number in looked_at([int(frame) for frame in frames if frame is not None]):
+        try:
+            scene_file = shot.scene_file(number)
+        except InputError:
+            continue  # told with that frame, or by the plan
+        _check_apart((*named(outputs, number), *filter(None, [json_file])), scene_file)
+        if not quiet:
+            _tell_left_out(named(pictures, number), scene_file.image)
+            _tell_unused(pictures, dict(changes))
+        return
 
 
 def _check_apart(outputs: tuple[Path, ...], scene_file: SceneFile) -> None:

@@ -46,6 +46,8 @@ class Cache:
         self._kept: OrderedDict[tuple[str, Hashable], tuple[Any, int]] = OrderedDict()
         self._held: dict[str, tuple[str, Hashable]] = {}
         """Kind -> where the value of that kind is that may not be pushed out."""
+        self._used: list[set[tuple[str, Hashable]]] = [set(), set()]
+        """Where the values are that were asked for since the last `forget_unused`, and before that."""
         self._nbytes = 0
 
     @property
@@ -80,6 +82,7 @@ class Cache:
         kept = self._kept.get(place)
         if kept is not None:
             self._kept.move_to_end(place)
+            self._used[0].add(place)
             found: T = kept[0]
             return found
         return self._put(kind, key, make(), nbytes)
@@ -105,6 +108,7 @@ class Cache:
         for key in first:
             if (kept := self._kept.get((kind, key))) is not None:
                 self._kept.move_to_end((kind, key))
+                self._used[0].add((kind, key))
                 found[key] = kept[0]
         missing = [key for key in first if key not in found]
         # What is made may push out what was found.
@@ -116,6 +120,7 @@ class Cache:
         size = nbytes(value)
         self.made[kind] += 1
         self._kept[kind, key] = value, size
+        self._used[0].add((kind, key))
         self._nbytes += size
         self._shrink()
         return value
@@ -129,8 +134,17 @@ class Cache:
             _, size = self._kept.pop(oldest)
             self._nbytes -= size
 
+    def forget_unused(self) -> None:
+        """Forget what was not asked for since this was called the last time but one."""
+        in_use = {*self._used[0], *self._used[1], *self._held.values()}
+        for place in [place for place in self._kept if place not in in_use]:
+            _, size = self._kept.pop(place)
+            self._nbytes -= size
+        self._used = [set(), self._used[0]]
+
     def clear(self) -> None:
         """Forget everything."""
         self._kept.clear()
         self._held.clear()
+        self._used = [set(), set()]
         self._nbytes = 0

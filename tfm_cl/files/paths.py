@@ -6,11 +6,13 @@ import os
 import re
 import secrets
 import stat
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from tfm_cl.errors import InputError, VolumeError
+from tfm_cl.files.locks import has_ended, machine
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 """What would break a message's line, or be obeyed by a terminal."""
@@ -155,7 +157,7 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
     """
     target = _target(path, error)
     # Short, whatever the target's name: that may be as long as names can be.
-    temporary = target.with_name(f".tfm-{secrets.token_hex(4)}.tmp")
+    temporary = target.with_name(f"{_our_prefix()}{os.getpid()}-{secrets.token_hex(4)}.tmp")
     try:
         temporary.touch(exist_ok=False)
         yield temporary
@@ -167,6 +169,19 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what processes of this machine were writing there when they were killed."""
+    with contextlib.suppress(OSError):
+        for path in folder.glob(f"{_our_prefix()}*.tmp"):
+            process = path.name.removeprefix(_our_prefix()).partition("-")[0]
+            if process.isdecimal() and has_ended(int(process)):
+                path.unlink(missing_ok=True)
+
+
+def _our_prefix() -> str:
+    return f".tfm-{zlib.crc32(machine().encode()):08x}-"
 
 
 def check_writable(path: Path, error: type[InputError] = InputError) -> None:

@@ -300,6 +300,14 @@ class Renderer:
         leaves = [grid.channel_leaves for grid in grids]
         return build_bricks(self._launcher, leaves, _what(grids), voxels)
 
+    def forget_unused(self) -> None:
+        """Give back what the last two frames had no use for: of a sequence, they share little with others.
+
+        A frame ends with each call.
+        """
+        with self._launcher.turn:
+            self._cache.forget_unused()
+
     def cancel(self) -> None:
         """End what another thread is rendering: it raises `CancelledError` before its next launch."""
         self._launcher.cancel()

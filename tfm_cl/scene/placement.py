@@ -3,9 +3,10 @@
 import itertools
 import math
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
@@ -36,8 +37,23 @@ TURNS = 8
 """In which a camera is moved to where the picture is filled: each halves what is left to move, at least."""
 
 
+class Outlined(Protocol):
+    """What something is placed by: a body, or what is known of one."""
+
+    @property
+    def occupied_bounds(self) -> NDArray[np.float64]:
+        """As `Body.occupied_bounds`."""
+
+    def outline(self) -> NDArray[np.float64]:
+        """As `Body.outline`."""
+
+
 def camera_for(
-    bodies: "Sequence[Body]", /, filled: float | None = None, height: float = TOWARDS_CAMERA[1], **given: Any
+    bodies: "Sequence[Outlined]",
+    /,
+    filled: float | None = None,
+    height: float = TOWARDS_CAMERA[1],
+    **given: Any,
 ) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
 
@@ -74,7 +90,7 @@ def camera_for(
     return Camera(**given)
 
 
-def _closer(bodies: "Sequence[Body]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Triple]:
+def _closer(bodies: "Sequence[Outlined]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Triple]:
     """Return from and to with which what is seen of bodies fills part of the frame; ``fixed``: to stays."""
     points = np.concatenate([body.outline() for body in bodies])
     if not len(points):
@@ -95,7 +111,7 @@ def _closer(bodies: "Sequence[Body]", camera: Camera, filled: float, *, fixed: b
     return {"from": _point(middle - away * axes[:, 2], extent), "to": _point(middle, extent)}
 
 
-def light_for(bodies: "Sequence[Body]", camera: Camera, /, **given: Any) -> Light:
+def light_for(bodies: "Sequence[Outlined]", camera: Camera, /, **given: Any) -> Light:
     """Make a light from the keys given: of any type, above and to the left; a spot's cone holds the medium.
 
     With the intensity chosen here, what reaches the volume's centre through no medium is `INTENSITY`
@@ -152,17 +168,17 @@ def upwards(camera: Camera) -> Axis:
     return max(AXES, key=lambda name: float(np.dot(AXES[name], camera.up)))
 
 
-def _looked_at(bodies: "Sequence[Body]") -> np.ndarray:
+def _looked_at(bodies: "Sequence[Outlined]") -> np.ndarray:
     """World box around what has density, [2, 3]; what is everywhere is looked through."""
     boxes = [box for box in (body.occupied_bounds for body in bodies) if np.isfinite(box).all()]
     return around(boxes) if boxes else np.array([[-np.inf] * 3, [np.inf] * 3])
 
 
-def _corners(bodies: "Sequence[Body]") -> np.ndarray:
+def _corners(bodies: "Sequence[Outlined]") -> np.ndarray:
     return np.array(list(itertools.product(*_looked_at(bodies).T)))
 
 
-def _sphere(bodies: "Sequence[Body]") -> tuple[np.ndarray, float]:
+def _sphere(bodies: "Sequence[Outlined]") -> tuple[np.ndarray, float]:
     low, high = _looked_at(bodies)
     if not np.isfinite([low, high]).all():
         raise SceneError("a medium everywhere has no middle: give the scene a camera and lights")

@@ -310,6 +310,7 @@ class SceneFile:
         overrides: Iterable[tuple[str, Any]] = (),
         look: str = looks.PLAIN,
         frame: float | None = None,
+        decided: Iterable[tuple[str, Any]] = (),
     ) -> SceneFile:
         """Read a scene (``.toml``), or make one around a bare volume file.
 
@@ -326,6 +327,8 @@ class SceneFile:
         frame
             At which keyframes have their values, and of which files that are patterns are taken: of the whole
             frame before, where it lies between two.
+        decided
+            Likewise, of what these, the file and the look leave open, decided for many frames.
 
         Raises
         ------
@@ -349,6 +352,11 @@ class SceneFile:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
                 _check_used(values, key)
+        decided = list(decided)
+        _make_way(values, {key for key, _ in decided})
+        for key, value in decided:
+            with faults.collect():
+                source.overridden.add(_override(values, placed_light, key, value))
         try:
             values, changing, files = _at_frame(values, frame, path.parent)
             placed, others, more = _at_frame({"light": placed_light}, frame, path.parent)
@@ -405,20 +413,22 @@ class SceneFile:
                     made[attributes.get(name, name)] = makers[name](table)
         return made
 
-    def make(self, scene_class: Callable[..., S]) -> S:
+    def make(self, scene_class: Callable[..., S], bodies: tuple[Body, ...] | None = None) -> S:
         """Read the volumes, place what the file left out, and make the scene.
 
         Parameters
         ----------
         scene_class
             `tfm_cl.scene.scene.Scene`, which builds on this module.
+        bodies
+            The file's, where they have been read before.
 
         Raises
         ------
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        bodies = self._bodies()
+        bodies = self._bodies() if bodies is None else bodies
         try:
             lights = self.light
             seen = [body for body in bodies if not _is_nothing(body)] or bodies

@@ -15,3 +15,6 @@ class Renderer(Protocol):
     @property
     def render(self) -> Callable[..., RenderResult]:
         """`tfm_cl.render.renderer.Renderer.render`, which takes a scene and what is asked for."""
+
+    def forget_unused(self) -> None:
+        """As `tfm_cl.render.renderer.Renderer.forget_unused`."""

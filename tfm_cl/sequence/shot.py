@@ -31,6 +31,8 @@ class Shot:
     turntable
         Frames of one turn of the camera about ``camera.up`` through ``camera.to``, which begins at frame 1;
         None: it does not turn.
+    decided
+        Pairs like the overrides, of what is left open, decided for many frames.
 
     Raises
     ------
@@ -42,10 +44,12 @@ class Shot:
     overrides: Iterable[tuple[str, Any]] = ()
     look: str = looks.PLAIN
     turntable: int | None = None
+    decided: Iterable[tuple[str, Any]] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", source_of(self.path, error=SceneError))
         object.__setattr__(self, "overrides", tuple(self.overrides))
+        object.__setattr__(self, "decided", tuple(self.decided))
         if self.turntable is not None and self.turntable < 1:
             raise SceneError(f"turntable = {self.turntable}: should be a number of frames from 1")
 
@@ -57,7 +61,7 @@ class Shot:
         SceneError, VolumeError
             As `tfm_cl.scene.scene_file.SceneFile.read`.
         """
-        found = SceneFile.read(Path(self.path), self.overrides, self.look, frame)
+        found = SceneFile.read(Path(self.path), self.overrides, self.look, frame, self.decided)
         if self.turntable is None or frame is None:
             return found
         return replace(found, turn=angle_of(frame, self.turntable))

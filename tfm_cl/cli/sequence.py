@@ -1,0 +1,250 @@
+"""``tfm render --frames``: how a range of frames is rendered, and what is told of it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import click
+
+from tfm_cl.cli.frames import Frame
+from tfm_cl.cli.options import GroupedOption, as_flags
+from tfm_cl.cli.progress import progress_bar
+from tfm_cl.cli.streams import one_line
+from tfm_cl.errors import NoDeviceError
+from tfm_cl.sequence.claims import Ledger
+from tfm_cl.sequence.run import LOOKED_AGAIN, Failure, Frames, Outcome, Told, run
+
+if TYPE_CHECKING:
+    from tfm_cl.jobs.job import Job, Progress
+    from tfm_cl.sequence.names import Files
+    from tfm_cl.sequence.plan import RangePlan
+    from tfm_cl.sequence.shot import Shot
+
+Overrides = list[tuple[str, Any]]
+THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
+"""Variables of old and new PoCL: threads that work on kernels."""
+MOST_JOBS = 61
+"""Processes: Windows cannot wait for more."""
+
+
+def sequence_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add ``--skip-existing``, ``--plan-frames`` and ``--jobs`` to a command."""
+    for flag, attributes in (
+        (
+            "--jobs",
+            {
+                "default": 1,
+                "metavar": "N",
+                "type": click.IntRange(1, MOST_JOBS),
+                "help": "processes that share the cores, each with a renderer of its own  [1]",
+            },
+        ),
+        (
+            "--plan-frames",
+            {
+                "default": None,
+                "metavar": "RANGE",
+                "help": "frames that what is left open is decided for, where a machine renders some of them  "
+                "[--frames]",
+            },
+        ),
+        (
+            "--skip-existing",
+            {
+                "is_flag": True,
+                "help": "leave out frames that are done, made from the same; several processes and machines "
+                "share a range so",
+            },
+        ),
+    ):
+        function = click.option(flag, cls=GroupedOption, group="Sequence", **attributes)(function)
+    return function
+
+
+def is_range(asked: tuple[Frame, ...], frame: float | None) -> bool:
+    """Tell whether frames are asked for by a range; ``frame``: the only one."""
+    return frame is None and asked != (None,)
+
+
+def check_one(jobs: int, plan_frames: str | None, *, skip_existing: bool) -> None:
+    """Refuse what is of several frames."""
+    given = {"--skip-existing": skip_existing, "--jobs": jobs > 1, "--plan-frames": plan_frames is not None}
+    for flag, is_given in given.items():
+        if is_given:
+            raise click.UsageError(f"{flag} is of several frames: say which with --frames")
+
+
+def share_cores(jobs: int) -> None:
+    """Leave each of several processes its part of the cores, of those that this one says nothing of."""
+    share = max((os.cpu_count() or 1) // jobs, 1)
+    for name in THREADS:
+        os.environ.setdefault(name, str(share))  # read when OpenCL is loaded, which it is not yet
+
+
+class Making(Frames, Protocol):
+    """What makes frames in this process, as `tfm_cl.sequence.frames.ShotFrames` does."""
+
+    progress: Progress | None
+
+    @property
+    def renderer(self) -> Any:
+        """What renders."""
+
+    def decided(self, shot: Shot) -> None:
+        """Go on with a shot of which all is decided."""
+
+    def close(self) -> None:
+        """Close the renderer."""
+
+
+@dataclass
+class Range:
+    """A range of frames to render."""
+
+    frames: tuple[int, ...]
+    files: Files
+    made: Making
+    """How this process makes frames."""
+    steady: Callable[[Ledger, Callable[[], Any]], RangePlan]
+    """Decides what is left open; takes what gives the method that renders."""
+    worker: Callable[[Overrides], Callable[[], Any]]
+    """Given what was decided, returns what makes a worker in another process."""
+    shot: Callable[[Overrides], Shot]
+    jobs: int
+    skip_existing: bool
+    quiet: bool = False
+    verbose: bool = False
+    reports: bool = False
+    """Whether figures of all frames are asked for."""
+    told: set[str] = field(default_factory=set)
+    found: list[dict[str, Any]] = field(default_factory=list)
+    ended: int = 0
+
+    def render(self) -> int:
+        """Render it; returns the exit code."""
+        with (
+            Ledger(self.files.ledger) as ledger,
+            _tidied(self.files, self.frames),
+            progress_bar(quiet=self.quiet) as progress,
+            closing(self.made),
+        ):
+            self.made.progress = progress
+            decided = self._decided(ledger)
+            if self.jobs > 1:
+                self.made.close()  # the device is for the other processes
+                outcome = self._in_processes(decided)
+            else:
+                self.made.decided(self.shot(decided))
+                outcome = run(
+                    self.frames, self.made, ledger, skip_existing=self.skip_existing, tell=self._tell
+                )
+        return self._end(outcome)
+
+    def _decided(self, ledger: Ledger) -> Overrides:
+        """Decide what is left open, or read what was decided."""
+        decided = self.steady(ledger, lambda: self.made.renderer.render)
+        for line in decided.lines() if self.verbose else ():
+            print(f"# {line}", file=sys.stderr)
+        told = {key: value for key, value in decided.overrides if key != "map.lookup"}
+        if told and not self.quiet:
+            print(f"chosen for all frames: {as_flags(told)}", file=sys.stderr)
+        return decided.overrides
+
+    def _in_processes(self, decided: Overrides) -> Outcome:
+        """Render in several processes."""
+        from tfm_cl.jobs.job import Job  # noqa: PLC0415 - few ask
+        from tfm_cl.jobs.processes import Processes  # noqa: PLC0415
+
+        outcome = Outcome()
+
+        def done(job: Job, result: tuple[Outcome, Told | None]) -> list[Job]:
+            of, told = result
+            frame = job.arguments[0]
+            outcome.made += of.made
+            outcome.kept += of.kept
+            outcome.failures += of.failures
+            if of.busy:
+                time.sleep(LOOKED_AGAIN)
+                return [job]
+            if of.is_full:
+                raise _FullError
+            for how, frames in (("made", of.made), ("kept", of.kept), ("failed", of.failures)):
+                if frames:
+                    self._tell(frame, how, told)
+            return []
+
+        def failed(job: Job, error: Exception) -> list[Job]:
+            if isinstance(error, NoDeviceError):
+                raise error
+            outcome.failures.append(Failure(job.arguments[0], error))
+            self._tell(job.arguments[0], "failed", error)
+            return []
+
+        jobs = [Job("frame", (frame,), f"frame {frame}", 1.0, done, failed) for frame in self.frames]
+        with suppress(_FullError), Processes(self.worker(decided), min(self.jobs, len(jobs))) as pool:
+            pool.run(jobs, _Silent())
+        ended = {*outcome.made, *outcome.kept, *(failure.frame for failure in outcome.failures)}
+        outcome.left = [frame for frame in self.frames if frame not in ended]
+        return outcome
+
+    def _tell(self, frame: int, how: str, what: Any) -> None:
+        """Print what became of a frame."""
+        if how == "waiting":
+            self._print(f"waiting for frame {frame}, which another process makes")
+            return
+        self.ended += 1
+        if how == "made" and what is not None:
+            for warning in what.warnings:
+                if warning not in self.told and not self.quiet:
+                    self.told.add(warning)
+                    print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+            seconds = what.report["seconds"]["total"]
+            self._print(f"frame {frame}: {seconds:.1f} s ({self.ended} of {len(self.frames)})")
+            if self.reports:
+                self.found.append({"frame": frame} | what.report)
+        elif how == "kept":
+            self._print(f"frame {frame}: is there ({self.ended} of {len(self.frames)})")
+
+    def _print(self, line: str) -> None:
+        if not self.quiet:
+            print(line, file=sys.stderr)
+
+    def _end(self, outcome: Outcome) -> int:
+        """Print a line for each frame that failed; returns the exit code."""
+        for failure in sorted(outcome.failures, key=lambda one: one.frame):
+            print(f"tfm: {one_line(str(failure))}", file=sys.stderr)
+        if outcome.left:
+            print(f"tfm: {len(outcome.left)} frames were not begun: nothing can be written", file=sys.stderr)
+        return outcome.exit_code
+
+
+@contextmanager
+def _tidied(files: Files, frames: tuple[int, ...]) -> Iterator[None]:
+    """Remove what killed processes were writing, before and after."""
+    files.remove_unfinished(frames)
+    try:
+        yield
+    finally:
+        files.remove_unfinished(frames)
+
+
+class _FullError(Exception):
+    """Ends a run of which nothing more can be written."""
+
+
+class _Silent:
+    """Hears how far jobs are, and tells nobody."""
+
+    def step(self, job: Job) -> AbstractContextManager[Progress]:
+        """As `Tracker.step`."""
+        del job
+        return nullcontext(lambda _stage, _fraction: None)
+
+    def finished(self, job: Job) -> None:
+        """As `Tracker.finished`."""

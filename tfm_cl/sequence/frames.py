@@ -1,0 +1,159 @@
+"""Frames of a shot as `tfm_cl.sequence.run` makes them: from the scene file at a frame to its files."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from tfm_cl.errors import InputError
+from tfm_cl.files.paths import write_text
+from tfm_cl.scene.scene_file_writer import scene_text
+from tfm_cl.sequence import fingerprint
+from tfm_cl.sequence.claims import Ledger
+from tfm_cl.sequence.names import Files
+from tfm_cl.sequence.run import Outcome, Told, run
+from tfm_cl.sequence.shot import Shot
+
+if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
+    from tfm_cl.scene.scene_file import SceneFile
+    from tfm_cl.sequence.frame import ReadFrame, RenderedFrame
+    from tfm_cl.sequence.renderer import Renderer
+
+Read = Callable[["SceneFile", float | None], "ReadFrame"]
+MakeRenderer = Callable[[], AbstractContextManager["Renderer"]]
+
+
+class ShotFrames:
+    """Makes frames with one renderer; a context manager, which closes it.
+
+    Parameters
+    ----------
+    shot
+        With all that was decided for the range.
+    files
+        To write.
+    read
+        Reads a frame, as `tfm_cl.sequence.frame.read` does.
+    make_renderer
+        Called when the first frame is rendered.
+    """
+
+    progress: Progress | None = None
+    """Of the renderer."""
+
+    def __init__(self, shot: Shot, files: Files, read: Read, make_renderer: MakeRenderer) -> None:
+        self._shot, self._files = shot, files
+        self._read, self._make_renderer = read, make_renderer
+        self._stack = ExitStack()
+        self._made: Renderer | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the renderer; the next frame makes another."""
+        self._made = None
+        self._stack.close()
+
+    def decided(self, shot: Shot) -> None:
+        """Go on with a shot of which all is decided."""
+        self._shot = shot
+
+    @property
+    def renderer(self) -> Renderer:
+        """Made when it is first asked for."""
+        if self._made is None:
+            self._made = self._stack.enter_context(self._make_renderer())
+        return self._made
+
+    def name(self, frame: int) -> str:
+        """As `tfm_cl.sequence.run.Frames.name`."""
+        return self._files.name(frame)
+
+    def outputs(self, frame: int) -> tuple[Path, ...]:
+        """As `tfm_cl.sequence.run.Frames.outputs`."""
+        return self._files.of(frame)
+
+    def fingerprint(self, frame: int) -> str:
+        """As `tfm_cl.sequence.run.Frames.fingerprint`."""
+        return fingerprint.of_frame(self._shot.scene_file(frame), self.outputs(frame))
+
+    def read(self, frame: int) -> tuple[ReadFrame, float]:
+        """As `tfm_cl.sequence.run.Frames.read`; with the seconds that it took."""
+        started = time.perf_counter()
+        file = self._shot.scene_file(frame)
+        for path in self.outputs(frame):
+            if file.is_file_of_a_frame(path):
+                raise InputError(f"{path}: is the input of a frame; choose another name")
+        ready = self._read(file, frame)
+        ready.scene.read_files()
+        return ready, time.perf_counter() - started
+
+    def render(self, ready: tuple[ReadFrame, float]) -> tuple[RenderedFrame, float, float]:
+        """As `tfm_cl.sequence.run.Frames.render`; with the seconds of reading and rendering."""
+        renderer, started = self.renderer, time.perf_counter()
+        done = ready[0].render(renderer, self._files.pictures, self.progress)
+        renderer.forget_unused()
+        return done, ready[1], time.perf_counter() - started
+
+    def write(self, frame: int, made: tuple[RenderedFrame, float, float]) -> Told:
+        """As `tfm_cl.sequence.run.Frames.write`."""
+        (done, load, render), started = made, time.perf_counter()
+        outputs, pictures = self.outputs(frame), len(self._files.pictures)
+        done.save(outputs[:pictures])
+        for path in outputs[pictures:]:
+            write_text(path, scene_text(done.options, path.parent, every_key=self._files.every_key))
+        save, report = time.perf_counter() - started, done.report()
+        report["seconds"] |= {"load": load, "save": save, "total": load + render + save}
+        return Told((*done.read.warnings(), *done.warnings), report)
+
+
+class FrameWorker:
+    """Makes one frame after the other in a process of its own.
+
+    Parameters
+    ----------
+    shot, files, read, make_renderer
+        As of `ShotFrames`.
+    skip_existing
+        As of `tfm_cl.sequence.run.run`.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        files: Files,
+        read: Read,
+        make_renderer: MakeRenderer,
+        *,
+        skip_existing: bool = False,
+    ) -> None:
+        self._skips, self._stack = skip_existing, ExitStack()
+        self._frames = self._stack.enter_context(ShotFrames(shot, files, read, make_renderer))
+        self._ledger = self._stack.enter_context(Ledger(files.ledger))
+
+    def close(self) -> None:
+        """Release the renderer and all claims."""
+        self._stack.close()
+
+    def frame(self, frame: int, progress: Progress) -> tuple[Outcome, Told | None]:
+        """Make a frame, or find out that it is made; returns what became of it."""
+        del progress
+        told: list[Told] = []
+
+        def tell(_frame: int, how: str, what: Any) -> None:
+            if how == "made":
+                told.append(what)
+
+        outcome = run([frame], self._frames, self._ledger, skip_existing=self._skips, waits=False, tell=tell)
+        return outcome, told[0] if told else None
