@@ -22,7 +22,7 @@ class LocalCluster:
 
     def __enter__(self):
         address = ("--host", "127.0.0.1", "--port", "0", "--scheduler-file", self._file)
-        self._start("scheduler", "--no-dashboard", *address)
+        self.process = self._start("scheduler", "--no-dashboard", *address)
         self.address = json.loads(self._read(self._file))["address"]
         return self
 
@@ -43,10 +43,18 @@ class LocalCluster:
             *options,
         )
 
+    def wait_for_workers(self, count):
+        """Return when that many have joined."""
+        from distributed import Client  # noqa: PLC0415 - where it is not installed, no test comes here
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+
     def _start(self, *arguments):
+        path = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
         process = subprocess.Popen(
             [sys.executable, "-m", "dask", *map(str, arguments)],
-            env=os.environ | {"PYTHONPATH": str(TESTS), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"},
+            env=os.environ | {"PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -65,17 +73,17 @@ class LocalCluster:
         raise AssertionError(f"{path}: the scheduler did not start")
 
 
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory):
-    """A scheduler without workers."""
+@pytest.fixture
+def start_cluster(tmp_path_factory):
+    """``start_cluster()`` gives a scheduler without workers."""
     pytest.importorskip("distributed")
-    with LocalCluster(tmp_path_factory.mktemp("dask")) as cluster:
-        yield cluster
+    with contextlib.ExitStack() as stack:
+        yield lambda: stack.enter_context(LocalCluster(tmp_path_factory.mktemp("dask")))
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """A scheduler and two workers, of a device each."""
+    """A scheduler and two workers, of a device each, which are started again when they end."""
     pytest.importorskip("distributed")
     with LocalCluster(tmp_path_factory.mktemp("dask")) as cluster:
         for _ in range(2):

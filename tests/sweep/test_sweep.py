@@ -1177,6 +1177,21 @@ def test_an_error_that_cannot_be_sent_is_told_all_the_same(volume, out):
         sweep.run([volume], out, Renderer, jobs=2, overrides=processes.raise_what_cannot_be_sent)
 
 
+def test_devices_of_two_kinds(volume, out):
+    class Mixed(FakeRenderer):
+        names = iter(["one"])
+
+        @property
+        def device_name(self):
+            return next(self.names, "other")
+
+    with pytest.raises(
+        DeviceError, match=r"^blob: a worker has other, where the sweep began on one; times"
+    ) as caught:
+        run([volume], out, renderer=Mixed())
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
 def test_ctrl_c_ends_all_processes(volume, out, device_name):
     """The whole group gets the signal, as from a terminal."""

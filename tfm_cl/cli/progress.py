@@ -3,21 +3,26 @@
 import logging
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from tfm_cl.cli.streams import one_line
 
 if TYPE_CHECKING:  # printing a configuration needs no OpenCL
+    from tfm_cl.cli.openjd import FarmLines
     from tfm_cl.device.launch import Progress
 
 
 @contextmanager
-def progress_bar(*, quiet: bool) -> "Iterator[Progress]":
-    """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage.
+def progress_bar(*, quiet: bool, farm: "FarmLines | None" = None) -> "Iterator[Progress]":
+    """Give a callback ``progress(stage, fraction)`` that draws a bar for each stage, or tells a farm.
 
     Unless ``quiet``, what the library tells meanwhile, as that it compiles kernels, is printed.
     """
+    if farm is not None:
+        with nullcontext() if quiet else log_shown("tfm: %(message)s", logging.INFO):
+            yield farm.advance
+        return
     if quiet:
         yield lambda _stage, _fraction: None
         return

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfm_cl.cli.frames import Frame, check_names, frame_options, frames_asked, named
+from tfm_cl.cli.openjd import FarmLines, progress_option
 from tfm_cl.cli.options import (
     GroupedCommand,
     GroupedOption,
@@ -22,6 +23,7 @@ from tfm_cl.cli.options import (
     look_option,
     overrides,
     scene_options,
+    scheduler_option,
 )
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import log_shown, progress_bar
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
 @look_option
 @frame_options
 @sequence_options
+@scheduler_option
 @device_option
 @click.option(
     "--print-config",
@@ -80,6 +83,7 @@ if TYPE_CHECKING:
 )
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
 @click.option("-v", "verbose", is_flag=True, cls=GroupedOption, help="print every option as resolved")
+@progress_option
 def command(
     source: Path,
     outputs: tuple[Path, ...],
@@ -92,6 +96,8 @@ def command(
     turntable: int | None,
     plan_frames: str | None,
     jobs: int,
+    scheduler: str | None,
+    farm: FarmLines | None,
     *,
     skip_existing: bool,
     print_config: bool,
@@ -126,10 +132,11 @@ def command(
         of_range = _range(shot, wanted, plan_frames, files, device, jobs, skip_existing=skip_existing)
         of_range.quiet, of_range.verbose = quiet, verbose
         of_range.reports = stats or json_path is not None
+        of_range.scheduler, of_range.farm = scheduler, farm
         return _finish_range(of_range, json_path, json_file, stats=stats and not quiet)
-    check_one(jobs, plan_frames, skip_existing=skip_existing)
+    check_one(jobs, plan_frames, scheduler, skip_existing=skip_existing)
     told = _Told(quiet=quiet)
-    run = _Run(shot, pictures, configs, json_file, device, told)
+    run = _Run(shot, pictures, configs, json_file, device, told, farm)
     reports: list[Values] = []
     with contextlib.ExitStack() as stack:
         for number in wanted:
@@ -165,6 +172,7 @@ class _Run:
     json_file: Path | None
     device: str | None
     told: "_Told"
+    farm: FarmLines | None
     renderer: "Renderer | None" = None
 
     def read(self, number: Frame) -> ReadFrame:
@@ -180,7 +188,7 @@ class _Run:
         started, told, pictures = time.perf_counter(), self.told, named(self.pictures, ready.number)
         ready.scene.read_files()  # before the device is looked for
         loaded = time.perf_counter()
-        with progress_bar(quiet=told.quiet) as progress:
+        with progress_bar(quiet=told.quiet, farm=self.farm) as progress:
             if self.renderer is None:
                 from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - printing needs no OpenCL
 
@@ -193,6 +201,8 @@ class _Run:
         rendered = time.perf_counter()
         done.save(pictures)
         ended, report = time.perf_counter(), done.report()
+        if self.farm is not None:
+            self.farm.ended("done")
         load = seconds + loaded - started
         report["seconds"] |= {"load": load, "save": ended - rendered, "total": seconds + ended - started}
         return report
@@ -318,7 +328,8 @@ def _renderer(device: str | None) -> "Renderer":
 
 def _worker(shot: Shot, files: Files, device: str | None, jobs: int, skip_existing: bool) -> FrameWorker:  # noqa: FBT001 - partial
     """Make what works in one of several processes."""
-    share_cores(jobs)
+    if jobs > 1:
+        share_cores(jobs)
     return FrameWorker(shot, files, read, partial(_renderer, device), skip_existing=skip_existing)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
@@ -16,12 +17,13 @@ from tfm_cl.cli.frames import Frame
 from tfm_cl.cli.options import GroupedOption, as_flags
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
-from tfm_cl.errors import NoDeviceError
+from tfm_cl.errors import InputError, NoDeviceError
 from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.run import LOOKED_AGAIN, Failure, Frames, Outcome, Told, run
 
 if TYPE_CHECKING:
-    from tfm_cl.jobs.job import Job, Progress
+    from tfm_cl.cli.openjd import FarmLines
+    from tfm_cl.jobs.job import Job, Pool, Progress
     from tfm_cl.sequence.names import Files
     from tfm_cl.sequence.plan import RangePlan
     from tfm_cl.sequence.shot import Shot
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 Overrides = list[tuple[str, Any]]
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 """Variables of old and new PoCL: threads that work on kernels."""
+RETRIES = 2
+"""How often other machines try a frame that failed, but not for bad input."""
 MOST_JOBS = 61
 """Processes: Windows cannot wait for more."""
 
@@ -72,9 +76,14 @@ def is_range(asked: tuple[Frame, ...], frame: float | None) -> bool:
     return frame is None and asked != (None,)
 
 
-def check_one(jobs: int, plan_frames: str | None, *, skip_existing: bool) -> None:
+def check_one(jobs: int, plan_frames: str | None, scheduler: str | None, *, skip_existing: bool) -> None:
     """Refuse what is of several frames."""
-    given = {"--skip-existing": skip_existing, "--jobs": jobs > 1, "--plan-frames": plan_frames is not None}
+    given = {
+        "--skip-existing": skip_existing,
+        "--jobs": jobs > 1,
+        "--plan-frames": plan_frames is not None,
+        "--scheduler": scheduler is not None,
+    }
     for flag, is_given in given.items():
         if is_given:
             raise click.UsageError(f"{flag} is of several frames: say which with --frames")
@@ -122,21 +131,29 @@ class Range:
     verbose: bool = False
     reports: bool = False
     """Whether figures of all frames are asked for."""
+    scheduler: str | None = None
+    """Of a Dask cluster, which does the work."""
+    farm: FarmLines | None = None
+    """That hears how far it is."""
     told: set[str] = field(default_factory=set)
     found: list[dict[str, Any]] = field(default_factory=list)
     ended: int = 0
 
     def render(self) -> int:
         """Render it; returns the exit code."""
+        if self.scheduler is not None:
+            self._check_scheduler(self.scheduler)
+        if self.farm is not None:
+            self.farm.count = len(self.frames)
         with (
             Ledger(self.files.ledger) as ledger,
             _tidied(self.files, self.frames),
-            progress_bar(quiet=self.quiet) as progress,
+            progress_bar(quiet=self.quiet, farm=self.farm) as progress,
             closing(self.made),
         ):
             self.made.progress = progress
             decided = self._decided(ledger)
-            if self.jobs > 1:
+            if self.jobs > 1 or self.scheduler is not None:
                 self.made.close()  # the device is for the other processes
                 outcome = self._in_processes(decided)
             else:
@@ -156,16 +173,37 @@ class Range:
             print(f"chosen for all frames: {as_flags(told)}", file=sys.stderr)
         return decided.overrides
 
-    def _in_processes(self, decided: Overrides) -> Outcome:
-        """Render in several processes."""
-        from tfm_cl.jobs.job import Job  # noqa: PLC0415 - few ask
+    def _check_scheduler(self, address: str) -> None:
+        """Find out, before anything is read, whether there is a cluster."""
+        from tfm_cl.jobs.cluster import Cluster  # noqa: PLC0415 - few ask
+
+        if self.jobs > 1:
+            raise click.UsageError("--jobs is of this machine, --scheduler of others; keep one")
+        with Cluster(address, int):
+            pass
+
+    def _pool(self, make: Callable[[], Any]) -> Pool:
+        """Return what gives the frames out."""
+        from tfm_cl.jobs.cluster import Cluster  # noqa: PLC0415
         from tfm_cl.jobs.processes import Processes  # noqa: PLC0415
 
+        if self.scheduler is not None:
+            return Cluster(self.scheduler, make)
+        return Processes(make, min(self.jobs, len(self.frames)))
+
+    def _in_processes(self, decided: Overrides) -> Outcome:
+        """Render in several processes, of this machine or others."""
+        from tfm_cl.jobs.job import Job  # noqa: PLC0415 - few ask
+
         outcome = Outcome()
+        tries: Counter[int] = Counter()
 
         def done(job: Job, result: tuple[Outcome, Told | None]) -> list[Job]:
             of, told = result
             frame = job.arguments[0]
+            if self._may_succeed_elsewhere(of) and tries[frame] < RETRIES:
+                tries[frame] += 1
+                return [job]
             outcome.made += of.made
             outcome.kept += of.kept
             outcome.failures += of.failures
@@ -187,11 +225,16 @@ class Range:
             return []
 
         jobs = [Job("frame", (frame,), f"frame {frame}", 1.0, done, failed) for frame in self.frames]
-        with suppress(_FullError), Processes(self.worker(decided), min(self.jobs, len(jobs))) as pool:
+        with suppress(_FullError), self._pool(self.worker(decided)) as pool:
             pool.run(jobs, _Silent())
         ended = {*outcome.made, *outcome.kept, *(failure.frame for failure in outcome.failures)}
         outcome.left = [frame for frame in self.frames if frame not in ended]
         return outcome
+
+    def _may_succeed_elsewhere(self, outcome: Outcome) -> bool:
+        """Whether a frame failed for its machine's sake, and there are others."""
+        errors = [failure.error for failure in outcome.failures]
+        return self.scheduler is not None and any(not isinstance(error, InputError) for error in errors)
 
     def _tell(self, frame: int, how: str, what: Any) -> None:
         """Print what became of a frame."""
@@ -199,6 +242,8 @@ class Range:
             self._print(f"waiting for frame {frame}, which another process makes")
             return
         self.ended += 1
+        if self.farm is not None:
+            self.farm.ended(f"frame {frame}: {how} ({self.ended} of {len(self.frames)})")
         if how == "made" and what is not None:
             for warning in what.warnings:
                 if warning not in self.told and not self.quiet:
@@ -219,6 +264,8 @@ class Range:
         """Print a line for each frame that failed; returns the exit code."""
         for failure in sorted(outcome.failures, key=lambda one: one.frame):
             print(f"tfm: {one_line(str(failure))}", file=sys.stderr)
+            if self.farm is not None:
+                self.farm.failed(str(failure))
         if outcome.left:
             print(f"tfm: {len(outcome.left)} frames were not begun: nothing can be written", file=sys.stderr)
         return outcome.exit_code

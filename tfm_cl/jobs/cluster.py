@@ -41,6 +41,9 @@ BACK_BY = 60.0
 RETRIES = 2
 """How often a job is done again that fails for other reasons than bad input, perhaps on another worker."""
 
+KEPT_FOR = 60.0
+"""Seconds that a worker of the cluster keeps a renderer without work."""
+
 ADDRESS = re.compile(r"((tcp|tls|ucx|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):[0-9]{1,5}")
 
 
@@ -117,9 +120,6 @@ class Cluster(Futures):
 
     def _close(self) -> None:
         """Leave; the scheduler then drops what was submitted, and workers notice."""
-        with interrupts_held(), contextlib.suppress(Exception):
-            if self._client.status == "running":
-                self._client.run(_release, self._run, on_error="ignore")
         with interrupts_held():
             self._client.close(timeout=CONNECTED_BY)  # type: ignore[no-untyped-call]
 
@@ -149,10 +149,11 @@ class Cluster(Futures):
             if future.status == "error":
                 raise self._told(job, future.exception())
             result, error = future.result()
+            _Answer(future.key, self._client).forget()
         except distributed.client.FutureCancelledError as lost:
             raise UnfitError(self._unfit("the scheduler is gone, or has dropped the jobs", lost)) from lost
         finally:
-            future.release()  # a worker that is lost later does not have its jobs done again
+            future.release()
         if error is not None:
             raise error
         return result
@@ -215,28 +216,67 @@ class _Mine:
     turn = threading.Lock()
     run = ""
     worker: Any = None
-    ended = ""
-    """The run that asked for nothing more while a job of it ran."""
+    jobs = 0
+    """Begun since this process began."""
+
+
+class _Answer:
+    """What came of a job, kept by the scheduler until it is fetched: its worker may be lost before that."""
+
+    def __init__(self, key: Any, client: Any) -> None:
+        import distributed  # noqa: PLC0415 - the others have it not
+
+        untyped: Any = distributed
+        self._is_there, self._answer = untyped.Event(key, client), untyped.Variable(key, client)
+
+    def get(self) -> Any:
+        """Return it; None where there is none."""
+        return pickle.loads(self._answer.get()) if self._is_there.is_set() else None  # noqa: S301
+
+    def keep(self, answer: Any) -> None:
+        """Keep it."""
+        self._answer.set(pickle.dumps(answer))
+        self._is_there.set()
+
+    def forget(self) -> None:
+        """Keep it no longer."""
+        self._is_there.clear()
+        self._answer.delete()
 
 
 def _do(asked: tuple[str, str, str, str], work: bytes) -> tuple[Any, Exception | None]:
     """Do a job; returns its result, or an error that would be the same elsewhere. Other errors are raised."""
-    version, run, folder, plugin_files = asked
+    from distributed import get_client, get_worker  # noqa: PLC0415
+
     with _Mine.turn:
-        try:
-            here = _place()
-            _check_version(version, here)
-            watched = _Watched()
-            watched("", 0.0)
-            with _in_folder(folder, here):
-                return _worker_of(run, work, plugin_files, watched), None
-        except (InputError, CancelledError, UnfitError) as error:
-            return None, portable(error)
-        except Exception as error:  # noqa: BLE001 - raised again, as what can be sent
-            raise portable(error) from None
-        finally:
-            if _Mine.ended == _Mine.run:
-                _drop()
+        kept = _Answer(get_worker().get_current_task(), get_client())
+        answer: tuple[Any, Exception | None] | None = kept.get()
+        if answer is None:
+            answer = _done(asked, work)
+            if not isinstance(answer[1], CancelledError):
+                kept.keep(answer)
+        return answer
+
+
+def _done(asked: tuple[str, str, str, str], work: bytes) -> tuple[Any, Exception | None]:
+    """Do it now, in this thread's turn."""
+    version, run, folder, plugin_files = asked
+    _Mine.jobs += 1
+    try:
+        here = _place()
+        _check_version(version, here)
+        watched = _Watched()
+        watched("", 0.0)
+        with _in_folder(folder, here):
+            return _worker_of(run, work, plugin_files, watched), None
+    except (InputError, CancelledError, UnfitError) as error:
+        return None, portable(error)
+    except Exception as error:  # noqa: BLE001 - raised again, as what can be sent
+        raise portable(error) from None
+    finally:
+        later = threading.Timer(KEPT_FOR, _drop_idle, [_Mine.jobs])
+        later.daemon = True
+        later.start()
 
 
 def _check_version(version: str, here: str) -> None:
@@ -270,15 +310,11 @@ def _drop() -> None:
         close()
 
 
-def _release(run: str) -> None:
-    """End what this worker has of a run, now or when its job ends."""
-    _Mine.ended = run
-    if _Mine.turn.acquire(blocking=False):
-        try:
-            if _Mine.run == run:
-                _drop()
-        finally:
-            _Mine.turn.release()
+def _drop_idle(jobs: int) -> None:
+    """Do so if no job has begun since that one, whatever became of who asked for it."""
+    with _Mine.turn:
+        if _Mine.jobs == jobs:
+            _drop()
 
 
 class _Watched:

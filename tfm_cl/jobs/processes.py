@@ -36,8 +36,8 @@ while it writes more than a pipe holds, 64 KiB, leaves an executor waiting for t
 class Processes(Futures):
     """Executes several jobs at a time, each in a process with a renderer of its own.
 
-    The processes share only the folder and end with this one; only this process handles Ctrl-C. Their
-    unfinished work is then lost and may leave incomplete images, which `SweepFolder.close` removes.
+    The processes share files only, and end with this one; only this process handles Ctrl-C. Their unfinished
+    work is then lost and may leave unfinished files, which whoever asks for the work removes.
 
     Where a process ends by itself, the jobs that ran are done once more, each alone.
 

@@ -148,7 +148,7 @@ class FrameWorker:
 
     def frame(self, frame: int, progress: Progress) -> tuple[Outcome, Told | None]:
         """Make a frame, or find out that it is made; returns what became of it."""
-        del progress
+        self._frames.progress = progress
         told: list[Told] = []
 
         def tell(_frame: int, how: str, what: Any) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tfm_cl import metrics
 from tfm_cl._version import __version__
-from tfm_cl.errors import InputError, SceneError, VolumeError
+from tfm_cl.errors import DeviceError, InputError, SceneError, VolumeError
 from tfm_cl.extras import missing
 from tfm_cl.model import decided
 from tfm_cl.plan import lattice, resolution
@@ -61,6 +61,8 @@ class Plan:
 
     path: Path
     name: str
+    device: str
+    """Name of the device that all of it is measured on."""
     res: tuple[int, int]
     """Width and height of the image."""
     reference: str
@@ -125,6 +127,7 @@ class Worker:
         return Plan(
             path=path,
             name=name,
+            device=device,
             res=scene.camera.res,
             reference=reference,
             converged=converged,
@@ -145,6 +148,7 @@ class Worker:
 
     def march(self, plan: Plan, key: str, progress: Progress) -> None:
         """Render the dual march with that key, and keep it."""
+        self._check_device(plan)
         scene = self._load(plan.path)
         if key != plan.reference:
             scene = self._converged(scene, plan.name)
@@ -180,6 +184,7 @@ class Worker:
         SceneError
             If the reference shows nothing.
         """
+        self._check_device(plan)
         maps = self._build(plan, key, progress)
         scene = self._variant(plan, key)
         result = self._renderer.render(scene, maps=maps, method="tfm", progress=progress)
@@ -265,6 +270,14 @@ class Worker:
     def _vanished(self, key: str) -> InputError:
         path = self._task.out / "images" / f"{key}.npy"
         return InputError(f"{path}: was removed or changed during the sweep; start it again")
+
+    def _check_device(self, plan: Plan) -> None:
+        ours = self._renderer.device_name
+        if ours != plan.device:
+            raise DeviceError(
+                f"{plan.name}: a worker has {ours}, where the sweep began on {plan.device}; times compare on "
+                "devices of one kind only"
+            )
 
     def _load(self, path: Path) -> Scene:
         if self._scene is None or self._scene[0] != path:
