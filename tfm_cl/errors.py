@@ -13,7 +13,7 @@
         └── KernelBuildError   a kernel does not compile on the device
 
 A message is one line: which file or value, what was expected, what to do. A scene file with several faults
-has a line for each, which are the error's ``args``.
+has a line for each, which are the error's ``args``; of very many the message is the first few.
 """
 
 import contextlib
@@ -21,6 +21,9 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping
 from typing import Self
+
+MOST_TOLD = 20
+"""Faults of a scene file that are told one by one; all are the error's ``args``."""
 
 Key = tuple[str | int, ...]
 """Where something is in a scene file: keys, and numbers of tables of an array from 0, outermost first."""
@@ -56,9 +59,16 @@ class TfmError(Exception):
 
     exit_code = 1
 
+    @property
+    def lines(self) -> list[str]:
+        """What is told: a line for each fault; of very many the first `MOST_TOLD`, and how many there are."""
+        lines = [str(line) for line in self.args]
+        more = len(lines) - MOST_TOLD
+        return [*lines[:MOST_TOLD], f"and {more:,} more"] if more > 1 else lines
+
     def __str__(self) -> str:
-        """Return the message, a line for each fault."""
-        return "\n".join(map(str, self.args))
+        """Return the message, its `lines`."""
+        return "\n".join(self.lines)
 
 
 class TfmWarning(UserWarning):

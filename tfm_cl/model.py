@@ -11,7 +11,16 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from tfm_cl.errors import Fault, Key, SceneError, meant_by, nearest, unknown_key
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
-from tfm_cl.model_fields import Accepts, DescribedModel, Numbers, accepted_by, accepts, is_choice, numbers
+from tfm_cl.model_fields import (
+    NUMBER,
+    Accepts,
+    DescribedModel,
+    Numbers,
+    accepted_by,
+    accepts,
+    is_choice,
+    numbers,
+)
 
 T = TypeVar("T")
 Triple = tuple[float, float, float]
@@ -236,6 +245,16 @@ def three_numbers(value: Any, largest: float = LARGEST_COORDINATE) -> tuple[floa
         raise ValueError(f"should be three finite numbers, at most {largest:g}")
     x, y, z = (float(item) for item in value)
     return x, y, z
+
+
+@accepts(NUMBER, numbers(3))
+def one_or_three_numbers(value: Any) -> tuple[float, float, float]:
+    """As `three_numbers`, of which one stands for three that are the same."""
+    is_one = isinstance(value, int | float) and not isinstance(value, bool)
+    try:
+        return three_numbers((value,) * 3 if is_one else value)
+    except ValueError as error:
+        raise ValueError(str(error).replace("three", "one number or three", 1)) from None
 
 
 @accepts({"type": "number", "minimum": 0}, numbers(3, minimum=0))

@@ -162,7 +162,7 @@ def scene(cloud):
         ("--set light.1.cone=30", "light.1.cone: the scene has no [[light]] tables"),
         ("--set volume.file.x=1", "volume.file.x: 'file' is not a table"),
         ("--set volume.voxel_size=0", "voxel_size is > 0"),
-        ("--set volume.voxel_size=1,2", "volume.voxel_size = [1, 2]: should be three numbers"),
+        ("--set volume.voxel_size=1,2", "volume.voxel_size = [1, 2]: should be one number or three"),
         ("--set volume.origin=1e308,0,0", "volume.origin = [1e+308, 0, 0]: should be three finite"),
         ("--set volume.sanitize=yes", "volume.sanitize = 'yes': should be a valid boolean"),
         ("--set medium.self=1", "unknown key 'self' in [medium]"),

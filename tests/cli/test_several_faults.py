@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfm_cl.errors import SceneError
+from tfm_cl.errors import MOST_TOLD, SceneError
 from tfm_cl.scene.scene import Scene
 
 
@@ -230,3 +230,70 @@ SAID = [
 def test_other_programs_words_are_known(lines):
     found = lines(WORDS)
     assert starts(found, SAID), found
+
+
+FILES = """
+[[volume]]
+file = "cloud.npy"
+[[volume]]
+shape = "box"
+[[light]]
+from = [1, 2, 3]
+to = [0, 0, 0]
+texture = "slide.png"
+[[solid]]
+mesh = "cup.glb"
+albedo = "wood.png"
+[[solid]]
+shape = "plane"
+albedo = "sand.png"
+"""
+
+
+def test_files_that_are_not_there_have_their_line(lines, folder):
+    found = lines(FILES, "-q")
+    assert found == [
+        f"9: light.texture: {folder}/slide.png: no such file",
+        f"11: solid.mesh: {folder}/cup.glb: no such file",
+        f"12: solid.albedo: {folder}/wood.png: no such file",
+        f"15: solid.albedo: {folder}/sand.png: no such file",
+    ]
+    assert lines('[volume]\nfile = "smoke.vdb"\n') == ["2: volume.file: smoke.vdb: no such file"]
+    assert lines('[[volume]]\nfile = "cloud.npy"\n[[volume]]\npoints = "dots.ply"\n') == [
+        "4: volume.points: dots.ply: no such file"
+    ]
+    assert lines(VOLUME, "--set", "volume.file=b.npy") == [" volume.file: b.npy: no such file"]
+
+
+def test_very_many_faults_are_not_all_told(cli, cloud):
+    keys = "".join(f"fob{i} = 30\n" for i in range(MOST_TOLD + 1980))
+    cloud.with_name("scene.toml").write_text(VOLUME + "[camera]\n" + keys)
+    told = cli("render", "scene.toml", "-o", "a.png").err.splitlines()
+    assert len(told) == MOST_TOLD + 1
+    assert told[-1] == "tfm: and 1,980 more"
+    with pytest.raises(SceneError) as raised:
+        Scene.load(cloud.with_name("scene.toml"))
+    assert len(raised.value.args) == MOST_TOLD + 1980
+    assert str(raised.value).splitlines()[-1] == "and 1,980 more"
+
+
+SPOT = VOLUME + "[[light]]\nfrom = [1, 2, 3]\nto = [0, 0, 0]\ncone = 20\nblend = 0.1\n"
+
+
+@pytest.mark.parametrize("change", [("--light-type", "sun"), ("--set", "light.0.type=sun")])
+def test_a_light_that_becomes_another_loses_what_that_lacks(cli, cloud, change):
+    cloud.with_name("scene.toml").write_text(SPOT)
+    done = cli("render", "scene.toml", "--print-config", *change)
+    assert done.code == 0, done.err
+    assert 'type = "sun"' in done.out
+    assert "cone" not in done.out
+    # What the command line itself says is not dropped.
+    done = cli("render", "scene.toml", "--print-config", *change, "--cone", "30")
+    assert "unknown key 'cone' in [light]: 'sun' has none, only spot\n" in done.err
+
+
+def test_albedo_of_a_volume_is_a_matter_of_its_medium(lines):
+    (found,) = lines(VOLUME + "albedo = 0.9\n")
+    assert found.startswith(
+        "3: unknown key 'albedo' in [volume]; write sigma_s and sigma_a in [medium], or in "
+    )

@@ -84,3 +84,10 @@ def test_volumes_are_moved_likewise(tmp_path):
 
     (settings,) = SceneFile.read(path, [("volume.transform", np.eye(4).tolist())]).volumes
     assert (settings.transform, settings.scale) == (IDENTITY, (1, 1, 1))
+
+
+def test_a_scale_is_one_number_or_three():
+    with pytest.raises(
+        SceneError, match=r"solid.scale = 'x': should be one number or three numbers \[x, y, z\]"
+    ):
+        tfm.BoxSolid(scale="x")

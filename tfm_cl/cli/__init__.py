@@ -143,8 +143,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except click.ClickException as error:
         code = _fail(_said(error), EXIT_WRONG_USE)
     except TfmError as error:
-        for line in error.args:
-            _fail(str(line), error.exit_code)
+        for line in error.lines:
+            _fail(line, error.exit_code)
         code = error.exit_code
     except MemoryError:
         code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)

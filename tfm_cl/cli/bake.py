@@ -181,6 +181,7 @@ def command(
         _tell_chosen(f"all {len(sources)}", shared)
         for warning in options.warnings(scene_file, scene):
             print(f"tfm: warning: {one_line(warning)}", file=sys.stderr)
+    scene_file.check_files()
     scene.read_files()  # before the device is looked for
 
     # OpenCL takes its time to import.

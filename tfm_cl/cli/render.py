@@ -186,7 +186,7 @@ class _Run:
     def render(self, ready: ReadFrame, stack: contextlib.ExitStack, seconds: float) -> Values:
         """Render and write a frame that took some seconds to read, and return its figures."""
         started, told, pictures = time.perf_counter(), self.told, named(self.pictures, ready.number)
-        ready.scene.read_files()  # before the device is looked for
+        ready.read_files()  # before the device is looked for
         loaded = time.perf_counter()
         with progress_bar(quiet=told.quiet, farm=self.farm) as progress:
             if self.renderer is None:

@@ -66,7 +66,8 @@ def command(
 
 def _compile(files: list[SceneFile], device: str | None, *, quiet: bool) -> None:
     made = [(file, file.make(Scene)) for file in files]
-    for _, scene in made:
+    for file, scene in made:
+        file.check_files()
         scene.read_files()  # before the device is looked for
 
     # Imported here: what is refused needs no OpenCL.

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.model import Model, Triple, Vec3, three_numbers
+from tfm_cl.model import Model, Triple, Vec3, one_or_three_numbers
 from tfm_cl.model_fields import NUMBER, Accepts, Numbers, accepts, numbers
 from tfm_cl.scene.transform import Matrix, Rows, affine
 
@@ -26,7 +26,7 @@ def outdone(key: str) -> tuple[str, ...]:
 
 @accepts(NUMBER, numbers(3))
 def _factors(value: Any) -> Any:
-    factors = three_numbers((value,) * 3 if isinstance(value, int | float) else value)
+    factors = one_or_three_numbers(value)
     if min(map(abs, factors)) < 1 / LARGEST_COORDINATE:
         raise ValueError(f"should be at least {1 / LARGEST_COORDINATE:g} along every axis: it makes all flat")
     return factors

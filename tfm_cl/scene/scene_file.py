@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -33,7 +33,7 @@ from tfm_cl.files.points_io.attributes import POSITIONS
 from tfm_cl.files.toml_lines import TomlLines
 from tfm_cl.files.volume_io import colour as colour_io
 from tfm_cl.limits import LARGEST_COLOUR
-from tfm_cl.model import SPELLINGS, Model, Point, number_or_auto
+from tfm_cl.model import SPELLINGS, Model, Point, number_or_auto, one_or_three_numbers
 from tfm_cl.model_fields import NUMBER, TEXT, Accepts, Numbers, accepts, numbers
 from tfm_cl.scene import frame_files, keyframes, looks, placement
 from tfm_cl.scene.ambient import Ambient
@@ -63,7 +63,7 @@ Values = dict[str, Any]
 
 @accepts(NUMBER, numbers(3))
 def _sizes(value: Any) -> Any:
-    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+    return value if value is None else one_or_three_numbers(value)
 
 
 @accepts(TEXT)
@@ -255,6 +255,10 @@ class Source:
             *(fault.within(f"{self.path}:{line}" if line else str(self.path)) for line, fault in placed)
         )
 
+    def has(self, key: Key) -> bool:
+        """Tell whether the file has a key."""
+        return self.lines is not None and self.lines.exactly(key) is not None
+
     def _line_of(self, fault: Fault, *, by_words: bool) -> int | None:
         if self.lines is None:
             return None
@@ -265,6 +269,12 @@ class Source:
         spelt = tuple(other.get(str(part), part) for part in key)
         line = self.lines.exactly(key) or self.lines.exactly(spelt)
         return line if line or by_words else self.lines.nearest(key)
+
+
+def _key_of(place: Key, settings: Any, name: str) -> Key:
+    """Return the key by which a table names a file."""
+    keys = type(settings).keys()
+    return *place, *[key for key, field in keys.items() if getattr(settings, field) == name][:1]
 
 
 def _key_in(fault: str) -> Key:
@@ -344,6 +354,7 @@ class SceneFile:
         # A medium by name comes first, so that what is said of it besides changes its numbers.
         overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
         _make_way(values, {key for key, _ in overrides})
+        _change_kinds(values, overrides)
         holds = None if path.suffix.lower() == ".toml" else next(iter(values["volume"]))
         chosen = looks.chosen(look, path, holds)
         if chosen.name != looks.PLAIN:
@@ -428,7 +439,9 @@ class SceneFile:
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        bodies = self._bodies() if bodies is None else bodies
+        if bodies is None:
+            self.check_files("volume")
+            bodies = self._bodies()
         try:
             lights = self.light
             seen = [body for body in bodies if not _is_nothing(body)] or bodies
@@ -471,15 +484,50 @@ class SceneFile:
 
     def files(self) -> list[Path]:
         """Return all files that the scene reads, but its own."""
-        named: list[str | None] = []
-        for volume in self.volumes:
-            named += volume.sources()
-        named += [getattr(light, "texture", None) for light in self.light or ()]
-        for solid in self.solids:
-            named += solid.files()
-        for medium in (self.medium, *(volume.medium for volume in self.volumes)):
-            named += medium.phase.files() if medium else ()
-        return [source_of(name, self.path.parent) for name in named if name]
+        return [source_of(name, self.path.parent) for _, name in self._named()]
+
+    def _named(self) -> Iterator[tuple[Key, str]]:
+        """Yield the names of all files that the scene reads, and the keys that say them."""
+        media: list[tuple[Key, Medium | None]] = [(("medium",), self.medium)]
+        for i, volume in enumerate(self.volumes):
+            place: Key = ("volume", i) if self.source.has(("volume", i)) else ("volume",)
+            yield from ((_key_of(place, volume, name), name) for name in volume.sources())
+            media.append(((*place, "medium"), volume.medium))
+        for i, light in enumerate(self.light or ()):
+            if name := getattr(light, "texture", None):
+                yield ("light", i, "texture"), name
+        for i, solid in enumerate(self.solids):
+            yield from ((_key_of(("solid", i), solid, name), name) for name in solid.files())
+        for place, medium in media:
+            if medium is not None:
+                yield from (((*place, "phase"), name) for name in medium.phase.files())
+
+    def check_files(self, *sections: str) -> None:
+        """Refuse files that are not there, all at once, where a scene file says them.
+
+        Parameters
+        ----------
+        sections
+            Those that count, as ``volume``; by default all.
+
+        Raises
+        ------
+        SceneError
+            A line for each.
+        """
+        faults = Faults()
+        for key, name in self._named() if self.source.lines else ():
+            if sections and key[0] not in sections:
+                continue
+            try:
+                check_readable(source_of(name, self.path.parent))
+            except InputError as error:
+                told = ".".join(part for part in key if isinstance(part, str))
+                faults.add(Fault(f"{told}: {error}", key))
+        try:
+            faults.raise_any()
+        except SceneError as error:
+            raise self.source.located(error) from None
 
     def _check_crop(self, camera: Camera) -> None:
         width, height = camera.res
@@ -560,6 +608,22 @@ SAY_FRAME = "--frame 1, or --frames 1-24"
 
 def _needs_frame(key: Key) -> Fault:
     return Fault(f"{'.'.join(map(str, key))}: changes from frame to frame; say of which: {SAY_FRAME}", key)
+
+
+def _change_kinds(values: Values, overrides: Iterable[tuple[str, Any]]) -> None:
+    """Drop what a file says of lights that become others and lack such keys, as the cone of a spot."""
+    lights = values.get("light")
+    for key, kind in overrides:
+        found = re.fullmatch(r"light(?:\.(\d+))?\.type", key)
+        number = int(found[1] or 0) if found else 0
+        if not found or not isinstance(lights, list) or number >= len(lights):
+            continue
+        table = lights[number]
+        before = LIGHTS.get(str(table.get("type", "spot"))) if isinstance(table, dict) else None
+        after = LIGHTS.get(str(kind))
+        if before is not None and after is not None:
+            gone = {*before.keys()} - {*after.keys()}
+            lights[number] = {key: value for key, value in table.items() if key not in gone}
 
 
 def _values_of(path: Path) -> tuple[Values, Source]:

@@ -41,6 +41,17 @@ class ReadFrame:
         """Tell, one line each, what the file leaves out and most likely should not."""
         return options.warnings(self.file, self.scene)
 
+    def read_files(self) -> None:
+        """Read what rendering needs besides: solids, textures, phase functions.
+
+        Raises
+        ------
+        SceneError, ImageError
+            Files that are missing, with the lines that name them, or cannot be read.
+        """
+        self.file.check_files()
+        self.scene.read_files()
+
     def render(
         self, renderer: Renderer, pictures: Sequence[Path], progress: Progress | None = None
     ) -> RenderedFrame:

@@ -284,11 +284,12 @@ class Worker:
             # Release the previous scene first: two large volumes may not fit.
             self._scene = self._maps = None
             overrides = self._task.overrides
-            scene = (
-                overrides(Scene.load(path))
-                if callable(overrides)
-                else SceneFile.read(path, overrides).make(Scene)
-            )
+            if callable(overrides):
+                scene = overrides(Scene.load(path))
+            else:
+                file = SceneFile.read(path, overrides)
+                file.check_files()
+                scene = file.make(Scene)
             scene.read_files()
             self._scene = path, resolution.resolved(scene)
         return self._scene[1]

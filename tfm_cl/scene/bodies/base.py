@@ -55,7 +55,12 @@ OF_BODIES = words(
         "colour": "color rgb cd",
         "medium": "material interior volumematerial",
         "write it in medium = { … }, or in [medium] for all bodies": (
-            "sigmas sigmaa sigmat albedo extinction scattering absorption phase emission preset anisotropy"
+            "sigmas sigmaa scattering absorption phase emission preset anisotropy"
+        ),
+        "write sigma_s and sigma_a in [medium], or in medium = { … } for this body: albedo 0.9 at extinction "
+        "1 is sigma_s = 0.9, sigma_a = 0.1": "albedo singlescatteringalbedo ssa",
+        "extinction is density times sigma_s + sigma_a of [medium], or of medium = { … } for this body": (
+            "extinction sigmat"
         ),
     }
 )

@@ -114,6 +114,15 @@ class Light(Model):
     """Kernel header, relative to ``kernels/``; ``kernels/light/README.md`` lists the functions it
     provides."""
 
+    @classmethod
+    def unknown(cls, key: str) -> Fault:
+        """As `Model.unknown`; of keys that other lights have, which."""
+        others = [name for name, light in LIGHTS.items() if key in light.keys()]  # noqa: SIM118 - no dict
+        kind = cls.model_fields["type"].default
+        if not others:
+            return super().unknown(key)
+        return Fault(f"unknown key {key!r} in [light]: '{kind}' has none, only {', '.join(others)}", (key,))
+
     @property
     def headers(self) -> tuple[str, ...]:
         """Kernel headers in the order of inclusion: that of the chart, if any, then that of the light."""
