@@ -63,3 +63,7 @@ BAKED_IN_CYCLES = 1e-4
 CYCLES_EMISSION = 5e-4
 """Cycles' picture of a homogeneous medium that glows, mean difference relative to the mean: at silhouettes
 its rays, within a hundredth of a pixel of the centre, see other lengths."""
+
+FILM_CODES = 6
+"""Of 255: colours of a film's patches against those of its frames. Films hold seven bits of differences of
+colours and brightness from 16 to 235, GIFs five bits of each primary in the search for their palette."""

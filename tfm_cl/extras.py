@@ -8,6 +8,7 @@ EXTRAS = {
     "dask": {"distributed": "distributed"},
     "figures": {"matplotlib": "matplotlib"},
     "flip": {"flip_evaluator": "flip-evaluator"},
+    "movie": {"imageio_ffmpeg": "imageio-ffmpeg"},
     "points": {"scipy": "SciPy"},
     "solids": {"embreex": "embreex", "scipy": "SciPy", "trimesh": "trimesh"},
     "sweep": {"plotly": "plotly", "skimage": "scikit-image"},

@@ -16,7 +16,7 @@ from tfm_cl.cli.streams import guarded_streams, one_line
 from tfm_cl.errors import TfmError, TfmWarning
 from tfm_cl.interrupts import interrupts_held
 
-COMMANDS = ("render", "info", "compare", "sweep", "bake", "schema", "devices", "warm")
+COMMANDS = ("render", "info", "compare", "sweep", "bake", "movie", "schema", "devices", "warm")
 """Modules of this package, each with a click command called ``command``; imported when used."""
 
 COLLECTED_AFTER = 50_000, 10, 10

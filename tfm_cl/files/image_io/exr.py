@@ -123,6 +123,22 @@ def read_aov(path: Path, name: str) -> NDArray[np.float32]:
     return _stacked(colours, path)
 
 
+def read_text(path: Path, name: str) -> str | None:
+    """Read an attribute of the first part that is text; None where it has no such.
+
+    Raises
+    ------
+    ImageError
+        The file is damaged.
+    """
+    try:
+        with _silence(), path.open("rb") as stream, OpenEXR.File(stream, header_only=True) as file:
+            found = [part.header.get(name) for part in file.parts[:1]]
+    except Exception as error:  # as in `_declared`
+        raise ImageError(f"{path}: not a readable EXR ({line_of(error)})") from error
+    return found[0] if found and isinstance(found[0], str) else None
+
+
 def _colours(values: NDArray[np.float32], pixel_type: PixelType) -> NDArray[np.float16 | np.float32]:
     if pixel_type == "float":
         return np.ascontiguousarray(values, np.float32)

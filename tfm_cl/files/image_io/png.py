@@ -99,6 +99,16 @@ def png_bytes(
 
 def _encoded(picture: NDArray[np.float32], options: WriteOptions, corner: tuple[int, int]) -> bytes:
     """Make the bytes of a file of a finite picture [H, W, 3 or 4]."""
+    codes = codes_shown(picture, options, corner)
+    if options.png_bits > 8:  # noqa: PLR2004 - a byte
+        return _file_of_16_bits(codes.astype(np.uint16))
+    return _file_of_8_bits(codes.astype(np.uint8))
+
+
+def codes_shown(
+    picture: NDArray[np.float32], options: WriteOptions, corner: tuple[int, int] = (0, 0)
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return what a PNG holds of a finite picture [H, W, 3 or 4]: [H, W, 3], with alpha [H, W, 4]."""
     stops = options.exposure
     if stops == "auto":
         stops = automatic_exposure(picture, options.view, transparent=options.transparent)
@@ -114,7 +124,7 @@ def _encoded(picture: NDArray[np.float32], options: WriteOptions, corner: tuple[
         else:
             values += 0.5
         codes[y : y + rows] = values  # rounded down
-    return _file_of_16_bits(codes) if deep else _file_of_8_bits(codes)
+    return codes
 
 
 def _values(picture: NDArray[np.float32], options: WriteOptions, stops: float) -> NDArray[np.float64]:
