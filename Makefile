@@ -4,11 +4,16 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test test-slow test-all lint format oracles docs gallery bench clean
+.PHONY: demo demo-sequence test test-slow test-all lint format oracles docs gallery bench clean
 
 demo: $(INSTALLED)  ## render a cloud at sunset to out/sky.exr and out/sky.png
 	mkdir -p out
 	$(BIN)/tfm render volumes/sky.toml -o out/sky.exr -o out/sky.png --stats
+
+demo-sequence: $(INSTALLED)  ## a plume that rises: 24 frames and a film of them, out/rising_plume.mp4
+	$(BIN)/python volumes/generate.py rising_plume -o out/rising_plume
+	$(BIN)/tfm render out/rising_plume/rising_plume.toml --frames 1-24 --res 320x180 -o out/rising_plume/frame.####.png
+	$(BIN)/tfm movie out/rising_plume/frame.####.png -o out/rising_plume.mp4
 
 test: lint  ## the tests a change must pass: five minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"

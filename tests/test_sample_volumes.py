@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from scipy.ndimage import map_coordinates
 from skimage.measure import euler_number, label
 
 import tfm_cl.scene.bodies.volume
+from tfm_cl.plan import options
+from tfm_cl.scene.scene_file import SceneFile
 
 FOLDER = Path(__file__).parent.parent / "volumes"
 NAMES = ("cumulus", "figure", "plume")
@@ -52,6 +55,7 @@ def modules():
         "particles",
         "hair",
         "tree",
+        "rising_plume",
         "generate",
     )
     with pytest.MonkeyPatch.context() as patch:
@@ -233,6 +237,54 @@ def test_script_refuses_an_unknown_name():
     result = subprocess.run(script, capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert "'stratus'; known: cumulus, figure, plume" in result.stderr
+
+
+@pytest.fixture(scope="module")
+def rising(modules):
+    """Density and velocity of a sequence's frame, as `numpy.ndarray`s, by the frame."""
+    return modules["rising_plume"].sample
+
+
+def test_a_plume_rises_drifts_and_grows(rising, modules):
+    heights, sides, amounts = [], [], []
+    for frame in (1, 12, 24):
+        density, velocity = rising(frame)
+        assert density.shape == velocity.shape[:3] == modules["rising_plume"].SHAPE
+        assert density.min() == 0
+        assert density.max() <= 1
+        assert not any(np.moveaxis(density, axis, 0)[[0, -1]].any() for axis in range(3))
+        amounts.append((density > 0).sum())
+        heights.append(np.flatnonzero(density.any(axis=(0, 2)))[-1])
+        sides.append(np.average(np.arange(density.shape[2]), weights=density.sum(axis=(0, 1))))
+    assert heights == sorted(heights)
+    assert sides == sorted(sides)
+    assert amounts[2] > 4 * amounts[0]
+
+
+def test_its_smoke_goes_where_its_velocities_say(rising, modules, monkeypatch):
+    """Half a frame on, a density is that which was there before, against the velocity."""
+    module = modules["rising_plume"]
+    monkeypatch.setattr(module, "OCTAVES", 1)  # finer noise is not interpolated well
+    before, after, velocity = rising(16.0)[0], *rising(16.5)
+    back = velocity[..., ::-1] * (0.5 / module.FPS / module.VOXEL)  # x, y, z; arrays are z, y, x
+    carried = map_coordinates(before, np.indices(module.SHAPE) - np.moveaxis(back, 3, 0), order=3)
+    smoke = after > 0.02
+    stayed, moved = (np.abs(after - other)[smoke].mean() for other in (before, carried))
+    assert moved < 0.2 * stayed
+
+
+def test_a_sequence_is_written_with_its_scene(tmp_path):
+    script = [sys.executable, FOLDER / "generate.py", "rising_plume", "--frames", "2-3", "-o", tmp_path]
+    subprocess.run(script, check=True, timeout=300)
+    names = ["rising_plume.0002.npz", "rising_plume.0003.npz", "rising_plume.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    file = SceneFile.read(tmp_path / "rising_plume.toml", frame=3)
+    scene = file.make(tfm_cl.Scene)
+    assert options.warnings(file, scene) == ()
+    (volume,) = scene.bodies
+    assert volume.bounds[0] == pytest.approx([-0.85 - 0.5 / 28, -0.1 - 0.5 / 28, -1 - 0.5 / 28])
+    with np.load(tmp_path / "rising_plume.0003.npz", allow_pickle=False) as archive:
+        assert archive["v"].shape == (*archive["density"].shape, 3)
 
 
 def random_points(rng, count):

@@ -3,10 +3,13 @@
 Each volume is a function of position in a module of its own name, sampled here at the voxel centres,
 rounded and written as ``NAME.npz``. Particles, hair and the tree are what their modules return; ``--full``
 writes the hair and the tree in the size that the papers have, as ``NAME_full``. The same arrays come out on
-every run.
+every run. A sequence comes on demand, ``python volumes/generate.py rising_plume --frames 1-24``, as
+``NAME.0001.npz`` …, with a velocity ``v`` for every voxel; in another folder its scene is beside it.
 """
 
 import argparse
+import re
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +23,7 @@ import inks
 import numpy as np
 import particles
 import plume
+import rising_plume
 import tree
 from noise import F32
 from numpy.typing import NDArray
@@ -32,12 +36,17 @@ SLAB = 16
 """Voxel planes sampled at a time, to bound the memory for intermediate arrays."""
 
 
-class Sample(Protocol):
-    """What a module of this folder declares."""
+class Placed(Protocol):
+    """Where the voxels are that a module of this folder fills."""
 
     SHAPE: tuple[int, int, int]
     VOXEL: float
     ORIGIN: tuple[float, float, float]
+
+
+class Sample(Placed, Protocol):
+    """What the module of a volume declares."""
+
     SOLID: bool
 
     def density(self, z: F32, y: F32, x: F32) -> F32:
@@ -56,6 +65,8 @@ PARTICLES = {"particles": particles.smoke_plume, "spirals": particles.spirals}
 GROWN = (*hair.STYLES, "tree")
 """Those that have a full size too."""
 NAMES = (*SAMPLES, *PARTICLES, *GROWN)
+SEQUENCES = {"rising_plume": rising_plume}
+"""Those of several frames, which are not made unless they are named."""
 SUFFIX = "_full"
 
 
@@ -93,7 +104,7 @@ def _rounded(density: F32) -> NDArray[np.float16]:
     return np.ldexp(np.rint(mantissa * steps) / steps, exponent).astype(np.float16)
 
 
-def save(sample: Sample, path: Path, **grids: NDArray[np.float16 | np.uint8]) -> None:
+def save(sample: Placed, path: Path, **grids: NDArray[np.float16 | np.uint8]) -> None:
     """Write ``density`` and other grids, ``voxel_size`` and ``origin`` (both x, y, z) to an ``.npz`` file."""
     placed = {"voxel_size": np.full(3, sample.VOXEL), "origin": np.array(sample.ORIGIN)}
     np.savez_compressed(path, **grids, **placed)  # type: ignore[arg-type]
@@ -137,8 +148,32 @@ def write_tree(folder: Path, *, full: bool) -> str:
     return f"{2 * count:,} triangles of leaves"
 
 
-def write(name: str, folder: Path, *, full: bool) -> str:
+def write_sequence(name: str, folder: Path, frames: range | None) -> str:
+    """Write frames of a sequence, by default all, and its scene; returns what they are."""
+    sample = SEQUENCES[name]
+    frames = frames or range(1, sample.FRAMES + 1)
+    for frame in frames:
+        density, velocity = sample.sample(frame)
+        grids = {"density": _rounded(density), "v": velocity.astype(np.float16)}
+        save(sample, folder / f"{name}.{frame:04d}.npz", **grids)
+    scene = Path(__file__).with_name(f"{name}.toml")
+    if folder.resolve() != scene.parent.resolve():
+        shutil.copyfile(scene, folder / scene.name)
+    z, y, x = sample.SHAPE
+    return f"{len(frames)} frames of {x}×{y}×{z} voxels"
+
+
+def _frames(text: str) -> range:
+    """Read ``1-24``."""
+    if not (found := re.fullmatch(r"(\d{1,4})-(\d{1,4})", text)):
+        raise argparse.ArgumentTypeError(f"'{text}' is not FIRST-LAST, as 1-24")
+    return range(int(found[1]), int(found[2]) + 1)
+
+
+def write(name: str, folder: Path, *, full: bool, frames: range | None = None) -> str:
     """Write the files of a name; returns what they hold."""
+    if name in SEQUENCES:
+        return write_sequence(name, folder, frames)
     if name in SAMPLES:
         return write_volume(name, folder)
     if name in PARTICLES:
@@ -149,19 +184,25 @@ def write(name: str, folder: Path, *, full: bool) -> str:
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Generate the sample bodies.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)} (default: all)")
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"{', '.join(NAMES)} (default: all), or a sequence: {', '.join(SEQUENCES)}",
+    )
     parser.add_argument("--full", action="store_true", help=f"{', '.join(GROWN)} in the size of the papers'")
+    parser.add_argument("--frames", type=_frames, metavar="FIRST-LAST", help="of a sequence (default: all)")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parent, metavar="DIR")
     arguments = parser.parse_args()
-    known = GROWN if arguments.full else NAMES
+    known = GROWN if arguments.full else (*NAMES, *SEQUENCES)
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
         which = "full size" if arguments.full else "sample"
         parser.error(f"no {which} named '{unknown[0]}'; known: {', '.join(known)}")
     arguments.output.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or known:
+    for name in arguments.names or (GROWN if arguments.full else NAMES):
         start = time.perf_counter()
-        what = write(name, arguments.output, full=arguments.full)
+        what = write(name, arguments.output, full=arguments.full, frames=arguments.frames)
         print(f"{name}: {what}, {time.perf_counter() - start:.1f} s")
 
 

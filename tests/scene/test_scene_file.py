@@ -727,7 +727,11 @@ def test_media_without_a_grid_have_no_density_scale_to_tell_of(tmp_path):
     assert without_density_scale(tmp_path, 1.0, scene) == ()
 
 
-@pytest.mark.parametrize("name", [path.name for path in sorted(SAMPLES.glob("*.toml"))])
+# Volumes of sequences are not there until they are made.
+STILL = [path.name for path in sorted(SAMPLES.glob("*.toml")) if "####" not in path.read_text("utf-8")]
+
+
+@pytest.mark.parametrize("name", STILL)
 def test_sample_scenes_are_not_warned(name):
     file = SceneFile.read(SAMPLES / name)
     assert options.warnings(file, file.make(tfm.Scene)) == ()
