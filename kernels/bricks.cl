@@ -1,38 +1,7 @@
 /* From leaves of 8x8x8 voxels, as the host keeps them, to the bricks and records of body/grid.h.
    Works on a slab of brick layers and the leaf layers that it touches. Requires: what grid.h does. */
 #include "body/grid.h"
-
-#define LEAF_SHIFT 3
-#define LEAF_EDGE 8
-
-/* table: number of a leaf among the slab's, or -1; leaf_count: leaves along x, y and layers of the slab;
-   first: where voxel (0, 0, 0) of the padded grid lies, counted from the slab's first leaf voxel. */
-typedef struct {
-  __global const int *table;
-  __global const float *leaves;
-  int4 leaf_count;
-  int4 first;
-} LeafSlab;
-
-/* Number of the leaf that holds a voxel of the padded grid, or -1. */
-TFM_INLINE int leaf_of(LeafSlab slab, int x, int y, int z)
-{
-  const int vx = x + slab.first.x, vy = y + slab.first.y, vz = z + slab.first.z;
-  const int lx = vx >> LEAF_SHIFT, ly = vy >> LEAF_SHIFT, lz = vz >> LEAF_SHIFT;
-  if (vx < 0 || vy < 0 || vz < 0 || lx >= slab.leaf_count.x || ly >= slab.leaf_count.y || lz >= slab.leaf_count.z)
-    return -1;
-  return slab.table[(lz * slab.leaf_count.y + ly) * slab.leaf_count.x + lx];
-}
-
-TFM_INLINE float leaf_voxel(LeafSlab slab, int x, int y, int z)
-{
-  const int leaf = leaf_of(slab, x, y, z);
-  if (leaf < 0)
-    return 0.0f;
-  const int vx = x + slab.first.x, vy = y + slab.first.y, vz = z + slab.first.z;
-  const int within = ((vz & (LEAF_EDGE - 1)) * LEAF_EDGE + (vy & (LEAF_EDGE - 1))) * LEAF_EDGE + (vx & (LEAF_EDGE - 1));
-  return slab.leaves[(size_t)leaf * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE) + (size_t)within];
-}
+#include "body/leaves.h"
 
 /* Whether the cube of at most 8 voxels along each axis from (x, y, z) on touches a leaf: one does at its corners. */
 TFM_INLINE int touches_leaf(LeafSlab slab, int x, int y, int z, int edge)

@@ -67,3 +67,14 @@ its rays, within a hundredth of a pixel of the centre, see other lengths."""
 FILM_CODES = 6
 """Of 255: colours of a film's patches against those of its frames. Films hold seven bits of differences of
 colours and brightness from 16 to 235, GIFs five bits of each primary in the search for their palette."""
+
+ADVECTED = 5e-6
+"""A density near 1 moved by up to ten voxels: velocity, its turn into voxels and the place that they lead to
+round as float32, and the density changes by up to 1 from one voxel to the next."""
+
+BLURRED = 2 * FLOAT32
+"""A mean of pictures near 1, each rounded as float32, against their mean in float64."""
+
+MOVED_STEPS = 5e-5
+"""Of the brightest: a grid that has moved has a wider box than one that was put there, and the steps of
+marches through either, 640 of the camera and 200 of light, lie elsewhere."""

@@ -6,3 +6,5 @@ LARGEST_COLOUR = 1e25
 """Likewise its product with densities and phase functions."""
 MOST_STOPS = 100
 """Of an exposure, up and down: beyond float32."""
+FRAMES_A_SECOND = 24.0
+"""Unless asked otherwise, as of films, and Arnold's ``velocity_fps``."""

@@ -25,7 +25,7 @@ PROMISED = {
     *("--steps", "--sampling", "--grid", "--density-scale", "--sigma-s", "--sigma-a", "--octaves"),
     *("--phase", "--orders"),
     *("--camera-from", "--camera-to", "--up", "--fov", "--focal-length", "--background"),
-    *("--samples", "--filter"),
+    *("--samples", "--filter", "--shutter", "--motion-samples"),
     *("--light-type", "--light-from", "--light-to", "--cone", "--intensity", "--falloff"),
     *("-o", "--device", "--set", "--print-config", "--all", "--stats", "--json", "-q", "-v"),
 }
@@ -45,6 +45,8 @@ FLAGS = [
     ("--dither", "", "image.dither", True),
     ("--deep-tolerance", "0.05", "image.deep_tolerance", 0.05),
     ("--deep-colour", "", "image.deep_colour", True),
+    ("--shutter", "-0.25,0.5", "image.shutter", [-0.25, 0.5]),
+    ("--motion-samples", "5", "image.motion_samples", 5),
     ("--aov", "depth, samples", "image.aov", ["depth", "samples"]),
     ("--method", "dual", "march.method", "dual"),
     ("--basis", "dct", "map.basis", "dct"),
@@ -108,6 +110,10 @@ KEYS = [
     ("volume.offset", "-0.5", -0.5),
     ("volume.window", "[0.25, 3]", [0.25, 3.0]),
     ("volume.colour", "false", False),
+    ("volume.velocity", "['vx', 'vy', 'vz']", ["vx", "vy", "vz"]),
+    ("volume.velocity_scale", "2.5", 2.5),
+    ("volume.velocity_fps", "25", 25),
+    ("volume.velocity_outlier_threshold", "0.5", 0.5),
     (
         "volume.medium",
         "{preset = 'dust', sigma_a = 0, sigma_s = 2, phase = 'hg:0.5'}",

@@ -402,6 +402,7 @@ FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
 PRIMITIVES: Choices = {"bodies": ("points", "every primitive"), "from_light": (0, 1), **LIGHT}
 
 PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
+    "advect.cl": (lambda _: ((), {}), [{"grids": ("leaves",)}]),
     "bricks.cl": (_of_bricks, [{"voxels": GRIDS["voxels"]}]),
     "camera_pass.cl": (_of_camera, [{"bodies": list(BODIES), **GRIDS, "shadow": (0, 1), **LAYERS, **DEEP}]),
     "deep_own.cl": (_of_deep_own, [{**EMISSION, "shadow": (0, 1)}]),

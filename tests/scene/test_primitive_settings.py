@@ -5,7 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from primitive_files import HAIR, PLY_LEAVES, PLY_POINTS, write_bgeo, write_files
+from primitive_files import HAIR, PLY_LEAVES, PLY_POINTS, POSITIONS, write_bgeo, write_files
 from scenes import turned
 
 import tfm_cl as tfm
@@ -253,3 +253,65 @@ def test_what_is_written_is_the_same_body(load, table):
     assert (other.colour is None) == (body.colour is None)
     assert other.own_medium == body.own_medium
     assert getattr(other, "profile", None) == getattr(body, "profile", None)
+
+
+# --- what moves ------------------------------------------------------------------------------------------
+
+SPEEDS = np.array([[24.0, 0, 0], [0, 48.0, 0], [0, 0, -12.0], [2.4, 0, 0], [0, 0, 0]])
+
+
+def arrays_with_speeds(folder):
+    """The same points and curves, with a velocity each."""
+    for name, count in (("plume", 3), ("tuft", 5)):
+        with np.load(folder / f"{name}.npz") as archive:
+            arrays = dict(archive)
+        np.savez(folder / f"{name}.npz", **arrays, velocity=SPEEDS[:count])
+    lines = PLY_LEAVES.decode().replace("property float z\n", "property float z\n" + VELOCITY_PROPERTIES)
+    for row, speed in zip(("0 0 0", "1 0 0", "0 1 0", "0 1 1"), SPEEDS, strict=False):
+        lines = lines.replace(f"\n{row}\n", f"\n{row} {' '.join(map(str, speed))}\n")
+    (folder / "leaves.ply").write_text(lines)
+
+
+VELOCITY_PROPERTIES = "".join(f"property float v{axis}\n" for axis in "xyz")
+
+
+def test_velocities_of_files_move_what_they_hold(folder, load):
+    arrays_with_speeds(folder)
+    quarter = {"rotate": [0, 0, 90], "scale": 2.0}  # (x, y, z) becomes 2 (-y, x, z)
+    for keys, frames, factor in (({}, 2.0, 1.0), ({"velocity_scale": 0.5, "velocity_fps": 12}, -1.0, 1.0)):
+        points, curves, mesh = load(*(table | keys | quarter for table in TABLES.values())).primitives
+        steps = factor * frames / 24 * 2 * SPEEDS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        np.testing.assert_allclose(points.moved(frames).positions - points.positions, steps[:3], atol=1e-6)
+        of_curves = curves.moved(frames).corners - curves.corners
+        np.testing.assert_allclose(of_curves, steps[[[0, 1], [1, 2], [3, 4]]], atol=1e-6)
+        of_mesh = mesh.moved(frames).corners - mesh.corners
+        np.testing.assert_allclose(of_mesh, steps[[[0, 1, 2], [1, 3, 2]]], atol=1e-6)
+        later = curves.moved(frames)
+        np.testing.assert_array_equal(later.widths, curves.widths)
+        np.testing.assert_array_equal(later.with_density(2.0).moved(1.0).velocity, curves.velocity)
+
+
+def test_what_does_not_move_is_itself(folder, load):
+    for table in TABLES.values():
+        (body,) = load(table).primitives
+        assert body.velocity is None
+        assert body.moved(1.0) is body
+    arrays_with_speeds(folder)
+    for table in TABLES.values():
+        (body,) = load(table | {"velocity": False}).primitives
+        assert body.moved(1.0) is body
+
+
+def test_velocities_of_primitives_are_files_or_none(load):
+    with pytest.raises(SceneError, match=r"volume\.velocity = 'v': should be False"):
+        load(POINTS | {"velocity": "v"})
+    with pytest.raises(SceneError, match=r"volume\.velocity_fps = 0"):
+        load(POINTS | {"velocity_fps": 0})
+
+
+def test_what_moves_out_of_the_world_is_refused():
+    points = tfm.Points(POSITIONS, 1.0, velocity=np.full((3, 3), 1e15))
+    with pytest.raises(VolumeError, match=r"moves something by .* world units in 99 frames; lower volume"):
+        points.moved(99.0)
+    with pytest.raises(VolumeError, match="fps > 0"):
+        points.with_velocity(fps=0.0)

@@ -41,6 +41,10 @@ sanitize = true
 offset = 0.0
 window = [0.0, 1.0]
 colour = false
+velocity = ["vel.x", "vel.y", "vel.z"]
+velocity_scale = 0.5
+velocity_fps = 25.0
+velocity_outlier_threshold = 0.0
 medium = { sigma_s = 0.5, sigma_a = [0.1, 0.2, 0.3], phase = { type = "hg", g = -0.2 }, emission = 0 }
 
 [medium]
@@ -141,6 +145,8 @@ aov = ["depth", "samples"]
 pixel_type = "half"
 deep_tolerance = 0.02
 deep_colour = true
+shutter = [-0.25, 0.25]
+motion_samples = 5
 """
 
 
@@ -260,6 +266,8 @@ def test_every_key_arrives(folder):
         pixel_type="half",
         deep_tolerance=0.02,
         deep_colour=True,
+        shutter=(-0.25, 0.25),
+        motion_samples=5,
     )
     assert plan(scene, file=file).told == {}
 

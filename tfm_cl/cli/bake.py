@@ -35,7 +35,7 @@ from tfm_cl.scene.scene_file import SceneFile
 
 PICTURES = (
     *("--crop", "--samples", "--filter", "--exposure", "--view", "--background", "--transparent"),
-    *("--png-bits", "--dither", "--aov", "--method"),
+    *("--png-bits", "--dither", "--aov", "--method", "--shutter", "--motion-samples"),
 )
 """Flags of pictures, which no kind uses."""
 

@@ -77,6 +77,14 @@ def resolution(text: str) -> list[int]:
     return [int(width), int(height)]
 
 
+def two_numbers(text: str) -> list[float]:
+    """``-0.25,0.25``."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"'{text}' is not two numbers with a comma between") from None
+
+
 def names(text: str) -> list[str]:
     """``depth,samples``."""
     return [name.strip() for name in text.split(",") if name.strip()]
@@ -158,6 +166,8 @@ SCENE_OPTIONS = (
     SceneOption("Image", "--dither", "image.dither", "", click.BOOL),
     SceneOption("Image", "--deep-tolerance", "image.deep_tolerance", "E", click.FLOAT),
     SceneOption("Image", "--deep-colour", "image.deep_colour", "", click.BOOL),
+    SceneOption("Image", "--shutter", "image.shutter", "OPEN,CLOSE", two_numbers, "none"),
+    SceneOption("Image", "--motion-samples", "image.motion_samples", "N", click.INT),
     SceneOption("Image", "--aov", "image.aov", "NAME[,NAME]", names, "none"),
     SceneOption("Method", "--method", "march.method", "", click.Choice(["tfm", "dual"])),
     SceneOption("Map", "--basis", "map.basis", "NAME", click.Choice(["auto", *BASES])),

@@ -38,7 +38,7 @@ from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.scene_file_writer import scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
 from tfm_cl.sequence.claims import Ledger
-from tfm_cl.sequence.frame import ReadFrame, read
+from tfm_cl.sequence.frame import ReadFrame, check_blurred, read
 from tfm_cl.sequence.frames import FrameWorker, ShotFrames
 from tfm_cl.sequence.names import Files
 from tfm_cl.sequence.plan import RangePlan, looked_at, steady
@@ -180,6 +180,7 @@ class _Run:
         pictures, configs = named(self.pictures, number), named(self.configs, number)
         _check_writable(pictures, self.json_file, *configs)
         scene_file = self.shot.scene_file(number)
+        check_blurred(scene_file.image, pictures)
         _check_apart((*pictures, *configs, *filter(None, [self.json_file])), scene_file)
         return read(scene_file, number)
 
@@ -362,6 +363,7 @@ def _check_range(
             scene_file = shot.scene_file(number)
         except InputError:
             continue  # told with that frame, or by the plan
+        check_blurred(scene_file.image, pictures)
         _check_apart((*named(outputs, number), *filter(None, [json_file])), scene_file)
         if not quiet:
             _tell_left_out(named(pictures, number), scene_file.image)

@@ -124,6 +124,8 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--dither",
         "--deep-tolerance",
         "--deep-colour",
+        "--shutter",
+        "--motion-samples",
         "--aov",
     )
 )

@@ -19,6 +19,7 @@ and the matrix of the fields, phase functions, the functions of the bases, and t
 Source: Delalandre, Gautron, Marvie, François, "Transmittance Function Mapping", I3D 2011 (TFM).
 """
 
+from tfm_cl.reference.advection import moved_voxels
 from tfm_cl.reference.bodies import Grids, body_interval, density, field_density, march_bounds
 from tfm_cl.reference.fitting import cone_interval, map_rays, texel_rays
 from tfm_cl.reference.geometry import CHUNK, Floats, Interval, Rays, edges
@@ -66,6 +67,7 @@ __all__ = [
     "map_optical_depth",
     "map_rays",
     "march_bounds",
+    "moved_voxels",
     "render",
     "render_with_aovs",
     "solid_distances",

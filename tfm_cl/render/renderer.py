@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
@@ -34,13 +34,14 @@ from tfm_cl.render.antialiasing import PLAIN, Antialiasing
 from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
+from tfm_cl.render.motion import Moments, Mover
 from tfm_cl.render.result import RenderResult, RenderStats
 from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import around
 from tfm_cl.scene.layers import GROUPS, LAYERS, Layers
 from tfm_cl.scene.lights.base import names_of
-from tfm_cl.scene.settings import ImageSettings
+from tfm_cl.scene.settings import MOTION_SAMPLES, ImageSettings
 
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid, VoxelType
@@ -390,6 +391,109 @@ class Renderer:
             warnings.warn(line, TfmWarning, stacklevel=2)
         return result
 
+    def render_blurred(
+        self,
+        scene: Scene | Callable[[float], Scene],
+        shutter: tuple[float, float] = (-0.25, 0.25),
+        *,
+        motion_samples: int = MOTION_SAMPLES,
+        method: str | None = None,
+        crop: Crop | None = None,
+        aovs: Collection[str] = (),
+        background: Any = 0.0,
+        samples: int = 1,
+        filter: str = "box",  # noqa: A002 - the key's name in scene files
+        progress: Progress | None = None,
+    ) -> RenderResult:
+        """Render the mean of sharp pictures over the time that a shutter is open.
+
+        In each of them, what grids hold is moved by their velocities (`Volume.with_velocity`), as are points,
+        curves and polygons that have some. What is the same as at the moment before is not made again; what
+        is decided of maps and marches is decided once, for the middle.
+
+        Parameters
+        ----------
+        scene
+            A scene, in which only velocities move anything, or what returns that of any moment, given the
+            frames that have passed: cameras, lights, solids and bodies may be elsewhere there.
+        shutter
+            When it opens and closes, in frames.
+        motion_samples
+            Moments between, evenly spread: the middles of as many equal parts.
+        method, crop, aovs, background, samples, filter, progress
+            As of `render`, of each picture.
+
+        Returns
+        -------
+        RenderResult
+            Layers are means too; but ``depth``, ``solid_distance`` and ``normal`` are those of the middle,
+            which is one of an odd number of moments, and besides them of an even one; ``samples`` is the sum.
+            ``scene`` is that of the middle.
+
+        Raises
+        ------
+        SceneError
+            As of `render`; a shutter or a number of moments out of range.
+        VolumeError
+            A velocity that cannot be read or used.
+        DeviceError
+            As of `render`.
+        CancelledError
+            `cancel` was called meanwhile.
+
+        Warns
+        -----
+        TfmWarning
+            For each of the result's ``warnings``, also where nothing moves.
+        """
+        image = ImageSettings(background=background, samples=samples, filter=filter)
+        image = image.replace(shutter=shutter, motion_samples=motion_samples)
+        with self._in_turn():
+            result = self._blurred(scene, method, crop, aovs, image, progress or _silent)
+        for line in result.warnings:
+            warnings.warn(line, TfmWarning, stacklevel=2)
+        return result
+
+    def _blurred(
+        self,
+        scene: Scene | Callable[[float], Scene],
+        method: str | None,
+        crop: Crop | None,
+        aovs: Collection[str],
+        image: ImageSettings,
+        progress: Progress,
+    ) -> RenderResult:
+        """Render the moments that an open shutter shows, and put them together."""
+        mover = Mover(self._launcher, self._cache)
+        moments = Moments(scene, image.shutter or (0.0, 0.0), image.motion_samples, mover.moved)
+        middle = moments.middle
+        if image.shows_environment:
+            check_surrounded(middle.lights)
+        middle.read_files()
+        estimate, limited = None, resolution.limited(middle)
+        asks_for_lattice = middle.map.lookup == "lattice" and _checked_method(method, middle) == "tfm"
+        if middle.map.max_error is not None:
+            decided, estimate = self._chosen(middle, method, crop, None, progress)
+            limited = ()
+        else:
+            decided = plan(middle, method=_checked_method(method, middle)).scene
+
+        def render(moment: Scene, progress: Progress) -> RenderResult:
+            result = self._render(
+                moment.replace(map=decided.map, march=decided.march),
+                maps=None,
+                method=method,
+                crop=crop,
+                aovs=aovs,
+                progress=progress,
+                antialiasing=Antialiasing(image.samples, image.filter),
+            )
+            return result.over(image.background) if image.has_background else result
+
+        result = moments.rendered(render, progress)
+        result.stats.error_estimate = estimate
+        return self._told(result, limited, decided if asks_for_lattice else None)
+
     def _rendered(
         self,
         scene: Scene,
@@ -421,7 +525,11 @@ class Renderer:
         result.stats.error_estimate = estimate
         if image.has_background:
             result = result.over(image.background)
-        left_out = lattice.left_out(scene) if asks_for_lattice else None
+        return self._told(result, limited, scene if asks_for_lattice else None)
+
+    def _told(self, result: RenderResult, limited: Sequence[str], on_lattice: Scene | None) -> RenderResult:
+        """Return the result with all that a user should know; ``on_lattice``: what asks for a lattice."""
+        left_out = None if on_lattice is None else lattice.left_out(on_lattice)
         result = replace(result, warnings=(*limited, *result.warnings, *([left_out] if left_out else [])))
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)

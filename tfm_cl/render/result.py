@@ -61,6 +61,15 @@ class RenderStats:
         elif alone:
             self.map = light_map.settings
 
+    def add(self, other: RenderStats) -> None:
+        """Count another render of the same settings too; what is said of maps stays that of this one."""
+        for name, seconds in other.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        for total, more in ((self.samples, other.samples), (self.made, other.made)):
+            for name, count in more.items():
+                total[name] = total.get(name, 0) + count
+        self.refined_pixels = max(self.refined_pixels, other.refined_pixels)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         return {
@@ -99,7 +108,7 @@ class RenderResult:
     foreground: NDArray[np.float32] | None = None
     """``image`` without the background; None without one."""
     shows_through: NDArray[np.float32] | None = None
-    """[H, W, 3], how much of the background pixels show that have several samples; None without such."""
+    """[H, W, 3], how much of the background pixels show that are the mean of several; None without such."""
     deep: DeepSamples | None = None
     """What lies along one ray through each pixel's centre, if that was asked for."""
 
@@ -136,13 +145,19 @@ class RenderResult:
             behind = radiance_behind(scene.lights, scene.camera, self.crop)
         else:
             behind = np.array(settings.background, np.float32)
-        through = self.aovs["transmittance"] if self.shows_through is None else self.shows_through
-        behind = through * behind
-        if "solid_distance" in self.aovs and self.shows_through is None:
-            behind[self.aovs["solid_distance"] > 0] = 0
         image = bare.copy()
-        image[..., :3] += behind
+        image[..., :3] += self.background_share * behind
         return replace(self, image=image, background=settings.background, foreground=bare)
+
+    @property
+    def background_share(self) -> NDArray[np.float32]:
+        """How much of a background each pixel shows, [H, W, 3]: none through solids, but for holdouts."""
+        if self.shows_through is not None:
+            return self.shows_through
+        share = self.aovs["transmittance"]
+        if "solid_distance" in self.aovs:
+            share = np.where(self.aovs["solid_distance"][..., None] > 0, np.float32(0), share)
+        return share
 
     def picture(self, *, transparent: bool = False) -> NDArray[np.float32]:
         """Return what a PNG shows, [H, W, 4]: with alpha, the picture without its background."""

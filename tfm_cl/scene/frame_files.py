@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from tfm_cl.errors import Fault, Faults, InputError, Key, SceneError
 from tfm_cl.files.paths import source_of
 from tfm_cl.files.patterns import FilePattern
-from tfm_cl.files.volume_io.colour import is_file
+from tfm_cl.files.volume_io import is_volume_file
 from tfm_cl.scene.bodies.base import BODIES
 from tfm_cl.scene.of_frames import KEYS, FrameNumbers, name_at
 from tfm_cl.scene.solids.base import MESHES
@@ -18,6 +18,10 @@ Values = dict[str, Any]
 
 NOTHING: Values = {"shape": "box", "density": 0.0}
 """Body in the place of one that is not there yet, or any more: numbers of the others stay."""
+
+
+BESIDE = ("colour", "velocity")
+"""Keys of what is read beside a volume, of a file of its own or of the volume's."""
 
 
 class Changing(NamedTuple):
@@ -43,7 +47,7 @@ def at_frame(values: Values, frame: float | None, folder: Path, faults: Faults) 
 
 def _changing(values: Values, folder: Path) -> Iterator[Changing]:
     names = {
-        "volume": [*(key for key in BODIES if key != "shape"), "colour"],
+        "volume": [*(key for key in BODIES if key != "shape"), *BESIDE],
         "solid": [*MESHES, "albedo"],
         "light": ["texture"],
     }
@@ -59,7 +63,7 @@ def _changing(values: Values, folder: Path) -> Iterator[Changing]:
 
 
 def _pattern(key: str, name: Any, folder: Path) -> FilePattern | None:
-    if not isinstance(name, str) or (key == "colour" and not is_file(name)):
+    if not isinstance(name, str) or (key in BESIDE and not is_volume_file(name)):
         return None
     try:
         return FilePattern.of(str(source_of(name)), folder)
@@ -83,7 +87,7 @@ def _settle(values: Values, place: Key, changing: list[Changing], frame: float, 
         except SceneError as error:
             faults.add(*(Fault(f"{'.'.join(map(str, key))}: {line}", key) for line in error.args))
             continue
-        if name is None and (place[0] == "light" or key[-1] in {"albedo", "colour"}):
+        if name is None and (place[0] == "light" or key[-1] in {"albedo", *BESIDE}):
             line = '"empty" is for volumes and meshes; an image is held, or missing is an error'
             faults.add(Fault(f"{'.'.join(map(str, key))}: {line}", key))
         elif name is None:

@@ -85,6 +85,8 @@ class Layer:
     made: Literal["always", "solids", "emission", "emission_light", "orders", "asked"] = "always"
     """When: in every picture, where there are solids, media that emit light, media that light their
     surroundings, or later orders of scattering, or it is asked for, or only where it is asked for."""
+    blurred: Literal["mean", "sum", "middle"] = "mean"
+    """Over the time that a shutter is open: its mean or sum, or that of the moment in the middle, sharp."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,7 @@ LAYERS = {
         1,
         "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
         lambda seen: seen.transmittance[..., 3].copy(),
+        blurred="middle",
     ),
     "transmittance": Layer(
         3,
@@ -131,6 +134,7 @@ LAYERS = {
         1,
         "density samples taken for the pixel by the passes of the camera",
         lambda seen: seen.samples.astype(np.float32),
+        blurred="sum",
     ),
     "solid_distance": Layer(
         1,
@@ -140,12 +144,14 @@ LAYERS = {
             np.isfinite(seen.solid[..., 3]) & (seen.albedo[..., 3] == 0), seen.solid[..., 3], np.float32(0)
         ),
         "solids",
+        blurred="middle",
     ),
     "normal": Layer(
         3,
         "unit normal that the solid is shaded with, world, on the camera's side; 0 without, and on holdouts",
         lambda seen: seen.solid[..., :3].copy(),
         "solids",
+        blurred="middle",
     ),
     "albedo": Layer(
         3,

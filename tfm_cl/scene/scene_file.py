@@ -8,9 +8,10 @@ import re
 import tomllib
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, PlainValidator
 
@@ -40,6 +41,8 @@ from tfm_cl.scene.ambient import Ambient
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import BODIES, MOST_BODIES, OF_BODIES, Body, BodySettings
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
+from tfm_cl.scene.bodies.moving import MovingSettings
+from tfm_cl.scene.bodies.velocity import OUTLIERS
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.camera import outdone as outdone_of_camera
@@ -59,6 +62,8 @@ MAX_BYTES = 1 << 20
 S = TypeVar("S")
 Values = dict[str, Any]
 """A scene as TOML gives it: nested tables."""
+Overrides = tuple[tuple[str, Any], ...]
+"""Pairs of a dotted key and a value."""
 
 
 @accepts(NUMBER, numbers(3))
@@ -73,12 +78,17 @@ def _file(value: Any) -> str:
 
 @accepts(TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
 def _colour_source(value: Any) -> Any:
-    if value is None or value is False:
-        return value
-    names = [value] if isinstance(value, str) else value
     what = (
         "an array, of a grid of vectors or of a file with one, three names of grids ['r', 'g', 'b'], or false"
     )
+    return _named(value, what)
+
+
+def _named(value: Any, what: str) -> Any:
+    """Check the name, or the three names, of what is read beside a grid; false means nothing."""
+    if value is None or value is False:
+        return value
+    names = [value] if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or len(names) != (1 if isinstance(value, str) else 3):
         raise ValueError(f"should be the name of {what}")
     checked = tuple(name_of(name, what) for name in names)
@@ -99,7 +109,13 @@ def _window(value: Any) -> Any:
     return float(value[0]), float(value[1])
 
 
-class VolumeSettings(OfFrames, Movable):
+@accepts(TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
+def _velocity_source(value: Any) -> Any:
+    what = "a grid of vectors or of a file with one, three names of grids ['x', 'y', 'z'], or false"
+    return _named(value, what)
+
+
+class VolumeSettings(OfFrames, MovingSettings):
     """Which grid of which file, and where it lies."""
 
     SECTION: ClassVar[str] = "volume"
@@ -162,36 +178,80 @@ class VolumeSettings(OfFrames, Movable):
         description="what this body alone is made of: a table like [medium], whose keys it overrides",
     )
     sanitize: bool = Field(
-        default=False, description="set NaN, infinite and negative densities and colours to 0"
+        default=False,
+        description="set NaN, infinite and negative densities and colours, and such velocities, to 0",
+    )
+    velocity: Annotated[
+        str | tuple[str, str, str] | Literal[False] | None, PlainValidator(_velocity_source)
+    ] = Field(
+        default=None,
+        description="motion blur: how fast what the grid holds moves, in the file's units per second: a "
+        "grid of vectors or an array [z, y, x, 3] of the same file ('vel'), a file with one (relative to the "
+        "scene file), or three grids ['vel.x', 'vel.y', 'vel.z']; false: it does not move; left out: what is "
+        "called v, vel or velocity, if any",
+    )
+    velocity_outlier_threshold: float = Field(
+        default=OUTLIERS,
+        ge=0,
+        lt=1,
+        description="motion blur: share of the voxels, the fastest along an axis, that are slowed down to "
+        "the fastest of the others; 0: none",
     )
 
-    def load(self, folder: Path, optical_depth: float) -> Volume:
-        """As `BodySettings.load`."""
-        volume = Volume.load(
-            source_of(self.file, folder),
-            self.grid,
-            colour=self._colour_in(folder),
-            offset=self.offset,
-            window=self.window,
-            voxel_size=self.voxel_size,
-            origin=self.origin,
-            sanitize=self.sanitize,
-        ).with_medium(self.medium)
+    def load(
+        self, folder: Path, optical_depth: float, like: tuple[VolumeSettings, Volume] | None = None
+    ) -> Volume:
+        """As `BodySettings.load`; ``like``: other settings and their volume, maybe of the same file."""
+        if like is not None and self._reads_as(like[0]):
+            volume = like[1].as_stored()
+        else:
+            like = None
+            volume = Volume.load(
+                source_of(self.file, folder),
+                self.grid,
+                colour=self._in(folder, self.colour),
+                offset=self.offset,
+                window=self.window,
+                voxel_size=self.voxel_size,
+                origin=self.origin,
+                sanitize=self.sanitize,
+            ).with_velocity(
+                self._in(folder, self.velocity),
+                scale=self.velocity_scale,
+                fps=self.velocity_fps,
+                outlier_threshold=self.velocity_outlier_threshold,
+            )
+        volume = volume.with_medium(self.medium)
         if self.transform is not None:
             volume = volume.transformed(self.transform)
         found = volume.made_from or {}
-        volume.made_from = self.to_dict() | {key: found.get(key) for key in ("file", "grid", "colour")}
-        if self.density_scale == "auto":
-            return volume.with_density_scale(density_scale_for(volume, optical_depth))
-        return volume.with_density_scale(self.density_scale)
+        named = ("file", "grid", "colour", "velocity")
+        volume.made_from = self.to_dict() | {key: found.get(key) for key in named}
+        if self.density_scale != "auto":
+            return volume.with_density_scale(self.density_scale)
+        if like is not None and like[0].density_scale == "auto":
+            return volume  # one for all moments
+        return volume.with_density_scale(density_scale_for(volume, optical_depth))
 
-    def _colour_in(self, folder: Path) -> colour_io.ColourSource:
-        is_file = isinstance(self.colour, str) and colour_io.is_file(self.colour)
-        return source_of(str(self.colour), folder) if is_file else self.colour
+    def _reads_as(self, other: VolumeSettings) -> bool:
+        """Tell whether others read the same of the same files: they may put it elsewhere, or scale it."""
+        placed = {*Movable.model_fields, "density_scale", "medium"}
+        return all(
+            getattr(self, key) == getattr(other, key) for key in type(self).model_fields if key not in placed
+        )
+
+    @staticmethod
+    def _in(
+        folder: Path, source: str | tuple[str, str, str] | Literal[False] | None
+    ) -> colour_io.ColourSource:
+        """Return where something is read beside the grid: of a file, where that is."""
+        is_file = isinstance(source, str) and volume_io.is_volume_file(source)
+        return source_of(str(source), folder) if is_file else source
 
     def sources(self) -> list[str]:
         """As `BodySettings.sources`."""
-        return [self.file, *([self.colour] if isinstance(self.colour, str) else [])]
+        beside = [name for name in (self.colour, self.velocity) if isinstance(name, str)]
+        return [self.file, *filter(volume_io.is_volume_file, beside)]
 
 
 BODIES["file"] = VolumeSettings.from_table
@@ -283,6 +343,13 @@ def _key_in(fault: str) -> Key:
     return tuple(int(part) if part.isdecimal() else part for part in found[0].split(".")) if found else ()
 
 
+class Made(NamedTuple):
+    """A scene file, and the bodies that were made of it."""
+
+    file: SceneFile
+    bodies: tuple[Body, ...]
+
+
 @dataclass(frozen=True)
 class SceneFile:
     """A scene file with the command line's overrides, checked as far as it can be without volume and meshes.
@@ -312,6 +379,10 @@ class SceneFile:
     turn: float | None = None
     """Degrees by which the camera, once it is placed, is turned about ``camera.up`` through ``camera.to``;
     None where no frame has it turned."""
+    turn_a_frame: float = 0.0
+    """By how much more it is in the next frame."""
+    asked: tuple[Path, Overrides, str, float | None, Overrides] | None = None
+    """Path, overrides, look, frame and what was decided that it was read for."""
 
     @classmethod
     def read(
@@ -321,6 +392,7 @@ class SceneFile:
         look: str = looks.PLAIN,
         frame: float | None = None,
         decided: Iterable[tuple[str, Any]] = (),
+        after: float = 0.0,
     ) -> SceneFile:
         """Read a scene (``.toml``), or make one around a bare volume file.
 
@@ -339,6 +411,8 @@ class SceneFile:
             frame before, where it lies between two.
         decided
             Likewise, of what these, the file and the look leave open, decided for many frames.
+        after
+            Frames from there to the moment at which keyframes have their values; files stay the frame's.
 
         Raises
         ------
@@ -348,7 +422,8 @@ class SceneFile:
         VolumeError
             Neither a scene nor a volume.
         """
-        overrides = list(overrides)
+        overrides, decided = tuple(overrides), tuple(decided)
+        asked, moment = (path, overrides, look, frame, decided), None if frame is None else frame + after
         (values, source), placed_light = _values_at(path, dict(overrides), frame), Values()
         path = source.path
         # A medium by name comes first, so that what is said of it besides changes its numbers.
@@ -363,14 +438,13 @@ class SceneFile:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
                 _check_used(values, key)
-        decided = list(decided)
         _make_way(values, {key for key, _ in decided})
         for key, value in decided:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
         try:
-            values, changing, files = _at_frame(values, frame, path.parent)
-            placed, others, more = _at_frame({"light": placed_light}, frame, path.parent)
+            values, changing, files = _at_frame(values, frame, moment, path.parent)
+            placed, others, more = _at_frame({"light": placed_light}, frame, moment, path.parent)
         except SceneError as error:
             raise source.located(error) from None
         tables, written = _tables(values, faults)
@@ -388,8 +462,25 @@ class SceneFile:
             look=chosen,
             changing=(*changing, *others),
             patterns=(*files, *more),
+            asked=asked,
             **sections,
         )
+
+    def moment(self, after: float) -> SceneFile:
+        """Return it as it is so many frames later, or earlier, while the files of its frame are shown.
+
+        Raises
+        ------
+        SceneError
+            What keyframes are there makes no scene.
+        """
+        if self.asked is None or not (self.changing or self.turn_a_frame):
+            return self
+        found = SceneFile.read(*self.asked, after=after)
+        if self.turn is None:
+            return found
+        turn = self.turn + after * self.turn_a_frame
+        return replace(found, turn=turn, turn_a_frame=self.turn_a_frame)
 
     @property
     def is_animated(self) -> bool:
@@ -424,24 +515,24 @@ class SceneFile:
                     made[attributes.get(name, name)] = makers[name](table)
         return made
 
-    def make(self, scene_class: Callable[..., S], bodies: tuple[Body, ...] | None = None) -> S:
+    def make(self, scene_class: Callable[..., S], like: Made | None = None) -> S:
         """Read the volumes, place what the file left out, and make the scene.
 
         Parameters
         ----------
         scene_class
             `tfm_cl.scene.scene.Scene`, which builds on this module.
-        bodies
-            The file's, where they have been read before.
+        like
+            The same at another moment, and what it was made: grids that are the same are taken from there.
 
         Raises
         ------
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        if bodies is None:
+        if like is None:
             self.check_files("volume")
-            bodies = self._bodies()
+        bodies = self._bodies(like)
         try:
             lights = self.light
             seen = [body for body in bodies if not _is_nothing(body)] or bodies
@@ -460,18 +551,33 @@ class SceneFile:
                 lights,
                 self.map,
                 self.march,
-                solids=self.solids,
+                solids=self._solids(like),
                 ambient=self.ambient,
                 shadow=self.shadow,
             )
         except SceneError as error:
             raise self.source.located(error, by_words=True) from None
 
-    def _bodies(self) -> tuple[Body, ...]:
-        folder = self.path.parent
-        return tuple(
-            settings.load(folder, (settings.medium or self.medium).typical_depth) for settings in self.volumes
-        )
+    def _bodies(self, like: Made | None) -> tuple[Body, ...]:
+        same = like is not None and len(like.file.volumes) == len(self.volumes)
+        others = zip(like.file.volumes, like.bodies, strict=True) if like is not None and same else ()
+        return tuple(map(self._body, self.volumes, chain(others, repeat(None))))
+
+    def _body(self, settings: BodySettings, like: tuple[BodySettings, Body] | None) -> Body:
+        other, body = like or (None, None)
+        if body is not None and settings == other:
+            return body
+        folder, depth = self.path.parent, (settings.medium or self.medium).typical_depth
+        if isinstance(settings, VolumeSettings) and isinstance(other, VolumeSettings):
+            return settings.load(folder, depth, (other, body) if isinstance(body, Volume) else None)
+        return settings.load(folder, depth)
+
+    def _solids(self, like: Made | None) -> tuple[Solid, ...]:
+        """Return the solids: those that are the same at another moment have been read there."""
+        if like is None or len(like.file.solids) != len(self.solids):
+            return self.solids
+        pairs = zip(self.solids, like.file.solids, strict=True)
+        return tuple(other if solid == other else solid for solid, other in pairs)
 
     def is_file_of_a_frame(self, path: Path) -> bool:
         """Tell whether a file, there or not yet, is one that another frame would read."""
@@ -573,9 +679,9 @@ def _values_at(path: Path, given: Values, frame: float | None) -> tuple[Values, 
 
 
 def _at_frame(
-    values: Values, frame: float | None, folder: Path
+    values: Values, frame: float | None, moment: float | None, folder: Path
 ) -> tuple[Values, list[Key], list[frame_files.Changing]]:
-    """Return values at a frame, the keys of those that change, and of these the files.
+    """Return values at a moment of a frame, the keys of those that change, and of these the files.
 
     Raises
     ------
@@ -583,7 +689,7 @@ def _at_frame(
         Keyframes that are none, a file that is not there, or no frame where something changes.
     """
     faults = Faults()
-    now, changing = keyframes.evaluated(values, frame, faults)
+    now, changing = keyframes.evaluated(values, moment, faults)
     files = frame_files.at_frame(now, frame, folder, faults)
     changing += [file.key for file in files]
     if frame is None:

@@ -301,6 +301,30 @@ def _filter(value: Any) -> Any:
     return value
 
 
+MOTION_SAMPLES = 9
+"""Times at which the shutter is open, unless asked otherwise: odd, so that the middle is one of them."""
+MOST_MOTION_SAMPLES = 1024
+MOST_FRAMES = 100
+"""That a shutter may be open before or after its frame."""
+
+
+@accepts(numbers(2))
+def _shutter(value: Any) -> Any:
+    if value is None:
+        return None
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 2  # noqa: PLR2004 - open and close
+        or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in value)
+        or not -MOST_FRAMES <= value[0] <= value[1] <= MOST_FRAMES
+    ):
+        raise ValueError(
+            "should be two numbers [open, close] of frames from this one, open ≤ close, from "
+            f"-{MOST_FRAMES} to {MOST_FRAMES}"
+        )
+    return float(value[0]), float(value[1])
+
+
 class FrameOptions(TypedDict):
     """What of a frame is rendered, and how pixels are made of samples."""
 
@@ -325,6 +349,8 @@ class ImageSettings(Model):
             "aov": "aovs layers passes channels outputs",
             "transparent": "alpha filmtransparent",
             "pixel_type": "componentformat exrtype depth colordepth",
+            "shutter": "motionblur shutterangle exposuretime",
+            "motion_samples": "motionsteps timesamples shuttersamples",
             "name the picture on the command line: -o FILE": "file filename output path",
         }
     )
@@ -389,6 +415,21 @@ class ImageSettings(Model):
     pixel_type: Literal["float", "half"] = Field(
         default="float", description="type of the colour channels in EXR files"
     )
+    shutter: Accepts[Numbers | None, Annotated[tuple[float, float] | None, BeforeValidator(_shutter)]] = (
+        Field(
+            default=None,
+            validate_default=True,
+            description="motion blur: when it opens and closes, in frames from this one, as -0.25,0.25; what "
+            "moves by keyframes or velocities is blurred",
+        )
+    )
+    motion_samples: int = Field(
+        default=MOTION_SAMPLES,
+        ge=1,
+        le=MOST_MOTION_SAMPLES,
+        description="motion blur: moments between, evenly spread, whose mean is the picture; of an even "
+        "number the one in the middle is rendered too, for layers of what is not blurred, as depth",
+    )
 
     @property
     def shows_environment(self) -> bool:
@@ -399,6 +440,11 @@ class ImageSettings(Model):
     def has_background(self) -> bool:
         """Whether there is anything behind media and solids."""
         return self.shows_environment or any(self.background)
+
+    @property
+    def is_blurred(self) -> bool:
+        """Whether it shows other moments than the frame's own."""
+        return self.shutter is not None and any(self.shutter)
 
     @property
     def frame(self) -> FrameOptions:

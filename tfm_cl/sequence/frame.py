@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tfm_cl.errors import SceneError
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import Plan, plan
 from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import Made
 
 if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
@@ -52,6 +54,17 @@ class ReadFrame:
         self.file.check_files()
         self.scene.read_files()
 
+    def at(self, after: float) -> Scene:
+        """Return the scene so many frames later, or earlier, by its keyframes; files stay the frame's.
+
+        Raises
+        ------
+        SceneError, VolumeError
+            As `SceneFile.make`.
+        """
+        file = self.file.moment(after) if after else self.file
+        return self.scene if file is self.file else file.make(Scene, Made(self.file, self.scene.bodies))
+
     def render(
         self, renderer: Renderer, pictures: Sequence[Path], progress: Progress | None = None
     ) -> RenderedFrame:
@@ -61,11 +74,21 @@ class ReadFrame:
         ----------
         pictures
             That it will be saved as: their formats tell what is needed.
+
+        Raises
+        ------
+        SceneError, VolumeError, DeviceError
+            As of the renderer; a deep image that is to be blurred.
         """
         from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415 - reading needs no OpenCL
 
         image = self.file.image
-        result = renderer.render(self.scene, progress=progress, **_asked(image, pictures))
+        if image.is_blurred:
+            asked = {**image.frame, "shutter": image.shutter, "motion_samples": image.motion_samples}
+            check_blurred(image, pictures)
+            result = renderer.render_blurred(self.at, progress=progress, **asked)
+        else:
+            result = renderer.render(self.scene, progress=progress, **_asked(image, pictures))
         # What is not there yet, or any more, was asked for.
         warnings, resolved = [] if self.file.is_empty else list(result.warnings), dict(self.options)
         stops = _exposure(result, pictures, image)
@@ -129,6 +152,22 @@ def read(file: SceneFile, number: float | None) -> ReadFrame:
     scene = file.make(Scene)
     planned = plan(scene, file=file)
     return ReadFrame(number, file, scene, planned, options.table(file, planned.scene))
+
+
+def check_blurred(image: ImageSettings, pictures: Sequence[Path]) -> None:
+    """Refuse pictures that cannot be blurred.
+
+    Raises
+    ------
+    SceneError
+        A deep image.
+    """
+    deep = [path for path in pictures if image_io.is_deep(path)]
+    if image.is_blurred and deep:
+        raise SceneError(
+            f"image.shutter = {list(image.shutter or ())}: {deep[0].name} is deep, and its samples lie along "
+            "the rays of one moment; render it without a shutter, as --shutter 0,0"
+        )
 
 
 def _asked(image: ImageSettings, pictures: Sequence[Path]) -> dict[str, Any]:

@@ -96,7 +96,7 @@ class ShotFrames:
             if file.is_file_of_a_frame(path):
                 raise InputError(f"{path}: is the input of a frame; choose another name")
         ready = self._read(file, frame)
-        ready.scene.read_files()
+        ready.read_files()
         return ready, time.perf_counter() - started
 
     def render(self, ready: tuple[ReadFrame, float]) -> tuple[RenderedFrame, float, float]:

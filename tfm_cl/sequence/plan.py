@@ -32,6 +32,7 @@ from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.optical_depth import why_density
 from tfm_cl.scene.scene import Scene
+from tfm_cl.scene.scene_file import Made
 from tfm_cl.scene.scene_file_writer import to_toml
 from tfm_cl.scene.solids.ground import GroundSolid
 from tfm_cl.sequence.claims import Ledger
@@ -328,14 +329,8 @@ def _scene(shot: Shot, sample: _Sample, decisions: Decisions) -> tuple[SceneFile
     """Return a frame's scene with what is decided."""
     decided = [(key, value) for key, (value, _) in decisions.items()]
     file = replace(shot, decided=decided).scene_file(sample.frame)
-    bodies = sample.bodies
-    if bodies is not None:
-        scales = [getattr(settings, "density_scale", None) for settings in file.volumes]
-        bodies = tuple(
-            body.with_density_scale(scale) if isinstance(body, Volume) and isinstance(scale, float) else body
-            for body, scale in zip(bodies, scales, strict=True)
-        )
-    return file, file.make(Scene, bodies)
+    like = None if sample.bodies is None else Made(sample.file, sample.bodies)
+    return file, file.make(Scene, like)
 
 
 def _chosen(samples: Sequence[_Sample]) -> Iterator[tuple[str, Decision]]:

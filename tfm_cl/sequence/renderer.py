@@ -16,5 +16,9 @@ class Renderer(Protocol):
     def render(self) -> Callable[..., RenderResult]:
         """`tfm_cl.render.renderer.Renderer.render`, which takes a scene and what is asked for."""
 
+    @property
+    def render_blurred(self) -> Callable[..., RenderResult]:
+        """`tfm_cl.render.renderer.Renderer.render_blurred`, which takes the scene of each moment besides."""
+
     def forget_unused(self) -> None:
         """As `tfm_cl.render.renderer.Renderer.forget_unused`."""

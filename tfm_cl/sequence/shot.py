@@ -13,7 +13,7 @@ from tfm_cl.files.paths import source_of
 from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
-from tfm_cl.sequence.turntable import angle_of
+from tfm_cl.sequence.turntable import FULL_TURN, angle_of
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Shot:
         found = SceneFile.read(Path(self.path), self.overrides, self.look, frame, self.decided)
         if self.turntable is None or frame is None:
             return found
-        return replace(found, turn=angle_of(frame, self.turntable))
+        return replace(found, turn=angle_of(frame, self.turntable), turn_a_frame=FULL_TURN / self.turntable)
 
     def scene(self, frame: float | None = None) -> Scene:
         """Read the scene of a frame with its volumes, ready for `tfm_cl.render.renderer.Renderer.render`.

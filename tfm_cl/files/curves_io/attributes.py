@@ -77,4 +77,5 @@ def curves_of(
         widths=None if points.radii is None else points.radii * np.float32(2),
         opacities=points.opacities,
         colours=points.colours,
+        velocities=points.velocities,
     )

@@ -25,3 +25,5 @@ class StoredCurves:
     """[n]: from 0 to 1 in a sound file."""
     colours: NDArray[np.float32] | None = None
     """[n, RGB]: from 0 to 1 in a sound file."""
+    velocities: NDArray[np.float32] | None = None
+    """[n, 3]: in the file's units a second."""

@@ -51,6 +51,9 @@ def _part(path: Path, prim: Prim, most: int) -> dict[str, NDArray[Any]]:
     part = {name: _values(path, prim, name, lines) for name in prim.interpolation}
     if "widths" in part:
         part["widths"] = part["widths"] * prim.scale
+    if prim.velocities is not None:
+        velocities = at_points(path, prim, "velocities", prim.velocities, lines.vertices)
+        part["velocities"] = lines.of_vertices(velocities)
     return part | {"positions": lines.of_vertices(positions), "counts": lines.counts}
 
 

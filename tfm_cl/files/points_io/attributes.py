@@ -26,6 +26,9 @@ COLOUR_PARTS = (("r", "g", "b"), ("red", "green", "blue"))
 VELOCITIES = ("v", "velocity", "velocities", "vel")
 VELOCITY_PARTS = (("vx", "vy", "vz"),)
 
+LONGEST_HEADER = 1 << 16
+"""Bytes of a ``.ply`` file's that are looked at before it is read."""
+
 _KNOWN = frozenset(
     name
     for names in (RADII, WIDTHS, DENSITIES, OPACITIES, COLOURS, *COLOUR_PARTS, VELOCITIES, *VELOCITY_PARTS)
@@ -36,6 +39,19 @@ _KNOWN = frozenset(
 def is_known(name: str) -> bool:
     """Tell whether `points_of` has a use for an attribute of this name."""
     return name.lower() in _KNOWN
+
+
+def is_ply_with_velocities(path: Path) -> bool:
+    """Tell whether a file of any format is a ``.ply`` whose header has velocities among its properties."""
+    if path.suffix.lower() != ".ply":
+        return False
+    try:
+        with path.open("rb") as stream:
+            header = stream.read(LONGEST_HEADER).partition(b"end_header")[0]
+    except OSError:
+        return False
+    words = {word.decode("latin-1").lower() for word in header.split()}
+    return not words.isdisjoint(VELOCITIES) or any(words.issuperset(parts) for parts in VELOCITY_PARTS)
 
 
 def check_count(path: Path, count: int) -> None:

@@ -36,6 +36,7 @@ __all__ = [
     "beyond_limits",
     "choose_grid",
     "find_grid",
+    "is_volume_file",
     "open_grids",
     "read_grid",
     "read_stored",
@@ -43,6 +44,11 @@ __all__ = [
     "refusal",
     "register_volume_format",
 ]
+
+
+def is_volume_file(source: str | Path) -> bool:
+    """Tell whether the source of a colour or a velocity is a file, not the name of an array or a grid."""
+    return Path(source).suffix.lower() in FORMATS
 
 
 def open_grids(path: Path) -> list[Grid]:

@@ -25,11 +25,6 @@ ALIGNMENT = 1e-3
 """Largest distance, as a fraction of a voxel, between corresponding voxels of grids that belong together."""
 
 
-def is_file(source: str | Path) -> bool:
-    """Tell whether the source of a colour is a file, not the name of an array or a grid."""
-    return Path(source).suffix.lower() in volume_io.FORMATS
-
-
 def check_array(
     found: tuple[int, ...], dtype: np.dtype[Any], shape: Index, label: str, hint: str = ""
 ) -> None:
@@ -100,8 +95,8 @@ def read_colour(
         rgb, notes = _read_three_grids(path, grid, source)
         names = ", ".join(shown(name)[1:-1] for name in source)
         return checked(rgb, f"{path}: the colour of the grids {names}", sanitize=sanitize), notes
-    in_file = source_of(source, error=VolumeError) if is_file(source) else path
-    name = None if is_file(source) else str(source)
+    in_file = source_of(source, error=VolumeError) if volume_io.is_volume_file(source) else path
+    name = None if volume_io.is_volume_file(source) else str(source)
     if in_file.suffix.lower() not in numpy_array.EXTENSIONS:
         vectors = _vectors_of(in_file, name)
         rgb = _read_vectors(in_file, grid, vectors)

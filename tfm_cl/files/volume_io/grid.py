@@ -68,6 +68,9 @@ class Grid:
     """
     colour_background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Value outside the array of `read_colour`, as stored in the file."""
+    read_vector_leaves: Callable[[], tuple[Leaves, ...]] | None = field(default=None, repr=False)
+    """Reads the three components of a grid of vectors as leaves, 0 where nothing is stored; None if the
+    format does not store a tree."""
     is_box_of_stored: bool = False
     """Whether the array is the box around the voxels of a tree; grids that belong together may then have
     different boxes."""

@@ -72,6 +72,7 @@ from tfm_cl.files.volume_io.tree import (
     fill_dense,
     fill_vectors,
     gather_leaves,
+    gather_vectors,
     offset_transform,
     place_origins,
 )
@@ -331,6 +332,7 @@ def _describe(file: Cursor, path: Path, entry: _Entry) -> Grid:
             described,
             read=partial(refuse, path, entry.name, VECTORS),
             read_colour=partial(_read_vectors, path, entry, layout, shape),
+            read_vector_leaves=partial(_read_vector_leaves, path, entry, layout, shape),
             colour_background=as_three(topology.background),
             unsupported=VECTORS,
         )
@@ -387,6 +389,15 @@ def _read_vectors(
     topology = walk_topology(grid, layout)
     walk = partial(walk_leaves, grid, layout, topology)
     return fill_vectors(topology.tree, topology.background, walk, shape, grid)
+
+
+def _read_vector_leaves(
+    path: Path, entry: _Entry, layout: Layout, shape: tuple[int, int, int]
+) -> tuple[Leaves, ...]:
+    """Read a grid's vectors for `Grid.read_vector_leaves`."""
+    grid = _unpack(Cursor(map_file(path), str(path)), entry)
+    topology = walk_topology(grid, layout)
+    return gather_vectors(topology.tree, partial(walk_leaves, grid, layout, topology), shape, grid)
 
 
 def _find_channel(grid: Cursor) -> NDArray[Any] | None:

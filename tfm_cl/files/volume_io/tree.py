@@ -198,6 +198,34 @@ def fill_vectors(
     return vectors
 
 
+def gather_vectors(
+    tree: Tree, walk: Callable[[], Iterable[LeafBatch]], shape: tuple[int, int, int], source: Cursor
+) -> tuple[Leaves, ...]:
+    """Gather a tree of vectors, whose values are of a `vector_type`, as the leaves of its components.
+
+    Parameters
+    ----------
+    tree, walk, shape
+        As for `fill_vectors`. What no leaf or tile covers is 0, whatever the background.
+
+    Returns
+    -------
+    Three `Leaves`, each without those that are all 0.
+
+    Raises
+    ------
+    VolumeError
+        As `gather_leaves`.
+    """
+    components = []
+    for name in COMPONENTS:
+        tiles = [Tiles(tiles.edge, tiles.origins, tiles.values[name]) for tiles in tree.tiles]
+        numbers = replace(tree, background=0.0, tiles=tiles)
+        leaves = (LeafBatch(batch.origins, batch.values[name]) for batch in walk())
+        components.append(gather_leaves(numbers, leaves, shape, source))
+    return tuple(components)
+
+
 def gather_leaves(
     tree: Tree, leaves: Iterable[LeafBatch], shape: tuple[int, int, int], source: Cursor
 ) -> Leaves:

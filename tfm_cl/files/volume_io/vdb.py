@@ -68,6 +68,7 @@ from tfm_cl.files.volume_io.tree import (
     fill_dense,
     fill_vectors,
     gather_leaves,
+    gather_vectors,
     offset_transform,
     place_origins,
 )
@@ -312,6 +313,7 @@ def _read_grid(
             grid,
             read=partial(refuse, path, name, VECTORS),
             read_colour=partial(_read_vectors, path, found.stored, found.shape),
+            read_vector_leaves=partial(_read_vector_leaves, path, found.stored, found.shape),
             colour_background=found.background,
             unsupported=VECTORS,
         )
@@ -414,6 +416,13 @@ def _read_vectors(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -
     topology = walk_topology(file, stored)
     walk = partial(walk_leaves, file, stored, topology)
     return fill_vectors(topology.tree, topology.background, walk, shape, file)
+
+
+def _read_vector_leaves(path: Path, stored: StoredTree, shape: tuple[int, int, int]) -> tuple[Leaves, ...]:
+    """Read a grid's vectors for `Grid.read_vector_leaves`."""
+    file = Cursor(map_file(path), str(path), stored.at)
+    topology = walk_topology(file, stored)
+    return gather_vectors(topology.tree, partial(walk_leaves, file, stored, topology), shape, file)
 
 
 # ------------------------------------------------------------------------------------------- the tree

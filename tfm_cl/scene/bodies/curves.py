@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tfm_cl.constants import BEND_UNIT
 from tfm_cl.errors import VolumeError
 from tfm_cl.limits import LARGEST_COORDINATE
-from tfm_cl.scene.bodies.primitives import colours_of, numbers_of, positions_of
+from tfm_cl.scene.bodies.primitives import colours_of, numbers_of, positions_of, velocities_of
 from tfm_cl.scene.bodies.thin import ThinPrimitives, depths_of, each_of
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ class Curves(ThinPrimitives):
     colour
         RGB, one for all, for each point, [n, 3], or for each strand: extinction relative to the density, of
         scattering and absorption alike; None: 1.
+    velocity
+        [n, 3], of the points, world units per second, or None: they move, for motion blur.
     medium
         What these strands alone are made of; None: the scene's medium.
     source
@@ -82,6 +84,7 @@ class Curves(ThinPrimitives):
         *,
         opacity: ArrayLike | None = None,
         colour: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
         medium: Medium | None = None,
         source: Path | None = None,
     ) -> None:
@@ -105,6 +108,8 @@ class Curves(ThinPrimitives):
         rgb = None if shades is None else shades[segments].mean(axis=1)
         self.goes_on = np.diff(first, prepend=-2) == 1
         self._fill(places[segments], depths.mean(axis=1), rgb, medium)
+        speeds = velocities_of(velocity, count, label)
+        self.velocity = None if speeds is None else speeds[segments]
 
     def _fill(
         self, corners: Floats, depths: Floats, colour: NDArray[np.float32] | None, medium: Medium | None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import MOST_OPACITY, POINT_PROFILES
 from tfm_cl.errors import VolumeError, unknown_key
-from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.limits import FRAMES_A_SECOND, LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.scene.bodies.primitives import (
     Primitives,
     Spread,
@@ -24,6 +24,7 @@ from tfm_cl.scene.bodies.primitives import (
     numbers_of,
     positions_of,
     rigid_scale,
+    velocities_of,
 )
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class Points(Primitives):
     colour
         RGB, or [n, RGB]: extinction relative to the density, of scattering and absorption alike; None: 1.
     velocity
-        [n, 3], world units per second, or None; kept for motion.
+        [n, 3], world units per second, or None: they move, for motion blur.
     medium
         What these points alone are made of; None: the scene's medium.
     source
@@ -144,13 +145,7 @@ class Points(Primitives):
             taken = numbers_of(opacity, count, "opacity", label, most=1.0)
             self.densities = _densities_of(taken, PROFILES[profile].through * self.radii, label)
         self._colour = colours_of(colour, count, label)
-        self.velocity: NDArray[np.float64] | None = None
-        if velocity is not None:
-            self.velocity = positions_of(velocity, "velocity", label)
-            if len(self.velocity) != count:
-                raise VolumeError(
-                    f"{label}: velocity should be [{count}, 3]; got {len(self.velocity)} of them"
-                )
+        self.velocity = velocities_of(velocity, count, label)
         self.medium = medium_of(medium, self.label)
         self.chosen = {}
 
@@ -163,7 +158,9 @@ class Points(Primitives):
         }
         named |= {} if self.colour is None else {"colour": self.colour}
         named |= {} if self.velocity is None else {"velocity": self.velocity}
-        keys = {"density": 1.0, "profile": self.profile}
+        keys: dict[str, Any] = {"density": 1.0, "profile": self.profile}
+        if self.velocity is not None:
+            keys["velocity_scale"] = self.seconds_a_frame * FRAMES_A_SECOND
         return "points", keys, {name: array.astype(np.float32) for name, array in named.items()}
 
     @property
@@ -233,12 +230,20 @@ class Points(Primitives):
         """As `Primitives.with_density`."""
         return self._with(density=self.densities * factor)
 
+    def moved(self, frames: float) -> Points:
+        """As `Primitives.moved`."""
+        if self.velocity is None:
+            return self
+        return self._with(positions=self.positions + self._step(self.velocity, frames))
+
     def _with(self, **changes: Any) -> Points:
         kept = {
             name: getattr(self, name)
             for name in ("positions", "profile", "colour", "velocity", "medium", "source")
         }
-        return Points(**{**kept, "radius": self.radii, "density": self.densities, **changes})
+        other = Points(**{**kept, "radius": self.radii, "density": self.densities, **changes})
+        other.seconds_a_frame = self.seconds_a_frame
+        return other
 
     def __repr__(self) -> str:
         coloured = "" if self.colour is None else "coloured, "

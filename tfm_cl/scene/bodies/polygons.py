@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.scene.bodies.primitives import colours_of, positions_of
+from tfm_cl.scene.bodies.primitives import colours_of, positions_of, velocities_of
 from tfm_cl.scene.bodies.thin import ThinPrimitives, depths_of
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ class Polygons(ThinPrimitives):
         Part of the light that one crossing takes at sigma_t = 1, from 0 to 1; one number, or [F].
     colour
         RGB, or [F, RGB]: extinction relative to that, of scattering and absorption alike; None: 1.
+    velocity
+        [V, 3], of the vertices, world units per second, or None: they move, for motion blur.
     medium
         What they alone are made of; None: the scene's medium.
     source
@@ -63,14 +65,18 @@ class Polygons(ThinPrimitives):
         opacity: ArrayLike = 1.0,
         *,
         colour: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
         medium: Medium | None = None,
         source: Path | None = None,
     ) -> None:
         self.source, self.chosen = source, {}
         places = positions_of(vertices, "vertices", self.label)
-        corners = places[_rows(faces, len(places), self.label)]
+        rows = _rows(faces, len(places), self.label)
+        corners = places[rows]
         depths = depths_of(opacity, len(corners), self.label)
         self._fill(corners, depths, colours_of(colour, len(corners), self.label), medium)
+        speeds = velocities_of(velocity, len(places), self.label)
+        self.velocity = None if speeds is None else speeds[rows]
 
     @property
     def areas(self) -> Floats:

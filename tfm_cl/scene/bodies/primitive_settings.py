@@ -13,16 +13,17 @@ from tfm_cl.errors import SceneError, VolumeError, words
 from tfm_cl.extras import needs
 from tfm_cl.files import curves_io, points_io
 from tfm_cl.files.paths import name_of, real_path, source_of
+from tfm_cl.files.points_io.attributes import is_ply_with_velocities
 from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import Point, number_or_auto
 from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts
 from tfm_cl.scene.bodies.base import OF_BODIES
 from tfm_cl.scene.bodies.curves import Curves
+from tfm_cl.scene.bodies.moving import MovingSettings
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
 from tfm_cl.scene.medium import OwnMedium
-from tfm_cl.scene.movable import Movable
 from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Matrix, Rows
@@ -48,7 +49,7 @@ WHITE = (1.0, 1.0, 1.0)
 """Colours of a mesh are not read."""
 
 
-class PrimitiveSettings(OfFrames, Movable):
+class PrimitiveSettings(OfFrames, MovingSettings):
     """What all kinds have in common."""
 
     SECTION: ClassVar[str] = "volume"
@@ -80,6 +81,12 @@ class PrimitiveSettings(OfFrames, Movable):
         description="what this body alone is made of: a table like [medium], whose keys it overrides",
     )
 
+    velocity: Literal[False] | None = Field(
+        default=None,
+        examples=[False],
+        description="motion blur: false: it does not move, whatever the file's velocities ('v', 'velocity')",
+    )
+
     @abstractmethod
     def load(self, folder: Path, optical_depth: float) -> Primitives:
         """As `BodySettings.load`."""
@@ -95,6 +102,7 @@ class PrimitiveSettings(OfFrames, Movable):
     def _remembered(self, body: P, source: Path, chosen: dict[str, tuple[Any, str]]) -> P:
         """Return the body, which tells how it was made."""
         numbers = {key: value for key, (value, _) in chosen.items()}
+        body = body.with_velocity(scale=self.velocity_scale, fps=self.velocity_fps)
         body.chosen, body.made_from = chosen, self.to_dict() | numbers | {self.KEY: str(real_path(source))}
         return body
 
@@ -112,8 +120,8 @@ class PrimitiveSettings(OfFrames, Movable):
         return places @ matrix[:3, :3].T + matrix[:3, 3], scale * np.asarray(sizes, dtype=np.float64)
 
     def _turned(self, velocities: NDArray[np.floating] | None) -> NDArray[np.float64] | None:
-        """Turn and scale velocities likewise."""
-        if velocities is None:
+        """Turn and scale velocities likewise; None where there are none, or they are not asked for."""
+        if velocities is None or self.velocity is False:
             return None
         matrix = np.eye(3) if self.transform is None else np.reshape(self.transform, (4, 4))[:3, :3]
         turned: NDArray[np.float64] = velocities @ matrix.T
@@ -230,6 +238,7 @@ class CurvesSettings(PrimitiveSettings):
             self.density,
             opacity=None if self.density is not None else _times(self.opacity, stored.opacities),
             colour=stored.colours if self.colour is None else self.colour,
+            velocity=self._turned(stored.velocities),
             medium=self.medium,
             source=source,
         )
@@ -266,10 +275,28 @@ class PolygonsSettings(PrimitiveSettings):
             triangles.faces,
             1.0 if self.opacity is None else self.opacity,
             colour=self.colour,
+            velocity=self._turned(self._velocities(source, triangles.vertices)),
             medium=self.medium,
             source=source,
         )
         return self._remembered(polygons, source, {})
+
+    def _velocities(self, source: Path, vertices: NDArray[np.floating]) -> NDArray[np.float32] | None:
+        """Return those of vertices [V, 3] that a ``.ply`` file may have; readers of meshes leave them out."""
+        if self.velocity is False or not is_ply_with_velocities(source):
+            return None
+        stored = points_io.read_points(source)
+        if stored.velocities is None:
+            return None
+        # Readers of meshes may put vertices in another order, or leave some out.
+        whole = np.concatenate([stored.positions, vertices.astype(np.float32)])
+        _, first, same = np.unique(whole, axis=0, return_index=True, return_inverse=True)
+        rows = first[same.ravel()[len(stored.positions) :]]
+        if (rows >= len(stored.positions)).any():
+            raise VolumeError(
+                f"{source}: its velocities are not of its triangles' vertices; set volume.velocity=false"
+            )
+        return stored.velocities[rows]
 
 
 def spacing(positions: NDArray[np.floating]) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from abc import abstractmethod
 from functools import cached_property
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import VolumeError
-from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.limits import FRAMES_A_SECOND, LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import same
 from tfm_cl.scene.bodies.base import MarchedBody, digest_of
 
@@ -102,6 +103,10 @@ class Primitives(MarchedBody):
     _colour: NDArray[np.float32] | None
     medium: Medium | None
     source: Path | None
+    velocity: NDArray[np.float64] | None = None
+    """World units per second, where that is known: of points [n, 3], else of corners [n, corners, 3]."""
+    seconds_a_frame: float = 1 / FRAMES_A_SECOND
+    """How long it moves so fast in a frame."""
     made_from: dict[str, Any] | None = None
     """Keys of a scene file that make it of its file, but for the medium; None: it has been made otherwise."""
     chosen: dict[str, tuple[Any, str]]
@@ -130,6 +135,45 @@ class Primitives(MarchedBody):
     @abstractmethod
     def with_density(self, factor: float) -> Self:
         """Return it with all densities times a factor."""
+
+    @abstractmethod
+    def moved(self, frames: float) -> Self:
+        """Return it so many frames later, or earlier, moved on by its velocities; itself without any.
+
+        Raises
+        ------
+        VolumeError
+            Something is too far away then.
+        """
+
+    def with_velocity(self, *, scale: float = 1.0, fps: float = FRAMES_A_SECOND) -> Self:
+        """Return it with velocities that count so many times, at so many frames a second.
+
+        Raises
+        ------
+        VolumeError
+            Numbers out of range.
+        """
+        if not (abs(scale) <= LARGEST_COLOUR and 0 < fps <= LARGEST_COLOUR):
+            raise VolumeError(
+                f"{self.label}: a velocity's scale is a number, and fps > 0; got {scale} and {fps}"
+            )
+        other = copy.copy(self)
+        other.seconds_a_frame = scale / fps
+        if self.made_from is not None:
+            other.made_from = self.made_from | {"velocity_scale": scale, "velocity_fps": fps}
+        return other
+
+    def _step(self, velocity: NDArray[np.float64], frames: float) -> NDArray[np.float64]:
+        """Return by how much its points or corners move in so many frames, world units."""
+        step: NDArray[np.float64] = velocity * (self.seconds_a_frame * frames)
+        farthest = float(np.abs(step).max(initial=0.0))
+        if not farthest <= LARGEST_COORDINATE:
+            raise VolumeError(
+                f"{self.label}: moves something by {farthest:.2g} world units in {abs(frames):g} frames; "
+                "lower volume.velocity_scale, or set volume.velocity=false"
+            )
+        return step
 
     def to_table(self) -> dict[str, Any] | None:
         """As `Body.to_table`."""
@@ -434,6 +478,22 @@ def _numbers(values: ArrayLike, what: str, label: str) -> NDArray[np.float64]:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise VolumeError(f"{label}: {what} should be numbers") from None
+
+
+def velocities_of(values: ArrayLike | None, count: int, label: str) -> NDArray[np.float64] | None:
+    """Check one velocity for each of ``count``; returns [count, 3], not to be written to.
+
+    Raises
+    ------
+    VolumeError
+        As `positions_of`, or another number of them.
+    """
+    if values is None:
+        return None
+    found = positions_of(values, "velocity", label)
+    if len(found) != count:
+        raise VolumeError(f"{label}: velocity should be [{count}, 3]; got {len(found)} of them")
+    return found
 
 
 def rigid_scale(matrix: NDArray[np.float64], label: str) -> float:

@@ -110,11 +110,25 @@ class ThinPrimitives(Primitives):
         """As `Primitives.transformed`."""
         matrix = np.asarray(world_from_body, dtype=np.float64)
         scale = rigid_scale(matrix, self.label)
-        return self._like(self.corners @ matrix[:3, :3].T + matrix[:3, 3], self.densities, scale)
+        velocity = None if self.velocity is None else self.velocity @ matrix[:3, :3].T
+        corners = self.corners @ matrix[:3, :3].T + matrix[:3, 3]
+        return self._moving(self._like(corners, self.densities, scale), velocity)
 
     def with_density(self, factor: float) -> Self:
         """As `Primitives.with_density`."""
-        return self._like(self.corners, self.densities * factor, 1.0)
+        return self._moving(self._like(self.corners, self.densities * factor, 1.0), self.velocity)
+
+    def moved(self, frames: float) -> Self:
+        """As `Primitives.moved`."""
+        if self.velocity is None:
+            return self
+        corners = self.corners + self._step(self.velocity, frames)
+        return self._moving(self._like(corners, self.densities, 1.0), self.velocity)
+
+    def _moving(self, other: Self, velocity: Floats | None) -> Self:
+        """Let others move at this velocity [n, corners, 3], as long in a frame as these."""
+        other.velocity, other.seconds_a_frame = velocity, self.seconds_a_frame
+        return other
 
     def _like(self, corners: Floats, depths: Floats, scale: float) -> Self:
         """Return others, whose sizes are so many times as large."""

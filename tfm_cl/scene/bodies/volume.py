@@ -14,14 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from tfm_cl.errors import VolumeError
 from tfm_cl.files import volume_io
 from tfm_cl.files.paths import real_path, source_of
-from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, is_file, read_colour
+from tfm_cl.files.volume_io.colour import ColourSource, check_array, checked, read_colour
 from tfm_cl.files.volume_io.grid import COLOUR, Grid, coloured_where, shown, world_from_index_of
 from tfm_cl.files.volume_io.leaves import LEAF, Index, Leaves, NotDensities
 from tfm_cl.files.volume_io.limits import too_large
+from tfm_cl.files.volume_io.stored_velocity import StoredVelocity, VelocitySource, components_of
 from tfm_cl.files.volume_io.values import ValueMap
-from tfm_cl.limits import LARGEST_COLOUR, LARGEST_COORDINATE
+from tfm_cl.files.volume_io.velocity import read_velocity
+from tfm_cl.limits import FRAMES_A_SECOND, LARGEST_COLOUR, LARGEST_COORDINATE
 from tfm_cl.model import same
 from tfm_cl.scene.bodies.base import MarchedBody, digest_of
+from tfm_cl.scene.bodies.velocity import OUTLIERS, Velocity, VelocityAsked, velocity_of
 from tfm_cl.scene.medium import Medium, parse_medium
 from tfm_cl.scene.movable import STEPS, said_by
 
@@ -130,6 +133,7 @@ class Volume(MarchedBody):
             self.world_from_index = np.array(world_from_index, dtype=np.float64)
         _check_transform(self.world_from_index, self.label)
         self.world_from_index.flags.writeable = False
+        self._velocity_from_index, self._asked = self.world_from_index, VelocityAsked()
 
     @classmethod
     def load(
@@ -532,6 +536,10 @@ class Volume(MarchedBody):
             made_from = made_from | dict.fromkeys(STEPS) | {"transform": moved.tolist()}
         return self._with(world_from_index=matrix, made_from=made_from)
 
+    def as_stored(self) -> Volume:
+        """Return the same voxels (not copied) where their file, or the constructor's transform, puts them."""
+        return self._with(world_from_index=self._velocity_from_index)
+
     def to_table(self) -> dict[str, Any] | None:
         """As `Body.to_table`."""
         medium = None if self.medium is None else self.medium.to_dict()
@@ -545,11 +553,111 @@ class Volume(MarchedBody):
         keys: dict[str, Any] = {"grid": "density", "density_scale": self.density_scale}
         if self.colour is not None:
             arrays["colour"], keys["colour"] = self.colour, "colour"
+        if isinstance(self._asked.source, np.ndarray):
+            turned = self.world_from_index[:3, :3] @ np.linalg.inv(self._velocity_from_index[:3, :3])
+            arrays["velocity"] = (self._asked.source @ turned.T).astype(np.float32)
+            keys |= self._asked.keys() | {"velocity": "velocity"}
         return "file", keys, arrays
 
     def with_density_scale(self, density_scale: float) -> Volume:
         """Return the same voxels and colours (not copied) under another density scale."""
         return self._with(density_scale=_non_negative(density_scale, "density_scale", self.label))
+
+    def with_velocity(
+        self,
+        source: VelocitySource | NDArray[Any] = None,
+        *,
+        scale: float = 1.0,
+        fps: float = FRAMES_A_SECOND,
+        outlier_threshold: float = OUTLIERS,
+    ) -> Volume:
+        """Return the same voxels (not copied) that move, for motion blur; the velocity is read when needed.
+
+        Parameters
+        ----------
+        source
+            Where the velocity is: an array [z, y, x, 3] at the voxels, in world units per second along the
+            world's x, y and z; or, of a volume of a file, in units of its file, the name of a grid of vectors
+            or of an array [z, y, x, 3], a file with one, or three names of grids for x, y and z. None: what
+            is called ``v``, ``vel`` or ``velocity``, if there is such. False: it does not move.
+        scale
+            Factor of the velocity.
+        fps
+            Frames a second.
+        outlier_threshold
+            Share of the voxels, those that move fastest along an axis, that are slowed down to the fastest of
+            the others; 0: none.
+
+        Raises
+        ------
+        VolumeError
+            An array of another shape or type; numbers out of range.
+        """
+        if not (abs(scale) <= LARGEST_COLOUR and 0 < fps <= LARGEST_COLOUR and 0 <= outlier_threshold < 1):
+            raise VolumeError(
+                f"{self.label}: a velocity's scale is a number, fps > 0 and outlier_threshold from 0 to 1; "
+                f"got {scale}, {fps} and {outlier_threshold}"
+            )
+        changes: dict[str, Any] = {}
+        if isinstance(source, np.ndarray):
+            if source.shape != (*self.shape, 3) or source.dtype.kind not in "fiu":
+                raise VolumeError(
+                    f"{self.label}: a velocity is an array of real numbers [z, y, x, 3], {[*self.shape, 3]}; "
+                    f"got {source.dtype} {list(source.shape)}"
+                )
+            source = source.astype(np.float32)
+            changes = {"made_from": None, "_velocity_from_index": self.world_from_index}
+        asked = VelocityAsked(source, scale, fps, outlier_threshold)
+        if not isinstance(source, np.ndarray) and self.made_from is not None:
+            changes["made_from"] = self.made_from | asked.keys() | {"velocity": _told_velocity(source)}
+        return self._with(_asked=asked, **changes)
+
+    @property
+    def velocity(self) -> Velocity | None:
+        """How fast what it holds moves, read when first asked for; None where nothing says so.
+
+        Raises
+        ------
+        VolumeError
+            What was named does not exist or cannot be used; the message says why.
+        """
+        kept = self.kept.get("velocity")
+        if kept is None or kept[0] is not self._asked:
+            stored, found = self._stored_velocity(), None
+            if stored is not None:
+                place = self._velocity_from_index
+                found = velocity_of(stored, self._asked, place, sanitize=self.sanitize)
+            kept = self.kept["velocity"] = self._asked, found
+        velocity: Velocity | None = kept[1]
+        return velocity
+
+    def _stored_velocity(self) -> StoredVelocity | None:
+        source = self._asked.source
+        if isinstance(source, np.ndarray):
+            return StoredVelocity(f"{self.label}: the velocity", components_of(source))
+        return None if self.source is None else read_velocity(self.source, self.shape, source)
+
+    def moved_to(self, channels: Sequence[Leaves], low: Sequence[int]) -> Volume:
+        """Return the volume when its contents have moved: others in the place of its voxels.
+
+        Parameters
+        ----------
+        channels
+            Its voxels, or, where it has a colour, what it is in red, green and blue.
+        low
+            Index (x, y, z), among the voxels that it has now, of the first of these.
+        """
+        shift = np.eye(4)
+        shift[:3, 3] = low
+        place = self.world_from_index @ shift
+        place.flags.writeable = False
+        voxels, colour = _Voxels(channels[0]), None
+        if self._colour is not None:
+            most = np.maximum.reduce([leaves.values for leaves in channels])
+            voxels = _Voxels(Leaves(channels[0].shape, channels[0].first, channels[0].coordinates, most))
+            colour = _Channels(voxels, channels)
+        other = self._with(_voxels=voxels, _colour=colour, world_from_index=place, made_from=None, kept={})
+        return other.with_velocity(source=False)
 
     def with_medium(self, medium: Medium | None) -> Volume:
         """Return the same voxels (not copied) of another medium; None: the scene's."""
@@ -849,10 +957,17 @@ def _told_colour(colour: ColourSource, volume: Volume, path: Path) -> Any:
     if isinstance(colour, Path):
         return str(real_path(colour))
     if isinstance(colour, str):
-        return str(real_path(source_of(colour))) if is_file(colour) else colour
+        return str(real_path(source_of(colour))) if volume_io.is_volume_file(colour) else colour
     if colour is None:
         return COLOUR if volume.colour is not None and path.suffix.lower() == ".npz" else None
     return colour if colour is False else list(colour)
+
+
+def _told_velocity(source: VelocitySource) -> Any:
+    """Return what a scene file says of where a velocity is."""
+    if isinstance(source, Path) or (isinstance(source, str) and volume_io.is_volume_file(source)):
+        return str(real_path(source_of(source)))
+    return source if source is None or source is False or isinstance(source, str) else list(source)
 
 
 def _non_negative(value: float, key: str, label: str) -> float:
