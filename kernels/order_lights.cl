@@ -65,13 +65,6 @@ TFM_INLINE Vec3 way_of_light(LIGHT from, Vec3 point)
   return transform_vector(from->world_from_light, light_at(from, point_in_light(from, point)).direction);
 }
 
-/* Where points have one number for three, lights are of one colour, of which there is most. */
-TFM_INLINE float intensity_of(LIGHT from, int c)
-{
-  return TFM_ORDER_COLOURS == 3 ? from->intensity[c]
-                                : fmax(fmax(from->intensity[0], from->intensity[1]), from->intensity[2]);
-}
-
 /* Of light, after an optical depth: what was scattered straight on so many times, of what there was.
    straight: the depth of what goes straight on */
 TFM_INLINE Floats left_after(Floats depth, int times, Floats straight, float log_factorial)
@@ -140,7 +133,7 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
   harmonics_of(way_of_light(from, centre), y);
 #endif
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    const Floats more = intensity_of(from, c) * sum[c] / weight[TFM_CHANNELS == 3 ? c : 0];
+    const Floats more = COLOUR_OF(from->intensity, c) * sum[c] / weight[TFM_CHANNELS == 3 ? c : 0];
 #if TFM_ORDER_DEGREE
     for (int n = 0; n < HARMONICS; ++n) {
       __global float *numbers = light + (size_t)(n * TFM_ORDER_COLOURS + c) * padded_size(orders);
@@ -199,7 +192,7 @@ __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
       const Floats next = lerp(gather_floats(table + BEYOND_ANGLES, at), gather_floats(table + BEYOND_ANGLES + 1, at), to_right);
       const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);
       const Ints place = (points.number * APART_MEDIA + m) * TFM_ORDER_COLOURS + c;
-      store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + intensity_of(from, c) * more);
+      store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + COLOUR_OF(from->intensity, c) * more);
     }
   }
 }

@@ -1,7 +1,7 @@
 /* Extinction at the points of a lattice (view/orders.h): the mean over the cube around each, so that none of the density
    is lost between them.
    Includes expected before: the headers of the bodies' kinds. Requires: what view/cells.h does; TFM_ORDER_DEGREE, as
-   order_lights.cl does. */
+   order_lights.cl does; TFM_ORDER_EMISSION, 1 where what media emit is swept through the lattice. */
 #include "core/store.h"
 #include "view/cells.h"
 
@@ -10,11 +10,15 @@
    scattering  out, of several media: of each colour what they scatter; then, where scattering has a lobe, what of that
                goes straight on
    of_media    out, in that case: what each medium scatters
+   emitted     out, of each colour: radiance that is emitted, per world unit
    items       first of this launch and end */
 __kernel void order_media(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, ORDERS orders,
                           __global float *extinction DEPOSITED_ARGUMENT
 #if TFM_ORDER_MEDIA
                           , __global float *scattering, __global float *of_media
+#endif
+#if TFM_ORDER_EMISSION
+                          , __global float *emitted
 #endif
                           , int2 items)
 {
@@ -36,6 +40,11 @@ __kernel void order_media(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
     for (int c = 0; c < 3; ++c)
       scatters[m][c] = floats(0.0f);
 #endif
+#if TFM_ORDER_EMISSION
+  Floats emits[TFM_ORDER_COLOURS];
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    emits[c] = floats(0.0f);
+#endif
   EACH_SAMPLE(orders) {
     const Amounts density = density_at(&scene, orders, sample_of_cell(orders, centre, i, j, k), &deposits);
     for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -45,10 +54,19 @@ __kernel void order_media(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
       for (int c = 0; c < 3; ++c)
         scatters[m][c] += media[m].sigma_s[c] * density.of[m][AMOUNT_OF(c)];
 #endif
+#if TFM_ORDER_EMISSION
+    for (int m = 0; m < TFM_MEDIA; ++m)
+      for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+        emits[c] += COLOUR_OF(media[m].emission, c) * density.of[m][AMOUNT_OF(c)];
+#endif
   }
   const float share = 1.0f / (float)(orders->samples * orders->samples * orders->samples);
   for (int c = 0; c < TFM_CHANNELS; ++c)
     store_floats(extinction + (size_t)c * padded_size(orders), points.at, points.wanted, share * sum[c]);
+#if TFM_ORDER_EMISSION
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    store_floats(emitted + (size_t)c * padded_size(orders), points.at, points.wanted, share * emits[c]);
+#endif
 #if TFM_ORDER_MEDIA
   for (int c = 0; c < 3; ++c) {
     Floats all = floats(0.0f), straight = floats(0.0f);

@@ -13,6 +13,24 @@ TFM_INLINE int2 rays_along(float slope, int size, int planes)
   return (int2)(-1 - (last > 0 ? last : 0), size + 1 + (last > 0 ? last : -last));
 }
 
+/* Where the rays of a work-item, in neighbouring columns, cross the first plane: that of the first of them. */
+typedef struct {
+  int x, y;
+  int wanted;
+} FirstRay;
+
+TFM_INLINE FirstRay first_ray(SWEEP sweep, int item)
+{
+  const int2 across = rays_along(sweep->slope[0], sweep->columns, sweep->planes);
+  const int2 along = rays_along(sweep->slope[1], sweep->rows, sweep->planes);
+  const int chunks = (across.y + TFM_LANES - 1) / TFM_LANES;
+  FirstRay first;
+  first.x = across.x + item % chunks * TFM_LANES;
+  first.y = along.x + item / chunks;
+  first.wanted = first.y < along.x + along.y;
+  return first;
+}
+
 #define BETWEEN(numbers, c) between_rows((numbers) + (size_t)(c) * size + at, row, shift_x.part, shift_y.part)
 #if TFM_ORDER_LOBE
 #define LIGHT_OF(number) (light + (size_t)(number) * TFM_ORDER_COLOURS * size)
@@ -63,10 +81,8 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
   SWEEP sweep = sweeps + number;
   const float slope_x = sweep->slope[0], slope_y = sweep->slope[1], length = 0.5f * sweep->length;
   const int columns = sweep->columns, rows = sweep->rows, planes = sweep->planes, row = sweep->row;
-  const int2 across = rays_along(slope_x, columns, planes), along = rays_along(slope_y, rows, planes);
-  const int chunks = (across.y + TFM_LANES - 1) / TFM_LANES;
-  const int first_x = across.x + (int)get_global_id(0) % chunks * TFM_LANES, first_y = along.x + (int)get_global_id(0) / chunks;
-  if (first_y >= along.x + along.y)
+  const FirstRay ray = first_ray(sweep, (int)get_global_id(0));
+  if (!ray.wanted)
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
   __global const float *of_sweep = LIGHT_OF(number);
@@ -88,7 +104,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
     extinctions[c] = floats(0.0f);
   for (int m = 0; m < planes; ++m) {
     const Shift shift_x = shift_of(slope_x, m), shift_y = shift_of(slope_y, m);
-    const int x = first_x + shift_x.whole, y = first_y + shift_y.whole;
+    const int x = ray.x + shift_x.whole, y = ray.y + shift_y.whole;
     if (x < -TFM_LANES || x >= columns || y < -1 || y >= rows)
       continue; /* outside nothing is scattered */
     const int plane = sweep->backwards ? planes - 1 - m : m;
@@ -147,6 +163,53 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
       }
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
       *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
+  }
+}
+
+/* Sweeps what media emit, which comes unscattered, as order_sweep does what is scattered.
+   emitted   of the points, of each colour, per world unit, in the rows that the sweeps have
+   radiance  out, of each direction and colour, likewise */
+__kernel void order_emission(SWEEP sweeps, __global const float *extinction, __global const float *emitted,
+                             __global float *radiance, int first, int end, int size)
+{
+  const int number = first + (int)get_global_id(1);
+  if (number >= end)
+    return;
+  SWEEP sweep = sweeps + number;
+  const float length = 0.5f * sweep->length;
+  const int planes = sweep->planes, row = sweep->row;
+  const FirstRay ray = first_ray(sweep, (int)get_global_id(0));
+  if (!ray.wanted)
+    return;
+  __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
+  Floats radiances[TFM_ORDER_COLOURS], emits[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    radiances[c] = emits[c] = floats(0.0f);
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    extinctions[c] = floats(0.0f);
+  for (int m = 0; m < planes; ++m) {
+    const Shift shift_x = shift_of(sweep->slope[0], m), shift_y = shift_of(sweep->slope[1], m);
+    const int x = ray.x + shift_x.whole, y = ray.y + shift_y.whole;
+    if (x < -TFM_LANES || x >= sweep->columns || y < -1 || y >= sweep->rows)
+      continue; /* outside nothing is emitted */
+    const int plane = sweep->backwards ? planes - 1 - m : m;
+    const int at = (plane + 1) * sweep->plane + (y + 1) * row + x + PAD;
+    Floats through[TFM_CHANNELS], mean[TFM_CHANNELS];
+    for (int c = 0; c < TFM_CHANNELS; ++c) {
+      const Floats here = BETWEEN(extinction, c), depth = length * (here + extinctions[c]);
+      const Exp2 e = exp_of_minus(depth);
+      through[c] = e.scale + e.scale * e.part;
+      mean[c] = depth > 1e-6f ? ((1.0f - e.scale) - e.scale * e.part) / depth : floats(1.0f);
+      extinctions[c] = here;
+    }
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+      const int channel = TFM_CHANNELS == 3 ? c : 0;
+      const Floats here = BETWEEN(emitted, c);
+      /* Along the step both are as on average. */
+      radiances[c] = radiances[c] * through[channel] + length * (emits[c] + here) * mean[channel];
+      emits[c] = here;
+      *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
+    }
   }
 }
 

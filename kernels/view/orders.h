@@ -15,6 +15,8 @@
 #endif
 /* How many things points know apart. */
 #define APART_MEDIA (TFM_ORDER_MEDIA ? TFM_ORDER_MEDIA : 1)
+/* Where points have one number for three, all light is of one colour, of which there is most. */
+#define COLOUR_OF(rgb, c) (TFM_ORDER_COLOURS == 3 ? (rgb)[c] : fmax(fmax((rgb)[0], (rgb)[1]), (rgb)[2]))
 
 /* Numbers of points lie in memory with some 0 around them, so that what passes by the lattice reads them: row by row,
    and, for light that goes mainly along x, once more in rows along y. Each extinction and colour is by itself. */

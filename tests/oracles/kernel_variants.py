@@ -310,7 +310,7 @@ RGB = 3
 
 def _of_order_media(case: Case) -> Program:
     media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
-    return orders.media_variant(media, *_of_points(case, media))
+    return orders.media_variant(media, *_of_points(case, media), emits=bool(case["emits"]))
 
 
 def _of_points(case: Case, media: MediaOnDevice) -> tuple[int, int, int]:
@@ -413,7 +413,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "light_lattice.cl": (_of_lattice_voxels, [ON_LATTICE]),
     "light_pass.cl": (_of_light_pass, [{"basis": list(EVERY_BASIS), **FIELD, **STORED, **DEPOSITS}]),
     "order_lights.cl": (_of_order_lights, [ORDERS_LIT]),
-    "order_media.cl": (_of_order_media, [ORDERS | DEGREE]),
+    "order_media.cl": (_of_order_media, [ORDERS | DEGREE | {"emits": (0, 1)}]),
     "order_moments.cl": (_of_order_moments, [{"colours": (1, 3), "degree": (2, 3, 4), "media": (0, 2)}]),
     "order_pass.cl": (
         _of_order_pass,

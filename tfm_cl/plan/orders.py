@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 32
 """In which light goes through the lattice at each order."""
+DIRECTIONS_OF_EMISSION = 128
+"""Likewise before the first, where it is scattered evenly: from what is small it goes far."""
 VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
@@ -92,6 +94,26 @@ def lobes(scene: Scene) -> list[Lobe]:
     return lobes_of([medium.phase for medium in media_of(scene)])
 
 
+def swept_media(scene: Scene) -> tuple[Medium, ...]:
+    """Return the media of a scene, flames too, with that emission only which is swept through the lattice.
+
+    What is taken for lights (`medium.emission_lights`) arrives as any light does.
+    """
+    return tuple(medium.dark if medium.emission_lights else medium for medium in scene.media)
+
+
+def sweeps_emission(scene: Scene) -> bool:
+    """Tell whether light that media emit is swept through the lattice, and scattered there."""
+    return any(any(medium.sigma_s) for medium in media_of(scene)) and any(
+        medium.emits for medium in swept_media(scene)
+    )
+
+
+def scatters_again(scene: Scene) -> bool:
+    """Tell whether there is a lattice, and light on it."""
+    return orders_of(scene) > 1 and (scene.is_lit or sweeps_emission(scene))
+
+
 def is_endless(scene: Scene) -> bool:
     """Tell whether any medium is everywhere."""
     return not np.isfinite(scene.bounds).all()
@@ -122,13 +144,15 @@ def _why_not(scene: Scene) -> Iterator[str]:
 def region_of(scene: Scene) -> NDArray[np.float64]:
     """Return the world box [2, 3] in which light is scattered again.
 
-    It is that of all bodies. In a medium that is everywhere, it is that of the other bodies, the solids, and
-    the spots' cones up to what they are aimed at, and somewhat more; beyond, light is extinguished only.
+    It is that of all bodies, and of flames that are swept. In a medium that is everywhere, it is that of the
+    other bodies, the solids, and the spots' cones up to what they are aimed at, and somewhat more; beyond,
+    light is extinguished only.
     """
     if not is_endless(scene):
-        return scene.occupied_bounds
+        return around([scene.occupied_bounds, *_flames(scene)])
     endless = [body for body in scene.homogeneous if not np.isfinite(body.bounds).all()]
     boxes = [body.occupied_bounds for body in scene.bodies if np.isfinite(body.bounds).all()]
+    boxes += _flames(scene)
     boxes += [box for solid in scene.solids if (box := solid.bounds()) is not None]
     boxes += [box for light in scene.lights for part in light.parts() if (box := _lit_by(part)) is not None]
     low, high = around(boxes)
@@ -138,6 +162,11 @@ def region_of(scene: Scene) -> NDArray[np.float64]:
     if longest > 0:
         reach = min(reach, LARGEST_REACH * longest)
     return np.stack([low - reach, high + reach])
+
+
+def _flames(scene: Scene) -> list[NDArray[np.float64]]:
+    """Return the world boxes [2, 3] around flames that are swept."""
+    return [flame.occupied_bounds for flame in scene.flames if not scene.medium_of(flame).emission_lights]
 
 
 def _lit_by(light: Light) -> NDArray[np.float64] | None:

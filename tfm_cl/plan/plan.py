@@ -202,7 +202,7 @@ def plan(
 
 def _of_orders(scene: Scene) -> Iterator[tuple[str, Decision]]:
     """Yield what later orders of scattering are found with."""
-    if orders.orders_of(scene) > 1 and scene.is_lit:
+    if orders.scatters_again(scene):
         points = orders.lattice_of(scene)
         yield "orders.points", Decision("{}x{}x{}".format(*points.size), points.why)
         lobes = orders.lobes(scene)

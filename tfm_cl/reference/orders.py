@@ -22,6 +22,8 @@ from tfm_cl.plan.orders import (
     lobes,
     media_of,
     orders_of,
+    sweeps_emission,
+    swept_media,
 )
 from tfm_cl.reference.bodies import body_interval, channel_densities
 from tfm_cl.reference.geometry import Floats, between
@@ -56,11 +58,13 @@ class LaterOrders:
     def __init__(self, scene: Scene, lights: Sequence[Arrives]) -> None:
         self._scene, self.lattice, self._lights = scene, lattice_of(scene), lights
         self._media, self._lobes = media_of(scene), lobes(scene)
+        self._all_media = scene.media
         self._held = (
             deposited(scene, self.lattice, is_grey=False).swapaxes(2, 4) if scene.primitives else None
         )
         amounts = self._amounts()
         self._matter = _Matter.of(self._media, self._lobes, amounts)
+        self._emits, self._emitted = sweeps_emission(scene), _emitted(swept_media(scene), amounts)
         found = self._of_lobe() if self._lobes[0].degree else [self._even()] * len(self._media)
         if is_endless(scene):
             for one in found:
@@ -76,8 +80,17 @@ class LaterOrders:
         return np.divide(scattered, step.depth, out=np.zeros_like(scattered), where=step.depth > 0)
 
     def _even(self) -> Floats:
-        light = np.sum([self._brought(arrives) for arrives in self._lights], axis=0) / (4 * np.pi)
-        return scattered_again(light, self._matter, self.lattice, orders_of(self._scene))
+        light, emitted = np.zeros((2, *self.lattice.size, 3))
+        for arrives in self._lights:
+            light += self._brought(arrives) / (4 * np.pi)
+        if self._emits:
+            ways = orders.directions(orders.DIRECTIONS_OF_EMISSION, 0)
+            emitted = np.mean([self._unscattered(direction)[0] for direction in ways], axis=0)
+        return emitted + scattered_again(light + emitted, self._matter, self.lattice, orders_of(self._scene))
+
+    def _unscattered(self, direction: Floats) -> tuple[Floats, Floats]:
+        """Of what is emitted, as `swept`."""
+        return swept_emission(self._emitted, self._matter.extinction, direction, self.lattice.spacing)
 
     def _of_lobe(self) -> list[Floats]:
         """Of each medium, what of the light it would scatter to the camera, over what it scatters."""
@@ -98,6 +111,10 @@ class LaterOrders:
             medium: lobe.straight * np.asarray(medium.sigma_s)
             for medium, lobe in zip(self._media, self._lobes, strict=True)
         }
+        if self._emits:
+            for number, direction in enumerate(ways):
+                radiance[number], rays[number] = self._unscattered(direction)
+                self._see(total, weights[number] * radiance[number], to_camera @ direction)
         for order in range(1, last + 1):
             sources = np.sum(
                 [
@@ -110,23 +127,25 @@ class LaterOrders:
                 radiance[number], rays[number] = swept(
                     sources[number], matter, direction, spacing, before=rays[number]
                 )
-                for i, lobe in enumerate(self._lobes):
-                    seen = zonal(lobe.seen, to_camera @ direction)[..., None]
-                    total[i] += weights[number] * seen * radiance[number]
+                self._see(total, weights[number] * radiance[number], to_camera @ direction)
             if order > times:
                 left = [np.zeros_like(one) for one in left]
             else:
                 left = [_straight_on(one, straight, order, centres.shape) for one in at_centres]
             for travel, one in zip(travels, left, strict=True):
-                for i, lobe in enumerate(self._lobes):
-                    total[i] += zonal(lobe.seen, (to_camera * travel).sum(axis=-1))[..., None] * one
+                self._see(total, one, (to_camera * travel).sum(axis=-1))
         scattered = {medium: np.asarray(medium.sigma_s) for medium in self._media}
-        spreads = sorted({light.spread for light in at_centres})
+        spreads = sorted({0.0, *(light.spread for light in at_centres)})
         tables = beyond_of_media(self._scene, spreads).astype(np.float64)
         for travel, light in zip(travels, at_centres, strict=True):
             for i, table in enumerate(tables[spreads.index(light.spread)]):
                 total[i] += _beyond(table, light, scattered, (to_camera * travel).sum(axis=-1))
         return [np.maximum(one, 0) for one in total]
+
+    def _see(self, total: list[Floats], light: Floats, mu: Floats) -> None:
+        """Add what each medium scatters to the camera of light, by the cosine to its way."""
+        for i, lobe in enumerate(self._lobes):
+            total[i] += zonal(lobe.seen, mu)[..., None] * light
 
     def _centres(self) -> Floats:
         """Points ``[x, y, z, 3]``."""
@@ -144,23 +163,23 @@ class LaterOrders:
             yield centres + offset
 
     def _amounts_at(self, points: Floats) -> Floats:
-        """Density of each medium at samples, ``[media, ..., RGB]``.
+        """Density of each medium, flames last, at samples, ``[media, ..., RGB]``.
 
         Of bodies of constant density it is the mean along its part of x, of primitives that of the cube.
         """
         scene = self._scene
         part = self.lattice.spacing / self.lattice.samples
-        total = np.zeros((len(self._media), *points.shape))
+        total = np.zeros((len(self._all_media), *points.shape))
         if self._held is not None:
-            total += np.moveaxis(self._held[: len(self._media)], 1, -1)
-        for grid in scene.grids:
-            total[self._media.index(scene.medium_of(grid))] += channel_densities(grid, points)
+            total += np.moveaxis(self._held, 1, -1)
+        for grid in (*scene.grids, *scene.flames):
+            total[self._all_media.index(scene.medium_of(grid))] += channel_densities(grid, points)
         starts = points.reshape(-1, 3) - (part / 2, 0, 0)
         along_x = np.broadcast_to((1.0, 0.0, 0.0), starts.shape)
         for body in scene.homogeneous:
             begin, end = body_interval(body, starts, along_x, part)
             share = ((end - begin) / part).reshape(*points.shape[:-1], 1)
-            total[self._media.index(scene.medium_of(body))] += body.density * share
+            total[self._all_media.index(scene.medium_of(body))] += body.density * share
         return total
 
     def _amounts(self) -> Floats:
@@ -221,8 +240,15 @@ def _bent(
 
 
 def _extinguished(media: Sequence[Medium], amounts: Floats) -> Floats:
-    """RGB, of densities ``[media, ..., RGB]``."""
-    total: Floats = np.sum([one.sigma_t * part for one, part in zip(media, amounts, strict=True)], axis=0)
+    """RGB, of densities ``[media, ..., RGB]``; flames, which come last, extinguish nothing."""
+    total: Floats = np.sum([one.sigma_t * part for one, part in zip(media, amounts, strict=False)], axis=0)
+    return total
+
+
+def _emitted(media: Sequence[Medium], amounts: Floats) -> Floats:
+    """RGB radiance per world unit, of densities ``[media, ..., RGB]``."""
+    parts = [np.asarray(one.emission) * part for one, part in zip(media, amounts, strict=True)]
+    total: Floats = np.sum(parts, axis=0)
     return total
 
 
@@ -239,8 +265,8 @@ class _Matter(NamedTuple):
 
     @classmethod
     def of(cls, media: Sequence[Medium], known: Sequence[Lobe], amounts: Floats) -> _Matter:
-        """Return what densities ``[media, x, y, z, RGB]`` do."""
-        scattering = [np.asarray(one.sigma_s) * part for one, part in zip(media, amounts, strict=True)]
+        """Return what densities ``[media, x, y, z, RGB]`` do; those of flames, which come last, nothing."""
+        scattering = [np.asarray(one.sigma_s) * part for one, part in zip(media, amounts, strict=False)]
         straight = [lobe.straight * part for lobe, part in zip(known, scattering, strict=True)]
         extinction = _extinguished(media, amounts)
         if len(media) == 1:
@@ -306,26 +332,16 @@ def swept(
     the light that is scattered and what scatters it between the points. The second result is of the rays: of
     ``before``, that of the last order, a part goes straight on.
     """
-    axis = int(np.abs(direction).argmax())
-    along = abs(direction[axis])
-    slope = np.delete(direction, axis) / along
-    way = slice(None, None, -1 if direction[axis] < 0 else 1)
-
-    def planes(values: Floats) -> Floats:
-        """With a border of 0 across, as wide as rays are shifted in all."""
-        ordered = np.moveaxis(values, axis, 0)[way]
-        return np.pad(ordered, [(0, 0), (reach, reach), (reach, reach), (0, 0)])
-
-    reach = light.shape[axis] + 1
-    lights, extinctions = planes(light), planes(matter.extinction)
+    planes = _Planes.of(direction)
+    lights, extinctions = planes.ordered(light), planes.ordered(matter.extinction)
     is_mixed = matter.albedo is None
-    scatters = planes(np.sum(matter.scattering, axis=0))
-    straight = planes(matter.straight) if is_mixed else np.zeros_like(scatters)
+    scatters = planes.ordered(np.sum(matter.scattering, axis=0))
+    straight = planes.ordered(matter.straight) if is_mixed else np.zeros_like(scatters)
     found = np.zeros_like(lights)
     rays = np.zeros_like(lights)
     radiance = dense = arrived = passed = share = on = source = np.zeros_like(lights[0])
     for m in range(len(lights)):
-        shift = slope * m
+        shift = planes.slope * m
         arrives, thick = _shifted(lights[m], -shift), _shifted(extinctions[m], -shift)
         passes = np.zeros_like(arrives) if before is None else before[m]
         if is_mixed:  # where nothing is extinguished, shares are as at the step's other end
@@ -335,14 +351,63 @@ def swept(
             share, on = matter.albedo, matter.straight
         here = share * arrives + on * passes
         last = np.where(dense > 0, source, share * arrived + on * passed) if is_mixed else source
-        depth = spacing / along * (dense + thick) / 2
-        through = np.exp(-depth)
-        mean = np.divide(-np.expm1(-depth), depth, out=np.ones_like(depth), where=depth > 0)
+        through, mean = _through(spacing / planes.along * (dense + thick) / 2)
         radiance = radiance * through + last * (mean - through) + here * (1 - mean)
         source, dense, rays[m], arrived, passed = here, thick, radiance, arrives, passes
         found[m] = _shifted(radiance, shift)
-    inside = found[way, reach:-reach, reach:-reach]
-    return np.moveaxis(inside, 0, axis), rays
+    return planes.restored(found), rays
+
+
+def swept_emission(
+    emitted: Floats, extinction: Floats, direction: Floats, spacing: float
+) -> tuple[Floats, Floats]:
+    """As `swept`, of what is emitted per world unit: along a step both are as on average."""
+    planes = _Planes.of(direction)
+    length = spacing / planes.along
+    emits, extinctions = planes.ordered(emitted), planes.ordered(extinction)
+    found, rays = np.zeros_like(emits), np.zeros_like(emits)
+    radiance = before = dense = np.zeros_like(emits[0])
+    for m in range(len(emits)):
+        shift = planes.slope * m
+        here, thick = _shifted(emits[m], -shift), _shifted(extinctions[m], -shift)
+        through, mean = _through(length * (dense + thick) / 2)
+        radiance = radiance * through + length * (before + here) / 2 * mean
+        before, dense, rays[m] = here, thick, radiance
+        found[m] = _shifted(radiance, shift)
+    return planes.restored(found), rays
+
+
+def _through(depth: Floats) -> tuple[Floats, Floats]:
+    """Transmittance of a step, and its mean along it."""
+    mean = np.divide(-np.expm1(-depth), depth, out=np.ones_like(depth), where=depth > 0)
+    return np.exp(-depth), mean
+
+
+class _Planes(NamedTuple):
+    """Those that a direction crosses."""
+
+    axis: int
+    along: float
+    slope: Floats
+    way: slice
+
+    @classmethod
+    def of(cls, direction: Floats) -> _Planes:
+        """Return those of a direction, across the axis that it goes along most."""
+        axis = int(np.abs(direction).argmax())
+        along = float(abs(direction[axis]))
+        slope = np.delete(direction, axis) / along
+        return cls(axis, along, slope, slice(None, None, -1 if direction[axis] < 0 else 1))
+
+    def ordered(self, values: Floats) -> Floats:
+        """Values ``[x, y, z, RGB]`` by planes, with a border of 0 as wide as rays are shifted in all."""
+        planes, reach = np.moveaxis(values, self.axis, 0)[self.way], values.shape[self.axis] + 1
+        return np.pad(planes, [(0, 0), (reach, reach), (reach, reach), (0, 0)])
+
+    def restored(self, planes: Floats) -> Floats:
+        """Return them as they were."""
+        reach = len(planes) + 1
+        return np.moveaxis(planes[self.way, reach:-reach, reach:-reach], 0, self.axis)
 
 
 def _shifted(plane: Floats, shift: Floats) -> Floats:

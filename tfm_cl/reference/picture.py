@@ -15,7 +15,7 @@ from tfm_cl.maps.resolved import resolve
 from tfm_cl.maps.transmittance_map import grain_of
 from tfm_cl.model import decided
 from tfm_cl.plan import emission
-from tfm_cl.plan.orders import check, orders_of
+from tfm_cl.plan.orders import check, scatters_again
 from tfm_cl.reference import geometry
 from tfm_cl.reference.bodies import Matter
 from tfm_cl.reference.emission import EmittedLight
@@ -137,7 +137,7 @@ def render_with_aovs(
         for light, field_depths, bias, layer in zip(lights, depths, biases, layers_of_lights, strict=True)
     ]
     later = None
-    if orders_of(scene) > 1 and lit:
+    if scatters_again(scene):
         later = LaterOrders(scene, [partial(_arrives, one, obstacles, scene) for one in lit])
     at_samples, emitted_light = lit, None
     lattice = emission.lattice_of(scene).lattice if scene.emission_lights else None

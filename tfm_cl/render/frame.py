@@ -20,7 +20,7 @@ from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
 from tfm_cl.plan import emission
 from tfm_cl.plan.lattice import smooth_lights
-from tfm_cl.plan.orders import lattice_of, media_of, orders_of
+from tfm_cl.plan.orders import lattice_of, media_of, scatters_again, sweeps_emission, swept_media
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
@@ -230,7 +230,6 @@ class Frame:
         reads_maps = method == "tfm" and self.media.fields.count > 0
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
-        has_orders = orders_of(scene) > 1 and len(scene.lights) > 0
         structs = light_structs(scene, scene.lights)
         if layers:
             structs["layer"][: len(layers)] = layers
@@ -243,7 +242,9 @@ class Frame:
             view=self._view(scene, self.media, raster),
             gbuffer=gbuffer,
             frame=allocate(
-                layers=count, later=has_orders, emission_light=bool(emission.numbers_of(scene.lights))
+                layers=count,
+                later=scatters_again(scene),
+                emission_light=bool(emission.numbers_of(scene.lights)),
             ),
             errors=allocate(clear=True) if "map_error" in asked else None,
             without_lattice=allocate() if "lattice_error" in asked else None,
@@ -292,7 +293,7 @@ class Frame:
             work.camera_is_seen = True
         if of_emission:
             self._light_by_emission(work, shared.emitted, of_emission)
-        if orders_of(scene) > 1 and scene.lights:
+        if scatters_again(scene):
             self._scatter_again(work, shared)
         self.stats.seconds["view_pass"] += work.seconds
         return buffers.read(launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
@@ -435,7 +436,9 @@ class Frame:
             return make()
         scene, media = work.scene, media_of(work.scene)
         key = (
-            # Nothing of what is emitted.
+            # Of what is emitted, that which is scattered.
+            tuple(one.emission for one in swept_media(scene)) if sweeps_emission(scene) else (),
+            tuple(flame.density_key for flame in scene.flames) if sweeps_emission(scene) else (),
             tuple((one.sigma_s, one.sigma_a, one.orders, one.phase, one.phase.content) for one in media),
             tuple(media.index(scene.medium_of(body)) for body in scene.bodies),
             orders.lattice,

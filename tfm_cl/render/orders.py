@@ -5,6 +5,9 @@ scattered once more:
 
     J₁(x) = Σ I T / 4π,    J_{k+1}(x) = ∫ L_k(x, ω) dω / 4π,    dL_k/ds = σ_t (ϖ J_k - L_k)
 
+What media emit is L₀, dL₀/ds = j - σ_t L₀, and adds its mean to J₁. Of it the first order, too, is found on
+the lattice, where it is not taken for lights (`tfm_cl.scene.emission_lights`).
+
 Order k of the radiance that the camera sees has ϖ J_k as its source. The first order is found without the
 lattice, at each sample of the camera's rays.
 
@@ -44,6 +47,7 @@ from tfm_cl.plan.deposits import deposited
 from tfm_cl.plan.lobes import harmonics, quadrature
 from tfm_cl.plan.orders import (
     DIRECTIONS,
+    DIRECTIONS_OF_EMISSION,
     beyond_of_media,
     directions,
     is_endless,
@@ -51,6 +55,8 @@ from tfm_cl.plan.orders import (
     media_of,
     of_fields,
     orders_of,
+    sweeps_emission,
+    swept_media,
 )
 from tfm_cl.render.lattice_points import TowardsCamera, see_points
 from tfm_cl.scene.lights.colours import common_colour
@@ -85,17 +91,20 @@ Both = tuple["cl.Buffer", "cl.Buffer"]
 """Numbers of points in rows along x, and along y."""
 
 
-def media_variant(media: MediaOnDevice, colours: int, degree: int, mixed: int) -> Variant:
+def media_variant(
+    media: MediaOnDevice, colours: int, degree: int, mixed: int, *, emits: bool = False
+) -> Variant:
     """Return those of the kernel that looks at the density.
 
     ``colours``: numbers that hold light; ``degree``: of the lobe, or 0; ``mixed``: media that are told apart,
-    0 where all bodies are of one.
+    0 where all bodies are of one; ``emits``: whether what they emit is looked at.
     """
     return media.headers, media.defines | {
         "TFM_CHANNELS": channels_of(media),
         "TFM_ORDER_COLOURS": colours,
         "TFM_ORDER_DEGREE": degree,
         "TFM_ORDER_MEDIA": mixed,
+        "TFM_ORDER_EMISSION": int(emits),
     }
 
 
@@ -228,6 +237,14 @@ class _Room(NamedTuple):
     """Of rays."""
 
 
+class _Source(NamedTuple):
+    """What is swept."""
+
+    kernel: str
+    arguments: tuple[dict[str, Any], dict[str, Any]]
+    """In rows along x, and along y."""
+
+
 class _Density(NamedTuple):
     """Of the points."""
 
@@ -236,11 +253,18 @@ class _Density(NamedTuple):
     """Of several media, as ``order_media`` finds it."""
     shares: cl.Buffer | None
     """Likewise, as ``order_shares`` finds them where scattering has a lobe."""
+    emission: _Source | None
+    """What they emit, as far as it is swept; None where nothing is."""
 
-    def of_sweeps(self, turned: int) -> dict[str, cl.Buffer]:
-        """Arguments of kernels that sweep rows of one kind."""
-        more = {} if self.scattering is None else {"scattering": self.scattering[turned]}
-        return {"extinction": self.extinction[turned], **more}
+    def scattered(self, orders: cl.Buffer, light: Both) -> _Source:
+        """Return what is scattered of light, or into each direction; ``orders``: the lattice's struct."""
+        along_x, along_y = (
+            {"orders": orders, "extinction": extinction, "light": one}
+            for extinction, one in zip(self.extinction, light, strict=True)
+        )
+        if self.scattering is not None:
+            along_x["scattering"], along_y["scattering"] = self.scattering
+        return _Source("order_sweep", (along_x, along_y))
 
     @property
     def of_points(self) -> dict[str, cl.Buffer]:
@@ -330,7 +354,8 @@ class Orders:
         is_grey = not self._mixed and channels_of(self.media) == 1 and np.ptp(albedo) == 0
         if not is_grey or any(light.is_textured for light in lights):
             return None
-        return common_colour([light.intensity for light in lights])
+        emitted = [medium.emission for medium in swept_media(self.scene) if medium.emits]
+        return common_colour([light.intensity for light in lights] + emitted)
 
     @property
     def _colours(self) -> int:
@@ -375,11 +400,18 @@ class Orders:
     def scatter(self, arrive: Arrive, done: Callable[[float], None]) -> Scattered:
         """Find all later orders; ``done`` is called with the part that is done."""
         lattice, channels = self.lattice, channels_of(self.media)
-        extinction, scattering, shares = self._numbers(channels), None, None
-        headers, defines = media_variant(self.media, self._colours, self.lobe.degree, self._mixed)
+        extinction, emission, scattering, shares = self._numbers(channels), None, None, None
+        emits = sweeps_emission(self.scene)
+        headers, defines = media_variant(
+            self.media, self._colours, self.lobe.degree, self._mixed, emits=emits
+        )
         of_density = self.launcher.kernels.kernel("order_media", "order_media.cl", headers, defines)
         known = self._known | self._deposited | {"orders": self._struct, "extinction": extinction[0]}
         of_media = None
+        if emits:
+            emitted = self._numbers(self._colours)
+            swept = self.launcher.upload("the media", medium_structs(swept_media(self.scene)))
+            known |= {"media": swept, "emitted": emitted[0]}
         if self._mixed:
             has_lobe = self.lobe.degree > 0
             scattering = self._numbers(RGB * (1 + has_lobe))
@@ -388,12 +420,18 @@ class Orders:
             known |= {"scattering": scattering[0], "of_media": of_media}
         self._over_points(of_density, known, lattice.samples**3)
         self._turn(extinction, channels)
+        if emits:
+            self._turn(emitted, self._colours)
+            along_x, along_y = (
+                {"extinction": one, "emitted": other} for one, other in zip(extinction, emitted, strict=True)
+            )
+            emission = _Source("order_emission", (along_x, along_y))
         if scattering is not None:
             self._turn(scattering, RGB * (1 + (self.lobe.degree > 0)))
             if self.lobe.degree:
                 known = {"orders": self._struct, "of_media": of_media, "shares": shares}
                 self._run(self._of_moments("order_shares"), (self._items,), known)
-        density = _Density(extinction, scattering, shares)
+        density = _Density(extinction, scattering, shares, emission)
         colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
         found = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
         total, nbytes = found(density, arrive, done)
@@ -409,15 +447,18 @@ class Orders:
     ) -> tuple[cl.Buffer, int]:
         light, nbytes = self._numbers(self._colours), 4 * self.lattice.points * self._colours
         total = self.launcher.zeros(WHAT, nbytes)
-        arrive(lambda batch: self._add_lights(batch, light[0]))
         room = _Room(
             self._numbers(self._colours), self.launcher.empty(WHAT, self._radiance_bytes, reuse=True)
         )
+        if density.emission is not None:
+            self._sweep(directions(DIRECTIONS_OF_EMISSION, 0), density.emission, room, light[0], total)
+        arrive(lambda batch: self._add_lights(batch, light[0]))
         # What the last order needs is where light is scattered last but once.
         last = orders_of(self.scene) - 1
         for order in range(1, last + 1):
             self._turn(light, self._colours)
-            self._sweep(order, density, light, room, total)
+            source = density.scattered(self._struct, light)
+            self._sweep(directions(DIRECTIONS, order), source, room, light[0], total)
             done(order / last)
         if is_endless(self.scene):
             self._end(total, self._colours)
@@ -434,18 +475,22 @@ class Orders:
         count = self.lobe.harmonics * self._colours
         nbytes = 4 * count * self._rows[0].numbers
         light, total = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
-        arrive(lambda batch: self._add_lights(batch, light))
         along_x, along_y = sweeps_of(self.lattice, *quadrature(), self._pad)
         # All that arrives is summed in rows along x.
         ways = self._ways(np.concatenate([along_x, along_y]), 0), self._ways(along_y, 1)
+        counts = len(along_x), len(along_y)
+        scattered = density.scattered(self._struct, (ways[0].source, ways[1].source))
+        if density.emission is not None:
+            self._sweep_ways(ways, counts, density.emission)
+            self._scatter_moments(ways, light, total, density, arrives=True, scatters=False)
+            self.launcher.copy(total, light, nbytes, first=0, to=0)
+        arrive(lambda batch: self._add_lights(batch, light))
         last = orders_of(self.scene) - 1
         most = max(lobe.times_straight(last) for lobe in self.lobes)
         for order in range(1, last + 1):
             self._scatter_moments(ways, light, total, density, arrives=order > 1, scatters=True)
             self._cross(ways[0].source, ways[1].source, ways, of_x=True)
-            self._sweep_ways(ways[0], 0, len(along_x), density)
-            self._sweep_ways(ways[1], 1, len(along_y), density)
-            self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
+            self._sweep_ways(ways, counts, scattered)
             if order <= most:
                 arrive(partial(self._add_lights, light=light, times=order))
             done(order / last)
@@ -502,21 +547,20 @@ class Orders:
         items = (inner + 1) * -(-outer // self.launcher.lanes) * (z + 1)
         self._run(self._of_moments("order_cross"), (items,), known)
 
-    def _sweep_ways(self, ways: _Ways, turned: int, count: int, density: _Density) -> None:
-        """Let what was scattered into directions go on, as many at once as a launch of bounded time takes."""
-        numbers = self._rows[turned].numbers
-        known = density.of_sweeps(turned) | {
-            "orders": self._struct,
-            "sweeps": ways.uploaded,
-            "light": ways.source,
-            "radiance": ways.radiance,
-            "size": numbers,
-        }
-        together = max(1, POINTS_AT_ONCE // numbers)
-        for first in range(0, count, together):
-            end = min(first + together, count)
-            rays = rays_of(ways.sweeps[first:end], self.launcher.lanes)
-            self._run(self._kernel("order_sweep"), (rays, end - first), known | {"first": first, "end": end})
+    def _sweep_ways(self, ways: tuple[_Ways, _Ways], counts: tuple[int, int], source: _Source) -> None:
+        """Let light go on in all directions, as many at once as a launch of bounded time takes.
+
+        ``counts``: of the directions whose rows are along x, and along y.
+        """
+        kernel = self._kernel(source.kernel)
+        for some, count, rows, swept in zip(ways, counts, self._rows, source.arguments, strict=True):
+            known = swept | {"sweeps": some.uploaded, "radiance": some.radiance, "size": rows.numbers}
+            together = max(1, POINTS_AT_ONCE // rows.numbers)
+            for first in range(0, count, together):
+                end = min(first + together, count)
+                rays = rays_of(some.sweeps[first:end], self.launcher.lanes)
+                self._run(kernel, (rays, end - first), known | {"first": first, "end": end})
+        self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
 
     @property
     def _pad(self) -> int:
@@ -598,10 +642,10 @@ class Orders:
         known = {"orders": self._struct, "numbers": along_x, "turned": along_y, "count": count}
         self._run(self._kernel("order_turn"), (self._items,), known)
 
-    def _sweep(self, order: int, density: _Density, light: Both, room: _Room, total: cl.Buffer) -> None:
-        """Let what was scattered last arrive at all points, and add it to the total."""
-        lanes, together = self.launcher.lanes, self._together
-        ways, weights = directions(DIRECTIONS, order), np.full(DIRECTIONS, 1 / DIRECTIONS)
+    def _sweep(self, ways: Floats, source: _Source, room: _Room, light: cl.Buffer, total: cl.Buffer) -> None:
+        """Let what is swept in some directions arrive at all points, as light, and add it to the total."""
+        lanes, together, kernel = self.launcher.lanes, self._together, self._kernel(source.kernel)
+        weights = np.full(len(ways), 1 / len(ways))
         for turned, sweeps in enumerate(sweeps_of(self.lattice, ways, weights, self._pad)):
             rows = self._rows[turned]
             x, y, z = (self.lattice.size[axis] for axis in rows.axes)
@@ -612,18 +656,13 @@ class Orders:
                     "radiance": room.radiance,
                     "size": rows.numbers,
                 }
-                of_points = density.of_sweeps(turned) | {
-                    "orders": self._struct,
-                    "light": light[turned],
-                    "first": 0,
-                    "end": len(some),
-                }
-                self._run(self._kernel("order_sweep"), (rays_of(some, lanes), len(some)), known | of_points)
+                of_points = source.arguments[turned] | {"first": 0, "end": len(some)}
+                self._run(kernel, (rays_of(some, lanes), len(some)), known | of_points)
                 adds = {"next": room.following[turned], "begins": int(first == 0), "count": len(some)}
                 self._run(self._kernel("order_gather"), (-(-x // lanes) * y * z,), known | adds)
             if not len(sweeps):
                 self.launcher.clear(room.following[turned], 4 * self._colours * rows.numbers)
-        means = {"orders": self._struct, "light": light[0], "total": total, "share": 1 / DIRECTIONS}
+        means = {"orders": self._struct, "light": light, "total": total, "share": 1 / len(ways)}
         means |= {"next": room.following[0], "turned_next": room.following[1]}
         self._run(self._kernel("order_mean"), (self._items,), means)
 

@@ -180,7 +180,8 @@ LAYERS = {
     ),
     "orders": Layer(
         3,
-        "RGB radiance of all orders of scattering after the first, part of the picture; 0 without",
+        "RGB radiance of all orders of scattering after the first, part of the picture; of what media emit "
+        "also of the first, where it is not taken for lights; 0 without",
         lambda seen: seen.later[..., :3].copy(),
         "orders",
     ),

@@ -127,7 +127,7 @@ class Medium(Model):
         ge=0,
         le=MOST_EMISSION_LIGHTS,
         description="what the medium emits lights its surroundings, too: as so many point lights, at most, "
-        "for each volume, box or sphere; 0: only the camera sees it",
+        "for each volume, box or sphere; 0: only the camera sees it, or, with orders, media scatter it, too",
     )
 
     orders: int = Field(

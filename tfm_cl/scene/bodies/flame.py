@@ -58,7 +58,12 @@ def flame_of(body: Body, medium: Medium) -> Volume | None:
     if medium.Le_scale == 0:
         return None
     flame: Volume = kept[1]
-    glow = Medium(sigma_s=(0, 0, 0), sigma_a=(0, 0, 0), emission=(medium.Le_scale,) * 3)
+    glow = Medium(
+        sigma_s=(0, 0, 0),
+        sigma_a=(0, 0, 0),
+        emission=(medium.Le_scale,) * 3,
+        emission_lights=medium.emission_lights,
+    )
     placed = flame.transformed(body.world_from_index)
     return placed.with_medium(glow)
 
