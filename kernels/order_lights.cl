@@ -83,15 +83,16 @@ TFM_INLINE Floats left_after(Floats depth, int times, Floats straight, float log
    times   that it was scattered straight on; log_factorial: logarithm of times!
    way_view, way_media  where the media are told apart: coefficients of what goes straight on
    deposited  as of order_media
+   low, count  the points that the light may reach, as of points_in
    items   first of this launch and end */
 __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global float *light, int number, int times, float log_factorial, int2 items
-                           DEPOSITED_ARGUMENT OF_WAY_ARGUMENTS)
+                           ORDERS orders, __global float *light, int number, int times, float log_factorial,
+                           int4 low, int4 count, int2 items DEPOSITED_ARGUMENT OF_WAY_ARGUMENTS)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
-  const Points points = points_of(orders, item);
+  const Points points = points_in(orders, low, count, item);
   if (!any_lane(points.wanted))
     return;
   SCENE(scene, ints(-1), ints(-1));
@@ -157,13 +158,13 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
    scattered  of the points one after the other, and there of each medium in turn; adds to
    way_view, way_media  where the media are told apart: coefficients of what they scatter */
 __kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global const float *beyond, __global float *scattered, int number, int2 items
-                           OF_WAY_ARGUMENTS)
+                           ORDERS orders, __global const float *beyond, __global float *scattered, int number,
+                           int4 low, int4 count, int2 items OF_WAY_ARGUMENTS)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
-  const Points points = points_of(orders, item);
+  const Points points = points_in(orders, low, count, item);
   if (!any_lane(points.wanted))
     return;
   SCENE(scene, ints(-1), ints(-1));

@@ -62,6 +62,26 @@ TFM_INLINE Points points_of(ORDERS orders, int item)
   return points;
 }
 
+/* The same of those in a box of points, in chunks of its rows, of which there is an item-th. low: the first of them along
+   x, y, z; count: their numbers */
+TFM_INLINE Points points_in(ORDERS orders, int4 low, int4 count, int item)
+{
+  const int nx = orders->size[0], ny = orders->size[1], chunks = (count.x + TFM_LANES - 1) / TFM_LANES;
+  const int x0 = item % chunks * TFM_LANES, y = low.y + item / chunks % count.y, z = low.z + item / chunks / count.y;
+  const int row = ((z + 1) * (ny + 2) + y + 1) * (nx + 2 * PAD) + PAD;
+  const Ints x = x0 + LANE_Y * TILE_WIDTH + LANE_X;
+  Points points;
+  points.wanted = x < count.x;
+  points.place[0] = points.wanted ? low.x + x : ints(0);
+  points.place[1] = points.wanted ? ints(y) : ints(0);
+  points.place[2] = points.wanted ? ints(z) : ints(0);
+  points.number = (points.place[2] * ny + points.place[1]) * nx + points.place[0];
+  points.at = points.wanted ? row + points.place[0] : ints(((ny + 2) + 1) * (nx + 2 * PAD) + PAD);
+  points.first = x0 + TFM_LANES <= count.x ? row + low.x + x0 : 0;
+  points.turned = ((points.place[2] + 1) * (nx + 2) + points.place[0] + 1) * (ny + 2 * PAD) + points.place[1] + PAD;
+  return points;
+}
+
 TFM_INLINE Vec3 position_of(ORDERS orders, const Points *points)
 {
   return vec3(orders->origin[0] + orders->spacing * TO_FLOATS(points->place[0]),

@@ -8,6 +8,8 @@ from tolerances import LIGHTS, PASS
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.plan import orders
+from tfm_cl.render import orders as of_render
+from tfm_cl.render.regions import LitRegions
 
 pytestmark = pytest.mark.lanes
 
@@ -126,6 +128,33 @@ def test_points_outside_a_cone_are_dark(renderer):
         for cone in (8, 4)
     )
     assert 0.15 < narrow / wide < 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+@pytest.mark.parametrize("phase", ["isotropic", "hg:0.8"])
+def test_lights_are_looked_up_where_they_reach(new_renderer, monkeypatch, phase):
+    """Cones, balls, and the sun; a light in the middle, one outside, and one that reaches no point."""
+    ball = tfm.PointLight(from_=(0.2, 0.1, 0.3), reach=0.4, intensity=0.3)
+    cones = [
+        SPOT.replace(from_=(-2, 1, 2.5), cone=6, reach=3.0),
+        SPOT.replace(cone=3),
+        SPOT.replace(reach=0.5),
+    ]
+    scene = SCENE.replace(lights=[ball, *cones, SUN], medium=RGB.replace(phase=phase))
+
+    def later(of_cube):
+        with monkeypatch.context() as patch, new_renderer() as renderer:
+            patch.setattr(of_render, "OF_CUBE", of_cube)
+            return renderer.render(scene).aovs["orders"]
+
+    found, everywhere = later(of_render.OF_CUBE), later(1e6)
+    assert everywhere.max() > 1e-2
+    assert np.abs(found - everywhere).max() < PASS * everywhere.max()
+    lattice, lights = orders.lattice_of(scene), [light.fitted(scene.bounds) for light in scene.lights]
+    counts = of_render.reached_points(lattice, LitRegions.of(lights))
+    numbers = [np.prod(count) for _, count in counts]
+    assert numbers[3] == 0 < numbers[0] < numbers[4] == lattice.points
 
 
 @pytest.mark.slow

@@ -59,6 +59,7 @@ from tfm_cl.plan.orders import (
     swept_media,
 )
 from tfm_cl.render.lattice_points import TowardsCamera, see_points
+from tfm_cl.render.regions import LitRegions
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
@@ -81,6 +82,8 @@ POINTS_AT_ONCE = 1 << 24
 """Points times directions of a launch."""
 SAMPLES_AT_ONCE = 1 << 21
 """Of the density, or of light, in a launch."""
+OF_CUBE = 0.51
+"""Of the distance between points: from one to the sides of its cube, and what coordinates are rounded by."""
 WHAT = "the lattice of later orders"
 """What messages call it."""
 RGB = 3
@@ -201,6 +204,15 @@ def rays_of(sweeps: NDArray[Any], lanes: int) -> int:
     shifts = np.ceil(np.abs(sweeps["slope"]) * sweeps["planes"][:, None]).astype(np.int64) + 1
     chunks = -(-(sweeps["columns"] + 1 + shifts[:, 0]) // lanes)
     return int((chunks * (sweeps["rows"] + 1 + shifts[:, 1])).max(initial=0))
+
+
+def reached_points(lattice: Lattice, regions: LitRegions) -> list[tuple[list[int], list[int]]]:
+    """Return the points whose cubes lights may reach: the first along x, y, z, and how many."""
+    bounds = (regions.bounds - lattice.origin) / lattice.spacing
+    low, high = (np.clip(bounds[:, i] + side, -1, lattice.size) for i, side in enumerate((-OF_CUBE, OF_CUBE)))
+    first = np.maximum(np.ceil(low).astype(int), 0)
+    end = np.minimum(np.floor(high).astype(int) + 1, lattice.size)
+    return list(zip(first.tolist(), np.maximum(end - first, 0).tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -587,10 +599,12 @@ class Orders:
         first, second = (self.launcher.zeros(WHAT, 4 * count * rows.numbers) for rows in self._rows)
         return first, second
 
-    def _over_points(self, kernel: Kernel, arguments: dict[str, Any], cost: int) -> None:
-        """Run a kernel over all points, in launches of bounded time."""
+    def _over_points(
+        self, kernel: Kernel, arguments: dict[str, Any], cost: int, items: int | None = None
+    ) -> None:
+        """Run a kernel over all points, or some work-items, in launches of bounded time."""
         lanes = self.launcher.lanes
-        items = -(-self.lattice.points // lanes)
+        items = self._items if items is None else items
         most = max(1, SAMPLES_AT_ONCE // (cost * lanes))
         for first in range(0, items, most):
             end = min(first + most, items)
@@ -615,8 +629,10 @@ class Orders:
         kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
         steps = decided(self.scene.map.steps) if batch.is_dual else 1
         known = self._known | batch.arguments | arguments
-        for number in range(len(batch.indices)):
-            self._over_points(kernel, known | {"number": number}, cost * steps)
+        boxes = reached_points(self.lattice, LitRegions.of([self.scene.lights[i] for i in batch.indices]))
+        for number, (low, (x, y, z)) in enumerate(boxes):
+            of_light = {"number": number, "low": (*low, 0), "count": (x, y, z, 0)}
+            self._over_points(kernel, known | of_light, cost * steps, -(-x // self.launcher.lanes) * y * z)
 
     def _kernel(self, name: str) -> Kernel:
         headers, defines = sweep_variant(
