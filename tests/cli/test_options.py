@@ -12,6 +12,7 @@ import pytest
 import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, as_flags, toml_value
+from tfm_cl.plan import octaves
 from tfm_cl.scene.lights import SpotLight
 from tfm_cl.scene.of_frames import KEYS as OF_FRAMES
 from tfm_cl.scene.presets import PRESETS
@@ -268,8 +269,8 @@ def test_a_flag_wins_over_the_scene(resolved, flag, text, key, expected):
             table.pop("coeffs", None)
         for said in PRESETS["dust"].medium if key == "medium.preset" else ():
             table.pop(said)
-        if key == "medium.octaves":  # which decide on their contribution
-            table.pop("contribution")
+        for said in octaves.KEYS if key == "medium.octaves" else ():  # which are decided for them
+            table.pop(said)
         if key == "camera.focal_length":  # which says what fov said, of a sensor of some width
             table.pop("fov", None)
             assert table.pop("sensor_width", 36) == 36

@@ -41,7 +41,8 @@ Program = tuple[tuple[str, ...], dict[str, int | str]]
 
 GREY = tfm.Medium(sigma_s=1.0, sigma_a=0.5)
 WARM = tfm.Medium(sigma_s=(1.0, 0.7, 0.4), sigma_a=(0.1, 0.2, 0.5))
-COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2, contribution=0.5)
+OCTAVES = {"attenuation": 0.6, "contribution": 0.5, "eccentricity": 0.7}  # as no plan decides on them
+COLD = tfm.Medium(sigma_s=(0.2, 0.5, 1.1), octaves=2, **OCTAVES)
 PHASED = [COLD.replace(phase=phase) for phase in ONE_OF_EACH_PHASE]
 GLOWING = GREY.replace(emission=(1.0, 0.5, 0.1))
 FLAME = tfm.Medium(sigma_s=0, sigma_a=0, emission=1.0)
@@ -98,7 +99,7 @@ BODIES: dict[str, list[Any]] = {
     "grid in fog": [_grid(), _fog()],
     "coloured grid, box": [_coloured(), _box(WARM)],
     "box": [_box()],
-    "ball": [_ball(WARM.replace(octaves=3, contribution=0.5))],
+    "ball": [_ball(WARM.replace(octaves=3, **OCTAVES))],
     "fog": [_fog()],
     "box, ball": [_box(), _ball()],
     "grid, box, ball": [_grid(), _box(), _ball()],

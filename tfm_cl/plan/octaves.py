@@ -1,10 +1,13 @@
-"""How much light each octave of scattering adds, where that is left open: by how deep the medium is.
+"""Numbers of octaves of scattering, where they are left open: by how deep the medium is.
 
-How bright all octaves but the first are together, on a camera ray of an optical depth of 1, follows from the
-phase function and from how deep the whole medium is: the geometric mean of the optical depths of lines
-through the volume, weighted by their opacity. The numbers below, and the defaults of `tfm_cl.scene.medium`,
-make 31 pictures the most like those of 64 orders of scattering: of five volumes, of three densities, lit from
-five sides, with mean cosines of 0, 0.5 and 0.85. Numbers for all but one of these volumes serve that one too.
+How deep the whole medium is: the geometric mean of the optical depths of lines through the volume, weighted
+by their opacity. How bright all octaves but the first are together, on a camera ray of an optical depth of 1,
+and how even they are, follows from that and from the phase function, by powers of the depth. Deeper than
+`AT_DEPTH` the powers are others: light that was scattered often is more even, so that a lobe leaves less of
+it behind a cloud and more before it.
+
+The numbers below make pictures the most like those of 64 orders of scattering: of three volumes of optical
+depths of 3 to 40, lit from five sides, with mean cosines of 0, 0.5 and 0.85. They serve seven others, too.
 """
 
 from __future__ import annotations
@@ -17,17 +20,19 @@ import numpy as np
 from tfm_cl.scene.bodies.base import MarchedBody
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
-AT_DEPTH_1, AHEAD = 0.52, 0.85
-"""Brightness of what scatters evenly, at a mean depth of 1, and what takes from its logarithm, times g²."""
-BY_DEPTH, BY_DEPTH_AHEAD = 0.16, 0.18
-"""Power of the mean depth with which it grows, of what scatters evenly, and what a mean cosine of 1 adds."""
-LEAST, MOST = 0.05, 1.5
+AT_DEPTH = 5.0
+"""Mean optical depth of which the numbers are these:"""
+BRIGHTNESS, AHEAD, AHEAD_TWICE = 0.67, 0.29, -0.85
+"""Of what scatters evenly, and what adds to its logarithm, times g and g²."""
+ATTENUATION, ECCENTRICITY = 0.6, 0.7
+DEEPEST = 17.0
+"""Mean depth up to which media were compared: what is deeper is taken for as deep."""
 TIMES_SCATTERED = 1.1
 """As often, at an optical depth of 1, was the light of the octaves scattered; it grows with its root."""
 SHALLOWEST = 1e-9
@@ -40,43 +45,58 @@ TINY = 1e-300
 """Least opacity, with which a mean has weights."""
 
 
-class Contribution(NamedTuple):
-    """Of the octaves of one medium, as decided."""
+class Powers(NamedTuple):
+    """Of the mean depth, over `AT_DEPTH`, that numbers change with."""
+
+    brightness: float
+    attenuation: float
+    eccentricity: float
+
+
+def _powers(depth: float, g: float) -> Powers:
+    if depth < AT_DEPTH:
+        return Powers(0.16 - 0.07 * g, 0.0, -0.15)
+    return Powers(0.43 * g - 0.09, 0.9 * g - 0.45, -0.3)
+
+
+class Decided(NamedTuple):
+    """A number of the octaves of one medium."""
 
     section: str
     """Of the scene file that the medium stands in."""
+    key: str
     number: float
     why: str
 
 
-def contributions(scene: Scene) -> list[Contribution]:
+def numbers(scene: Scene) -> list[Decided]:
     """Decide what is left open."""
     sections, found = _sections(scene), []
     for section in dict.fromkeys(sections):
         bodies = [body for body, own in zip(scene.bodies, sections, strict=True) if own == section]
         medium = scene.medium_of(bodies[0])
-        if medium.octaves > 1 and medium.contribution == "auto":
+        is_open = [key for key in KEYS if getattr(medium, key) == "auto"]
+        if medium.octaves > 1 and is_open:
             depth = max(_depth(body, medium) for body in bodies)
             why = f"as bright as all orders, at an optical depth of {depth:.2g} in the mean"
-            found.append(Contribution(section, _contribution(depth, medium), why))
+            found += [Decided(section, key, KEYS[key](depth, medium), why) for key in is_open]
     return found
 
 
-def resolved(scene: Scene, decided: Sequence[Contribution]) -> Scene:
+def resolved(scene: Scene, decided: Sequence[Decided]) -> Scene:
     """Return the scene with the numbers that were decided."""
     if not decided:
         return scene
-    numbers = {one.section: one.number for one in decided}
+    of: dict[str, dict[str, float]] = {}
+    for one in decided:
+        of.setdefault(one.section, {})[one.key] = one.number
     bodies = [
-        body.with_medium(scene.medium_of(body).replace(contribution=numbers[section]))
-        if section in numbers and body.own_medium is not None
+        body.with_medium(scene.medium_of(body).replace(**of[section]))
+        if section in of and body.own_medium is not None
         else body
         for body, section in zip(scene.bodies, _sections(scene), strict=True)
     ]
-    medium = scene.medium
-    if SHARED in numbers:
-        medium = medium.replace(contribution=numbers[SHARED])
-    return scene.replace(volume=bodies, medium=medium)
+    return scene.replace(volume=bodies, medium=scene.medium.replace(**of.get(SHARED, {})))
 
 
 def _sections(scene: Scene) -> list[str]:
@@ -88,13 +108,37 @@ def _sections(scene: Scene) -> list[str]:
     ]
 
 
+def _ahead(medium: Medium) -> float:
+    return max(medium.phase.mean_cosine, 0.0)
+
+
 def _contribution(depth: float, medium: Medium) -> float:
-    ahead = max(medium.phase.mean_cosine, 0.0)
-    power = BY_DEPTH + BY_DEPTH_AHEAD * ahead
-    white = AT_DEPTH_1 * np.exp(-AHEAD * ahead**2) * max(depth, SHALLOWEST) ** power
+    g = _ahead(medium)
+    white = BRIGHTNESS * np.exp(AHEAD * g + AHEAD_TWICE * g**2)
+    white *= _over_that(depth) ** _powers(depth, g).brightness
     # Light loses the albedo each time that it is scattered: more often in what is deeper.
     left = float(medium.albedo.mean()) ** (TIMES_SCATTERED * float(np.sqrt(depth)))
-    return _over_the_one_before(left * float(np.clip(white, LEAST, MOST)), medium.octaves)
+    return _over_the_one_before(left * float(white), medium.octaves)
+
+
+def _attenuation(depth: float, medium: Medium) -> float:
+    return _rounded(ATTENUATION * _over_that(depth) ** _powers(depth, _ahead(medium)).attenuation)
+
+
+def _eccentricity(depth: float, medium: Medium) -> float:
+    return _rounded(ECCENTRICITY * _over_that(depth) ** _powers(depth, _ahead(medium)).eccentricity)
+
+
+def _over_that(depth: float) -> float:
+    return min(max(depth, SHALLOWEST), DEEPEST) / AT_DEPTH
+
+
+KEYS: dict[str, Callable[[float, Medium], float]] = {
+    "attenuation": _attenuation,
+    "contribution": _contribution,
+    "eccentricity": _eccentricity,
+}
+"""What follows from the depth of a medium, by key of its section."""
 
 
 def _over_the_one_before(brightness: float, octaves: int) -> float:
@@ -102,7 +146,12 @@ def _over_the_one_before(brightness: float, octaves: int) -> float:
     coefficients = [*np.ones(octaves - 1), -brightness]
     roots = np.roots(coefficients)
     positive = roots[(np.abs(roots.imag) < ROUNDED) & (roots.real >= 0)].real
-    return float(f"{min(positive.max(initial=0.0), 1.0):.3g}")
+    return _rounded(positive.max(initial=0.0))
+
+
+def _rounded(number: float) -> float:
+    """Return a number that people may read, 1 at most."""
+    return float(f"{min(number, 1.0):.3g}")
 
 
 def _depth(body: Body, medium: Medium) -> float:

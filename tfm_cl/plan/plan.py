@@ -86,7 +86,7 @@ class Plan:
             key: decision.value
             for key, decision in self.decisions.items()
             if decision.value is not None and (key in counts or key.split(".")[0] not in found)
-            if not key.endswith(".contribution")
+            if key.split(".")[-1] not in octaves.KEYS
         }
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
@@ -163,11 +163,9 @@ def plan(
     orders.check(scene)
     decisions = {} if file is None else dict(_placed(scene, file))
     decisions |= dict(_of_orders(scene)) | dict(_of_emission(scene))
-    contributions = octaves.contributions(scene)
-    decisions |= {
-        f"{found.section}.contribution": Decision(found.number, found.why) for found in contributions
-    }
-    scene = octaves.resolved(scene, contributions)
+    of_octaves = octaves.numbers(scene)
+    decisions |= {f"{found.section}.{found.key}": Decision(found.number, found.why) for found in of_octaves}
+    scene = octaves.resolved(scene, of_octaves)
     has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.is_lit)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(

@@ -159,7 +159,7 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
         Settings of existing maps: ``"auto"`` in the settings of the map then means their values.
     """
     found = {key: found.number for key, found in wanted(scene, maps).items()}
-    return with_numbers(octaves.resolved(scene, octaves.contributions(scene)), found)
+    return with_numbers(octaves.resolved(scene, octaves.numbers(scene)), found)
 
 
 def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:

@@ -143,23 +143,19 @@ class Medium(Model):
         le=MOST_OCTAVES,
         description="multiple scattering, roughly, from one look-up of a light; 1: single scattering",
     )
-    attenuation: float = Field(
-        default=0.6,
-        gt=0,
-        le=1,
+    attenuation: Annotated[float | Literal["auto"], number_or_auto(0, 1)] = Field(
+        default="auto",
         description="of octaves: the extinction that light meets in each, over the one before; 1 - g of it: "
-        "by similarity, as if the medium scattered evenly",
+        "by similarity, as if the medium scattered evenly; auto: by how deep it is",
     )
     contribution: Annotated[float | Literal["auto"], number_or_auto(0, 1)] = Field(
         default="auto",
         description="of octaves: how much light each adds, over the one before; auto: by how deep it is",
     )
-    eccentricity: float = Field(
-        default=0.7,
-        ge=0,
-        le=1,
+    eccentricity: Annotated[float | Literal["auto"], number_or_auto(0, 1)] = Field(
+        default="auto",
         description="of octaves: mean cosine of what each scatters, over that of the one before and over g, "
-        "that of the phase function",
+        "that of the phase function; auto: by how deep the medium is",
     )
 
     @property
@@ -173,14 +169,15 @@ class Medium(Model):
         Source: M. Wrenninge, C. Kulla, V. Lundqvist, "Oz: The Great and Volumetric", SIGGRAPH 2013 Talks. New
         is C: how often light was scattered depends on how deep the medium is there. By similarity, what was
         scattered often meets the medium as if it were isotropic, and 1 - g times as dense (g: mean cosine of
-        the phase function); light scattered n times has the mean cosine gⁿ. The numbers are the best for 31
-        pictures of 5 volumes, see `tfm_cl.plan.octaves`, which also decides on the contribution.
+        the phase function); light scattered n times has the mean cosine gⁿ. The numbers are the best for
+        pictures of several volumes, see `tfm_cl.plan.octaves`, which decides on those that are left open.
         """
-        i, g = np.arange(self.octaves), self.phase.mean_cosine if self.octaves > 1 else 0.0
-        contribution = 1.0 if self.octaves == 1 else decided(self.contribution)
-        depth = np.where(i > 0, (1 - g) * self.attenuation**i, 1.0)
-        cosine = np.clip(g * (g * self.eccentricity) ** i, -MOST_COSINE, MOST_COSINE)
-        return np.stack([depth, contribution**i, cosine])
+        if self.octaves == 1:
+            return np.array([[1.0], [1.0], [0.0]])
+        i, g = np.arange(self.octaves), self.phase.mean_cosine
+        depth = np.where(i > 0, (1 - g) * decided(self.attenuation) ** i, 1.0)
+        cosine = np.clip(g * (g * decided(self.eccentricity)) ** i, -MOST_COSINE, MOST_COSINE)
+        return np.stack([depth, decided(self.contribution) ** i, cosine])
 
     @property
     def albedo(self) -> NDArray[np.float64]:
