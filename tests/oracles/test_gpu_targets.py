@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from oracles.clang_header import HeaderOnce
 from oracles.kernel_variants import kernel_variants, pairwise, singly
 
 from tfm_cl.device.program import kernels_dir, source
@@ -28,7 +29,6 @@ BRICKS = next(label for label in VARIANTS if label.startswith("bricks.cl"))
 LANGUAGE = ("-x", "cl", "-cl-std=CL1.2", "-cl-no-stdinc", "-Wall", "-Werror")
 """Clang 14 includes its short header by default, whose vload_half asks for an extension; the full one's,
 like OpenCL 1.2's, does not."""
-BUILTINS_DECLARED = ("-Xclang", "-finclude-default-header")
 NO_EXTENSION = ("-Xclang", "-cl-ext=-all")
 
 
@@ -72,31 +72,31 @@ TARGETS = {
 class Clang:
     """Compiles program texts, from a folder of kernels."""
 
-    def __init__(self, program: str, libclc: Path):
+    def __init__(self, program: str, libclc: Path, header: HeaderOnce):
         self._program = program
         self._libclc = libclc
+        self._header = header
 
     def kernels(self, text, folder):
         """Names of the text's kernels, by its preprocessor."""
-        done = self._run(TARGETS["nvptx64"].options, "-E", "-P", text=text, folder=folder)
+        done = self._run(*TARGETS["nvptx64"].options, *LANGUAGE, "-E", "-P", text=text, folder=folder)
         assert done.returncode == 0, done.stderr
         return set(re.findall(r"\b__kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(", done.stdout))
 
     def complaints(self, text, folder):
         """What OpenCL C 1.2 without any optional feature or extension does not allow."""
-        options = (*TARGETS["nvptx64"].options, *BUILTINS_DECLARED, *NO_EXTENSION)
-        return self._run(options, "-fsyntax-only", text=text, folder=folder).stderr
+        options = (*TARGETS["nvptx64"].options, *LANGUAGE, *NO_EXTENSION)
+        return self._run(*options, *self._header(*options), "-fsyntax-only", text=text, folder=folder).stderr
 
     def assembly(self, target, text, folder):
         """(assembly, complaints), with the extensions of the target: GPUs take double precision."""
-        options = (*target.options, *BUILTINS_DECLARED)
+        options = (*target.options, *LANGUAGE, "-O2")
         library = ("-Xclang", "-mlink-builtin-bitcode", "-Xclang", str(self._libclc / target.libclc))
-        done = self._run(options, *library, "-O2", "-S", text=text, folder=folder)
+        done = self._run(*options, *self._header(*options), *library, "-S", text=text, folder=folder)
         return done.stdout, done.stderr
 
     def _run(self, *options, text, folder):
-        first, *rest = options
-        command = [self._program, *first, *LANGUAGE, *rest, "-I", str(folder), "-o", "-", "-"]
+        command = [self._program, *options, "-I", str(folder), "-o", "-", "-"]
         return subprocess.run(command, input=text, capture_output=True, text=True, timeout=120, check=False)
 
 
@@ -117,7 +117,7 @@ def faults(target, assembly, kernels):
 
 
 @pytest.fixture(scope="module")
-def clang():
+def clang(tmp_path_factory):
     chosen = os.environ.get("TFM_CLANG")
     program = shutil.which(chosen or "clang")
     libclc = next((folder for folder in LIBCLC if (folder / TARGETS["nvptx64"].libclc).is_file()), None)
@@ -126,7 +126,7 @@ def clang():
         if chosen:
             pytest.fail(f"TFM_CLANG: {lacking}")
         pytest.skip(f"no compiler for GPUs: {lacking}; install clang and libclc, or set TFM_CLANG")
-    return Clang(program, libclc)
+    return Clang(program, libclc, HeaderOnce(program, tmp_path_factory.mktemp("headers")))
 
 
 @pytest.fixture(params=TARGETS)
