@@ -85,10 +85,11 @@ def _imports(name: str, *, types: bool = True) -> set[str]:
     return found - {name, ""}
 
 
-# The root's __init__ names the whole package, for those who use it.
-IMPORTS = {name: _imports(name) if name else set() for name in MODULES}
-LOADED = {name: _imports(name, types=False) if name else set() for name in MODULES}
-"""Of `IMPORTS` those that are there when code runs."""
+@cache
+def imports(*, types: bool = True) -> dict[str, set[str]]:
+    """Of each module; without ``types`` those that are there when code runs."""
+    # The root's __init__ names the whole package, for those who use it.
+    return {name: _imports(name, types=types) if name else set() for name in MODULES}
 
 
 @cache
@@ -96,7 +97,7 @@ def reachable(name: str) -> frozenset[str]:
     """All that a module leads to."""
     seen, waiting = set(), [name]
     while waiting:
-        for other in IMPORTS[waiting.pop()] - seen:
+        for other in imports()[waiting.pop()] - seen:
             seen.add(other)
             waiting.append(other)
     return frozenset(seen)
@@ -107,14 +108,14 @@ def circle_of(name: str) -> frozenset[str]:
     return frozenset({name, *(other for other in reachable(name) if name in reachable(other))})
 
 
-def floors(imports: dict[str, set[str]]) -> dict[str, int]:
+def floors(found: dict[str, set[str]]) -> dict[str, int]:
     """Modules on top of each other, down from each; circles are refused by a test of their own."""
 
     @cache
     def floor(name: str) -> int:
-        return 1 + max((floor(other) for other in imports[name] - circle_of(name)), default=0)
+        return 1 + max((floor(other) for other in found[name] - circle_of(name)), default=0)
 
-    return {name: floor(name) for name in imports if name not in ("", "__main__")}
+    return {name: floor(name) for name in found if name not in ("", "__main__")}
 
 
 def folder_of(name: str) -> str:
@@ -127,7 +128,7 @@ def folder_of(name: str) -> str:
 
 def folder_imports() -> set[tuple[str, str]]:
     """Which folder imports which; the root is none."""
-    pairs = {(folder_of(name), folder_of(other)) for name, others in IMPORTS.items() for other in others}
+    pairs = {(folder_of(name), folder_of(other)) for name, others in imports().items() for other in others}
     return {(one, other) for one, other in pairs if one and other and one != other}
 
 
@@ -150,7 +151,9 @@ def below(folder: str, arrows: set[tuple[str, str]]) -> set[str]:
 
 def test_the_root_holds_few_modules():
     assert len(list(PACKAGE.glob("*.py"))) <= MOST_IN_ROOT
-    leading = {name: others for name, others in IMPORTS.items() if not folder_of(name) and name != "__main__"}
+    leading = {
+        name: others for name, others in imports().items() if not folder_of(name) and name != "__main__"
+    }
     for name, others in leading.items():
         assert not any(map(folder_of, others)), f"{name} imports {others}: the root is what all build on"
 
@@ -178,7 +181,7 @@ def test_folders_lie_on_top_of_each_other():
 
 def test_no_folder_rises_higher():
     found: dict[str, int] = {}
-    for name, height in floors(LOADED).items():
+    for name, height in floors(imports(types=False)).items():
         found[folder_of(name)] = max(found.get(folder_of(name), 0), height)
     assert found.keys() == FLOORS.keys()
     assert {folder: height for folder, height in found.items() if height > FLOORS[folder]} == {}
@@ -186,7 +189,7 @@ def test_no_folder_rises_higher():
 
 
 def test_annotations_do_not_rise_higher():
-    assert max(floors(IMPORTS).values()) <= FLOORS_WITH_TYPES
+    assert max(floors(imports()).values()) <= FLOORS_WITH_TYPES
 
 
 def test_types_are_no_way_around_the_floors(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ from their registries, phase functions from ``every_phase``, which a test compar
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -138,10 +139,11 @@ class NoDevice:
         """Forget it."""
 
 
-def media_of(bodies: list[Any], voxels: VoxelType, pools: int) -> MediaOnDevice:
-    """What kernels are told of bodies."""
+@cache
+def media_of(mixture: str, voxels: VoxelType, pools: int) -> MediaOnDevice:
+    """What kernels are told of a mixture of `BODIES`."""
     camera = tfm.Camera(from_=(0, 0, 9), to=(0, 0, 0))
-    scene = tfm.Scene(bodies, GREY, camera, [])
+    scene = tfm.Scene(BODIES[mixture], GREY, camera, [])
     grids, bricks = (*scene.grids, *scene.flames), None
     if grids:
         bricks = BrickGrid(
@@ -199,7 +201,7 @@ def _of_bricks(case: Case) -> Program:
 
 
 def _of_probe(case: Case) -> Program:
-    (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
+    (field, *_) = media_of(case["grids"], case["voxels"], case["pools"]).of_fields
     macros = {"TFM_INVERSE_SQUARE": case["inverse_square"], "TFM_SHADOW": case["shadow"]}
     return (*field.headers, *light_headers(case)), field.defines | macros
 
@@ -207,7 +209,7 @@ def _of_probe(case: Case) -> Program:
 def _of_light_pass(case: Case) -> Program:
     settings = settings_of(case)
     basis, of_map = map_variant(settings)
-    (field, *_) = media_of(BODIES[case["grids"]], case["voxels"], case["pools"]).of_fields
+    (field, *_) = media_of(case["grids"], case["voxels"], case["pools"]).of_fields
     _, defines = _of_probe(case)
     if settings.is_linear and field.defines.get("TFM_PRIMITIVES"):
         defines["TFM_OWN_DEPTH"] = int(case["deposits"] == "depth")
@@ -215,7 +217,7 @@ def _of_light_pass(case: Case) -> Program:
 
 
 def _of_primitives(case: Case) -> Program:
-    primitives = media_of(BODIES[case["bodies"]], "f32", 1).primitives
+    primitives = media_of(case["bodies"], "f32", 1).primitives
     assert primitives is not None
     macros = {"TFM_INVERSE_SQUARE": case["inverse_square"], "TFM_FROM_LIGHT": case["from_light"]}
     of_light = light_headers(case) if case["from_light"] else ()
@@ -223,7 +225,7 @@ def _of_primitives(case: Case) -> Program:
 
 
 def _of_camera(case: Case) -> Program:
-    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
     macros = {"TFM_SHADOW": case["shadow"], "TFM_LIGHT_LAYERS": case["layers"]}
     macros["TFM_DEEP_COLOURS"] = case["colours of samples"]
     return media.headers, media.defines | media.channels(textured=False) | macros
@@ -257,7 +259,7 @@ def _of_surface(case: Case) -> Program:
 
 
 def _batch(case: Case) -> tuple[Batch, MediaOnDevice]:
-    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
     shows_residual, is_dual = case["basis"] == "residual", case["basis"] == "dual"
     settings = None
     if media.fields.count and not is_dual:
@@ -287,7 +289,7 @@ def _of_lattice_voxels(case: Case) -> Program:
 
 
 def _of_lattice_pass(case: Case) -> Program:
-    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
     headers, defines = pass_variant(media, _lattice_colours(case, media), case["apart"])
     macros = {"TFM_LIGHT_LAYERS": int(case["apart"] > 1), "TFM_DEEP_COLOURS": case["colours of samples"]}
     return headers, defines | macros
@@ -310,7 +312,7 @@ RGB = 3
 
 
 def _of_order_media(case: Case) -> Program:
-    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
     return orders.media_variant(media, *_of_points(case, media), emits=bool(case["emits"]))
 
 
@@ -337,7 +339,7 @@ def _of_order_moments(case: Case) -> Program:
 
 
 def _of_order_pass(case: Case) -> Program:
-    media = media_of(BODIES[case["bodies"]], case["voxels"], case["pools"])
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
     has_solids = bool(case["shadow"])
     if "colours" not in case:
         headers, defines = emission.pass_variant(media, _scattering(case), has_solids=has_solids)
