@@ -15,8 +15,13 @@ demo-sequence: $(INSTALLED)  ## a plume that rises: 24 frames and a film of them
 	$(BIN)/tfm render out/rising_plume/rising_plume.toml --frames 1-24 --res 320x180 -o out/rising_plume/frame.####.png
 	$(BIN)/tfm movie out/rising_plume/frame.####.png -o out/rising_plume.mp4
 
-test: lint  ## the tests a change must pass: five minutes on two cores
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+test: $(INSTALLED)  ## the tests a change must pass: five minutes on two cores
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	@# mypy takes one core only: it runs beside them.
+	$(BIN)/mypy & types=$$!; \
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"; tests=$$?; \
+	wait $$types && exit $$tests
 
 test-slow: $(INSTALLED)  ## the rest: minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
