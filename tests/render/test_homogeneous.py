@@ -166,6 +166,14 @@ LIGHTS_AND_PLACES = {
 }
 
 
+@pytest.mark.quick(
+    "camera outside-spot outside-box",
+    "camera inside-spot inside-sphere",
+    "camera outside-spot with a reach-everywhere",
+    "camera inside-point with a reach-box",
+    "camera outside-point outside-sphere",
+    "camera inside-point outside-everywhere",
+)
 @every_volume
 @pytest.mark.parametrize("light", LIGHTS_AND_PLACES.values(), ids=LIGHTS_AND_PLACES)
 @pytest.mark.parametrize("inside", [False, True], ids=["camera outside", "camera inside"])
