@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tfm_cl.errors import KernelBuildError
+
 KERNEL = """
 __kernel void echo(__global float *found, int number, float part, int4 window, float2 pair)
 {
@@ -34,6 +36,14 @@ def test_a_kernel_knows_its_signature(echo):
         "window": "int4",
         "pair": "float2",
     }
+
+
+def test_warnings_of_the_tests_kernels_are_errors(launcher, tmp_path):
+    text = "__kernel void doubtful(__global int *x) { __global float *y = x; y[0] = 1; }\n"
+    (tmp_path / "doubtful.cl").write_text(text, encoding="utf-8")
+
+    with pytest.raises(KernelBuildError, match="incompatible pointer types"):
+        launcher.kernels.kernel("doubtful", str(tmp_path / "doubtful.cl"))
 
 
 def test_arguments_in_any_order(launcher, echo):

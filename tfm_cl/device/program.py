@@ -84,7 +84,8 @@ def _cache_of(device: cl.Device) -> KernelCache | None:
 
 def _versions(device: cl.Device) -> tuple[str, ...]:
     """Return what a compiled program is good for; PoCL's version of a device names the processor."""
-    return device.name, device.version, device.driver_version, device.platform.version
+    added = os.environ.get("POCL_EXTRA_BUILD_FLAGS", "")  # options that PoCL adds to ours
+    return device.name, device.version, device.driver_version, device.platform.version, added
 
 
 def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.Program, KeptProgram | None]:
