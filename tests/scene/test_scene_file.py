@@ -193,7 +193,7 @@ def test_every_key_arrives(folder):
     )
     (flame,) = scene.flames
     np.testing.assert_array_equal(flame.world_from_index, scene.bodies[0].world_from_index)
-    assert scene.medium_of(flame) == tfm.Medium(sigma_s=0, emission=2.5)
+    assert scene.medium_of(flame) == tfm.Medium(sigma_s=0, emission=2.5, emission_lights=64)
     assert scene.ambient == tfm.Ambient(radiance=(0.1, 0.2, 0.3))
     assert scene.shadow == tfm.ShadowSettings(res=256, filter="nearest")
     sphere = tfm.SphereSolid(centre=(1, 2, 3), radius=0.5, albedo=(0.1, 0.2, 0.3))

@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,8 +17,10 @@ from tfm_cl.files.film_io.frames import MISSING, Frame, Missing, frames_of
 from tfm_cl.files.image_io import Exposure, WriteOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, check_writable, real_path
-from tfm_cl.sequence.film import PicturesFilm
 from tfm_cl.sequence.ranges import frames_of as numbers_of
+
+if TYPE_CHECKING:
+    from tfm_cl.sequence.film import PicturesFilm
 
 WIDEST = 1 << 14
 """Pixels."""
@@ -148,6 +150,8 @@ def command(
         raise click.UsageError(f"{out}: is one of the frames; choose another name")
     check_writable(out)
     shown = _shown(frames, exposure, view)
+    from tfm_cl.sequence.film import PicturesFilm  # noqa: PLC0415 - Pillow takes its time to import
+
     film = PicturesFilm.of(frames, shown, width)
     if width is None and made.WIDTH is not None and film.size[0] > made.WIDTH:
         film = PicturesFilm.of(frames, shown, made.WIDTH)
@@ -192,7 +196,7 @@ def _as_rendered(path: Path) -> dict[str, Any]:
     return found
 
 
-def _tell(film: PicturesFilm, exposure: Exposure | None, view: str | None) -> None:
+def _tell(film: "PicturesFilm", exposure: Exposure | None, view: str | None) -> None:
     """Say what was chosen, as flags."""
     used = film.options
     chosen: dict[str, Any] = {}

@@ -17,7 +17,7 @@ from tfm_cl.files.paths import real_path
 from tfm_cl.model import Model
 from tfm_cl.scene.scene_file import SceneFile
 
-OF_READING = ("source", "path", "changing", "patterns")
+OF_READING = ("source", "path", "changing", "patterns", "asked")
 """Attributes of a scene file that say where something comes from, not what it is."""
 
 

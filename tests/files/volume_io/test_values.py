@@ -14,7 +14,7 @@ from tfm_cl.files.volume_io.leaves import Leaves
 from tfm_cl.files.volume_io.values import ValueMap
 from tfm_cl.plan import options
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.scene_file import SceneFile, VolumeSettings
 
 HOUNSFIELD = np.array([-3024, -1000, -500, 0, 40, 400, 3000, 0], np.int16).reshape(2, 2, 2)
 
@@ -129,21 +129,13 @@ def test_keys_of_a_scene_and_back(tmp_path):
     file = SceneFile.read(tmp_path / "a.toml")
     scene = file.make(tfm.Scene)
     assert scene.bodies[0].data.max() == 1
-    assert options.table(file, scene)["volume"] | {"file": ""} == {
-        "file": "",
+    table = options.table(file, scene)["volume"]
+    defaults = VolumeSettings(file="ct.npy").to_dict()
+    assert table == defaults | {
+        "file": table["file"],
         "grid": "density",
-        "colour": None,
         "offset": 24.0,
         "window": [-1000.0, 1000.0],
-        "density_scale": 1.0,
-        "voxel_size": None,
-        "origin": None,
-        "transform": None,
-        "translate": None,
-        "rotate": None,
-        "scale": None,
-        "medium": None,
-        "sanitize": False,
     }
 
 
