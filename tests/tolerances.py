@@ -67,6 +67,9 @@ BAKED_IN_CYCLES = 1e-4
 CYCLES_EMISSION = 5e-4
 """Cycles' picture of a homogeneous medium that glows, mean difference relative to the mean: at silhouettes
 its rays, within a hundredth of a pixel of the centre, see other lengths."""
+CYCLES_ORDERS, CYCLES_ORDERS_RMSE = 0.01, 0.02
+"""The same of one that also scatters: of the means of each channel, and of single pixels on the root mean
+square, of which half is the noise of Cycles' 4096 samples, the rest that of a lattice."""
 
 FILM_CODES = 6
 """Of 255: colours of a film's patches against those of its frames. Films hold seven bits of differences of

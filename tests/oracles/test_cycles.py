@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import make_scene
-from tolerances import BAKED_IN_CYCLES, CYCLES_EMISSION
+from tolerances import BAKED_IN_CYCLES, CYCLES_EMISSION, CYCLES_ORDERS, CYCLES_ORDERS_RMSE
 
 import tfm_cl as tfm
 from tfm_cl.bake.map import MapBake
@@ -113,15 +113,40 @@ def matrix_of(camera):
     return matrix
 
 
+BOX = tfm.BoxVolume(from_=(-0.5, -0.4, -0.6), to=(0.5, 0.4, 0.6))
+CAMERA = tfm.Camera(from_=(2.1, 1.4, 2.6), to=(0.1, 0, 0), fov=35, res=(48, 32))
+ORDERS, SAMPLES = 24, 4096
+
+
+def seen_by_cycles(cycles, medium, orders, samples):
+    """Return Cycles' picture of the box, with so many orders of scattering."""
+    seen = {"matrix": matrix_of(CAMERA), "fov": CAMERA.fov, "res": CAMERA.res}
+    inside = {"scatter": medium.sigma_s, "absorption": medium.sigma_a, "emission": medium.emission}
+    box = {"low": BOX.from_, "high": BOX.to}
+    return cycles("box", box | inside | seen | {"samples": samples, "orders": orders})[..., :3]
+
+
 def test_a_box_that_glows_and_absorbs(cycles, renderer):
     medium = tfm.Medium(sigma_s=0, sigma_a=(1.2, 0.6, 0.9), emission=(1.5, 0.8, 0.3))
-    camera = tfm.Camera(from_=(2.1, 1.4, 2.6), to=(0.1, 0, 0), fov=35, res=(48, 32))
-    body = tfm.BoxVolume(from_=(-0.5, -0.4, -0.6), to=(0.5, 0.4, 0.6))
-    seen = {"matrix": matrix_of(camera), "fov": camera.fov, "res": camera.res, "samples": 16, "orders": 0}
-    inside = {"scatter": medium.sigma_s, "absorption": medium.sigma_a, "emission": medium.emission}
 
-    expected = cycles("box", {"low": body.from_, "high": body.to} | inside | seen)[..., :3]
+    expected = seen_by_cycles(cycles, medium, 0, 16)
 
-    found = renderer.render(tfm.Scene(body, medium, camera, ())).image[..., :3]
+    found = renderer.render(tfm.Scene(BOX, medium, CAMERA, ())).image[..., :3]
     assert expected.max() > 0.5
     assert np.abs(found - expected).mean() <= CYCLES_EMISSION * expected.mean()
+
+
+def test_a_box_that_glows_and_scatters(cycles, renderer):
+    medium = tfm.Medium(
+        sigma_s=(1.5, 2.5, 2.0), sigma_a=(1.2, 0.6, 0.9), emission=(1.5, 0.8, 0.3), orders=ORDERS
+    )
+
+    expected = seen_by_cycles(cycles, medium, ORDERS, SAMPLES)
+
+    found = renderer.render(tfm.Scene(BOX, medium, CAMERA, ())).image[..., :3]
+    once = renderer.render(tfm.Scene(BOX, medium.replace(orders=1), CAMERA, ())).image[..., :3]
+    assert once.mean() < 0.8 * expected.mean()  # without what is scattered
+    mean, lit = expected.mean(axis=(0, 1)), expected.min(axis=2) > 0
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), mean, rtol=CYCLES_ORDERS)
+    missed = np.sqrt(np.mean((found - expected)[lit] ** 2))
+    assert missed <= CYCLES_ORDERS_RMSE * expected[lit].mean()
