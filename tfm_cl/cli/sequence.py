@@ -168,9 +168,8 @@ class Range:
         decided = self.steady(ledger, lambda: self.made.renderer.render)
         for line in decided.lines() if self.verbose else ():
             print(f"# {line}", file=sys.stderr)
-        told = {key: value for key, value in decided.overrides if key != "map.lookup"}
-        if told and not self.quiet:
-            print(f"chosen for all frames: {as_flags(told)}", file=sys.stderr)
+        if decided.told and not self.quiet:
+            print(f"chosen for all frames: {as_flags(decided.told)}", file=sys.stderr)
         return decided.overrides
 
     def _check_scheduler(self, address: str) -> None:

@@ -65,6 +65,18 @@ class Decision(NamedTuple):
     why: str
 
 
+def told_of(decisions: Decisions) -> dict[str, Any]:
+    """Return what was placed, scaled or counted, by dotted key."""
+    counts = ("map.res", "map.steps", "march.steps")
+    found = ("map", "march", "orders", "emission")
+    return {
+        key: decision.value
+        for key, decision in decisions.items()
+        if decision.value is not None and (key in counts or key.split(".")[0] not in found)
+        if key.split(".")[-1] not in octaves.KEYS
+    }
+
+
 @dataclass(frozen=True)
 class Plan:
     """What a scene is rendered with."""
@@ -80,14 +92,7 @@ class Plan:
     @property
     def told(self) -> dict[str, Any]:
         """What was placed, scaled or counted, by dotted key, to be fixed by hand."""
-        counts = ("map.res", "map.steps", "march.steps")
-        found = ("map", "march", "orders", "emission")
-        return {
-            key: decision.value
-            for key, decision in self.decisions.items()
-            if decision.value is not None and (key in counts or key.split(".")[0] not in found)
-            if key.split(".")[-1] not in octaves.KEYS
-        }
+        return told_of(self.decisions)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return the decisions for JSON."""

@@ -23,8 +23,9 @@ from tfm_cl.files.image_io.display import WHY_AUTOMATIC, automatic_exposure
 from tfm_cl.files.paths import write_text
 from tfm_cl.files.patterns import FilePattern
 from tfm_cl.model import decided
+from tfm_cl.plan import octaves
 from tfm_cl.plan.options import grids
-from tfm_cl.plan.plan import GROUND, PLACED, Decision, Decisions, Plan, plan
+from tfm_cl.plan.plan import GROUND, PLACED, Decision, Decisions, Plan, plan, told_of
 from tfm_cl.scene import looks, placement
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
@@ -84,6 +85,11 @@ class RangePlan:
     def overrides(self) -> list[tuple[str, Any]]:
         """Pairs of a dotted key and a value, as `SceneFile.read` takes them."""
         return [(key, decision.value) for key, decision in self.decisions.items()]
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """As `tfm_cl.plan.plan.Plan.told`."""
+        return told_of(self.decisions)
 
     def lines(self) -> Iterator[str]:
         """Yield the decisions for people."""
@@ -376,7 +382,7 @@ def _combined(
     of = plans[densest].decisions
     for key, (value, why) in of.items():
         thin = key in OF_DENSEST and plans[densest].scene.primitives
-        if value is not None and (thin or key.endswith(".contribution")):
+        if value is not None and (thin or key.split(".")[-1] in octaves.KEYS):
             yield key, Decision(value, f"{why}, in frame {samples[densest].frame}, the densest")
         elif key in COUNTS and value is not None:
             counts = [one.decisions[key].value for one in plans if key in one.decisions]

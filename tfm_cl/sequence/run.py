@@ -72,7 +72,8 @@ class Failure:
             return (
                 f"frame {self.frame}: out of memory: the volume, map or image is too large for this machine"
             )
-        return f"frame {self.frame}: {'; '.join(map(str, self.error.args))}"
+        begin = f"frame {self.frame}: "
+        return begin + "; ".join(map(str, self.error.args)).removeprefix(begin)
 
 
 @dataclass
