@@ -1,5 +1,8 @@
 """What is decided once for a range of frames."""
 
+import os
+import re
+
 import numpy as np
 import pytest
 from scenes import blobs
@@ -149,6 +152,13 @@ class TestSteady:
         assert path.read_text() != before
         assert RangePlan.load(path) is not None
 
+    def test_values_that_somebody_made_impossible_are_the_plans(self, tmp_path, shot, ledger):
+        path = tmp_path / "a.plan.toml"
+        steady(shot, [1, 2], path, ledger)
+        path.write_text(re.sub(r'"light.cone" = .*', '"light.cone" = -3', path.read_text()))
+        with pytest.raises(InputError, match=r"a\.plan\.toml: .*cone = -3: .*; correct it, or delete"):
+            steady(shot, [1, 2], path, ledger)
+
     def test_other_frames_may_change(self, tmp_path, shot, ledger):
         """A simulation goes on while its first frames are rendered."""
         path = tmp_path / "a.plan.toml"
@@ -165,10 +175,25 @@ class TestSteady:
 
 
 @pytest.mark.parametrize(
-    "text", [b"", b"a = 1", b"[[", b"\xff", b"values = 3\nwhy = 2\nframes = 'x'", b"a = " + b"[" * 10**5]
+    "text",
+    [
+        b"",
+        b"a = 1",
+        b"[[",
+        b"\xff",
+        b"values = 3\nwhy = 2\nframes = 'x'",
+        b"a = " + b"[" * 10**5,
+        b"values = {}\nwhy = {}\nframes = '1'\nlooked_at = [inf]",
+    ],
 )
 def test_damage_is_no_plan(tmp_path, text):
     (tmp_path / "a.toml").write_bytes(text)
+    assert RangePlan.load(tmp_path / "a.toml") is None
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_is_no_plan(tmp_path):
+    os.mkfifo(tmp_path / "a.toml")
     assert RangePlan.load(tmp_path / "a.toml") is None
 
 

@@ -167,9 +167,9 @@ class Range:
         """Decide what is left open, or read what was decided."""
         decided = self.steady(ledger, lambda: self.made.renderer.render)
         for line in decided.lines() if self.verbose else ():
-            print(f"# {line}", file=sys.stderr)
+            print(f"# {one_line(line)}", file=sys.stderr)
         if decided.told and not self.quiet:
-            print(f"chosen for all frames: {as_flags(decided.told)}", file=sys.stderr)
+            print(one_line(f"chosen for all frames: {as_flags(decided.told)}"), file=sys.stderr)
         return decided.overrides
 
     def _check_scheduler(self, address: str) -> None:

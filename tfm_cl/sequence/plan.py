@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import InputError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC, automatic_exposure
-from tfm_cl.files.paths import write_text
+from tfm_cl.files.paths import is_file, write_text
 from tfm_cl.files.patterns import FilePattern
 from tfm_cl.model import decided
 from tfm_cl.plan import octaves
@@ -61,6 +61,17 @@ OF_FLAMES = {"temperature_scale": "for the hottest", "Le_scale": "for the deepes
 """Keys of [medium] that looks take from each file: the least serves all frames."""
 OF_DENSEST = ("map.target", "map.fit", WEIGHTING)
 """What is as in the densest frame."""
+NO_PLAN = (
+    OSError,
+    ArithmeticError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+    InputError,
+)
+"""What reading a file that is none raises."""
 LOOKED_AGAIN = 0.2
 """Seconds after which a plan that another process is making is looked for again."""
 
@@ -113,13 +124,15 @@ class RangePlan:
     def load(cls, path: Path) -> tuple[RangePlan, str, frozenset[int]] | None:
         """Read one, its fingerprint and its frames; None where there is none that can be used."""
         try:
+            if not is_file(path):  # a pipe would never end
+                return None
             with path.open("rb") as file:
                 table = tomllib.loads(file.read(LARGEST).decode())
             values, why = table["values"], table["why"]
             decisions = {str(key): Decision(value, str(why.get(key, ""))) for key, value in values.items()}
             frames = frozenset(frames_of(str(table["frames"])))
             return cls(decisions, tuple(map(int, table["looked_at"]))), str(table["fingerprint"]), frames
-        except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, InputError):
+        except NO_PLAN:
             return None
 
 
@@ -156,7 +169,7 @@ def steady(
     Raises
     ------
     InputError
-        As `decide`; or the file cannot be written.
+        As `decide`; the file cannot be written, or holds values that somebody made impossible.
     """
     while True:
         if (found := _fitting(shot, frames, path, exposes=exposes)) is not None:
@@ -187,7 +200,14 @@ def _fitting(shot: Shot, frames: Collection[int], path: Path, *, exposes: bool) 
         fits = said == _fingerprint(shot, found.looked_at, exposes=exposes)
     except InputError:  # a frame that was looked at is gone
         return None
-    return found if fits else None
+    if not fits:
+        return None
+    try:
+        replace(shot, decided=found.overrides).scene_file(next(iter(found.looked_at), None))
+    except InputError as error:  # somebody changed it
+        wrong = "; ".join(map(str, error.args))
+        raise InputError(f"{path}: {wrong}; correct it, or delete the file to decide anew") from None
+    return found
 
 
 def _fingerprint(shot: Shot, frames: Iterable[int], *, exposes: bool) -> str:
