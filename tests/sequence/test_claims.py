@@ -134,6 +134,23 @@ class TestClaims:
             os.utime(path, (before, before))
             assert ledger.claim("a") is not None
 
+    @pytest.mark.parametrize("kind", ["later", "link", "pipe"])
+    def test_what_nobody_renews_expires(self, tmp_path, kind):
+        """Also one of a clock that was set back since, or what is no claim at all."""
+        with Ledger(tmp_path / "x", expired_after=60) as ledger:
+            path, old = tmp_path / "x" / "a.claim", time.time() + (61 if kind == "later" else -61)
+            if kind == "link":
+                path.symlink_to("nowhere")
+            elif kind == "pipe":
+                if not hasattr(os, "mkfifo"):
+                    pytest.skip("no pipes with names")
+                os.mkfifo(path)
+            else:
+                path.write_text("{}")
+            assert ledger.claim("a") is None
+            os.utime(path, (old, old), follow_symlinks=False)
+            assert ledger.claim("a") is not None
+
     def test_is_renewed(self, tmp_path):
         with Ledger(tmp_path / "x", expired_after=0.2) as ledger:
             claim = ledger.claim("a")

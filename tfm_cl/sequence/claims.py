@@ -26,7 +26,7 @@ from typing import Any, Self
 
 from tfm_cl.errors import InputError
 from tfm_cl.files.locks import has_ended, lock, machine
-from tfm_cl.files.paths import reason_of, remove_unfinished, write_text
+from tfm_cl.files.paths import is_file, reason_of, remove_unfinished, write_text
 
 EXPIRED_AFTER = 120.0
 """Seconds without renewal after which a claim holds nothing."""
@@ -203,10 +203,11 @@ class Ledger:
         if holder is not None and holder.machine == machine() and _has_ended(path, holder):
             return True
         try:
-            age = self._now() - path.stat().st_mtime
+            age = self._now() - path.lstat().st_mtime  # of a link that leads nowhere, too
         except FileNotFoundError:
             return False  # released meanwhile
-        return age > self._expired_after
+        # In the future are claims from before a clock was set back: whoever lives renews them.
+        return abs(age) > self._expired_after
 
     def _now(self) -> float:
         """Return the file system's time."""
@@ -277,6 +278,8 @@ def _holder(path: Path) -> Holder | None:
 
 
 def _read(path: Path) -> dict[str, Any] | None:
+    if not is_file(path):  # a pipe would never end
+        return None
     try:
         with path.open("rb") as file:
             said = json.loads(file.read(LARGEST))
