@@ -1,5 +1,7 @@
 """Motion blur: against means of sharp pictures, whose scenes are made otherwise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import blobs, make_scene
@@ -7,6 +9,7 @@ from tolerances import BLURRED, FLOAT32, MOVED_STEPS
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
+from tfm_cl.render import motion
 from tfm_cl.render.motion import NOTHING_MOVES, moments_of
 
 SHUTTER = (-0.5, 0.5)
@@ -159,3 +162,16 @@ def test_a_shutter_that_closes_before_it_opens_is_refused(renderer, scene):
         renderer.render_blurred(scene, (0.5, 0.0))
     with pytest.raises(SceneError, match="motion_samples"):
         renderer.render_blurred(scene, motion_samples=0)
+
+
+def test_moments_of_other_sizes_are_refused(renderer, scene):
+    small = scene.replace(camera=scene.camera.replace(res=(8, 4)))
+    with pytest.raises(SceneError, match=r"the picture is .* half-way and 8×4 at another moment"):
+        renderer.render_blurred(lambda frames: small if frames else scene, motion_samples=3)
+
+
+def test_moments_with_other_layers_are_refused(renderer, scene):
+    result = renderer.render(scene)
+    mean = motion._Mean(result)
+    with pytest.raises(SceneError, match=r"a layer light\.b at some moments only; keep the names of lights"):
+        mean.add(replace(result, aovs={**result.aovs, "light.b": result.image}))

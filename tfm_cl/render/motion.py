@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tfm_cl.device.advection import moved
+from tfm_cl.errors import SceneError
 from tfm_cl.scene.bodies.flame import flame_in, keep_flame
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
@@ -135,6 +136,11 @@ class Moments:
             Renders one; told of its progress.
         progress
             Told of all.
+
+        Raises
+        ------
+        SceneError
+            Pictures of other sizes, or lights of other names whose layers are asked for.
         """
         last = self.middle
         result = sharp = render(self.middle, _part_of(progress, 0, len(self._moments) + 1))
@@ -174,7 +180,8 @@ class _Mean:
         self._lit, self._meets = self._lit or result.lit, self._meets or result.meets_medium
 
     def add(self, result: RenderResult) -> None:
-        """Add a picture and its layers."""
+        """Add a picture and its layers; raises `SceneError` where it is no other moment of the same."""
+        self._check(result)
         self._count += 1
         self._put("image", result.image)
         self._put("through", result.background_share)
@@ -183,6 +190,22 @@ class _Mean:
         for name in result.aovs:
             if _blurred(name) != "middle":
                 self._put(f"aov.{name}", result.aovs[name])
+
+    def _check(self, result: RenderResult) -> None:
+        """Refuse pictures of other sizes, and with other layers."""
+        sizes = [one.image.shape[1::-1] for one in (self._middle, result)]
+        if sizes[0] != sizes[1]:
+            middle, other = ("×".join(map(str, size)) for size in sizes)
+            raise SceneError(
+                f"image.shutter: the picture is {middle} pixels half-way and {other} at another moment; keep "
+                "camera.res as it is while the shutter is open"
+            )
+        strange = sorted(self._middle.aovs.keys() ^ result.aovs.keys())
+        if strange:
+            raise SceneError(
+                f"image.shutter: there is a layer {strange[0]} at some moments only; keep the names of "
+                "lights as they are while the shutter is open"
+            )
 
     def _put(self, name: str, values: NDArray[np.float32]) -> None:
         if name in self._sums:
