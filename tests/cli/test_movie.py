@@ -67,6 +67,7 @@ def test_what_others_write_into_a_frame_is_no_matter(folder):
         (("-o", "film.gif", "--frames", "one"), "'one'"),
         (("-o", "film.gif", "--view", "flat"), "'flat' is not one of"),
         (("-o", "film.gif", "--exposure", "bright"), "'bright' is not a number"),
+        (("-o", "film.####.gif"), "film.####.gif: is a name of many frames, and a film is one;"),
         (("-o", "no/film.gif"), "no/film.gif: there is no directory"),
     ],
 )

@@ -17,6 +17,7 @@ from tfm_cl.files.film_io.frames import MISSING, Frame, Missing, frames_of
 from tfm_cl.files.image_io import Exposure, WriteOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, check_writable, real_path
+from tfm_cl.files.patterns import FilePattern
 from tfm_cl.sequence.ranges import frames_of as numbers_of
 
 if TYPE_CHECKING:
@@ -143,6 +144,8 @@ def command(
     tfm movie out.*.png -o sheet.png --contact-sheet 6x4
     """  # noqa: D301 - click wants the character \b, not its escape
     made = film_io.format_of(out)
+    if FilePattern.of(out) is not None:
+        raise click.UsageError(f"{out}: is a name of many frames, and a film is one; choose a plain name")
     options = _options(out, made.USES, given)
     made.check(options)
     frames = frames_of(names, None if asked is None else numbers_of(asked), missing)
