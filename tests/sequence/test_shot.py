@@ -1,5 +1,6 @@
 """A shot: what each of its frames is of."""
 
+import numpy as np
 import pytest
 
 from tfm_cl.errors import SceneError
@@ -55,3 +56,26 @@ def test_a_camera_of_a_matrix_is_not_turned(scene):
 def test_a_turn_has_frames(scene):
     with pytest.raises(SceneError, match="turntable = 0: should be a number of frames from 1"):
         Shot(scene, turntable=0)
+
+
+@pytest.mark.parametrize("turn", [2.5, "4", float("nan"), 10**30])
+def test_a_turn_has_whole_frames(scene, turn):
+    with pytest.raises(SceneError, match=r"turntable = .*: should be a number of frames from 1"):
+        Shot(scene, turntable=turn)
+
+
+@pytest.mark.parametrize("frame", ["1", float("nan"), float("inf"), 10**400, True, [1]])
+def test_a_frame_is_a_number(scene, frame):
+    with pytest.raises(SceneError, match=r"frame = .*: should be a number up to 1,000,000,000"):
+        Shot(scene).scene_file(frame)
+
+
+def test_a_frame_may_be_a_number_of_numpy(scene):
+    fov = [{"frame": 1, "value": 20}, {"frame": 3, "value": 30}]
+    assert Shot(scene, [("camera.fov", fov)]).scene(np.float32(2)).camera.fov == 25
+
+
+@pytest.mark.parametrize("pairs", [5, "camera.fov", [("camera.fov",)], [(1, 2)], {"camera.fov": 30}])
+def test_overrides_are_pairs(scene, pairs):
+    with pytest.raises(SceneError, match="overrides: should be pairs of a dotted key and a value"):
+        Shot(scene, pairs)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from tfm_cl.files.paths import source_of
 from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.sequence.ranges import LARGEST_FRAME
 from tfm_cl.sequence.turntable import FULL_TURN, angle_of
 
 
@@ -37,7 +40,7 @@ class Shot:
     Raises
     ------
     SceneError
-        A turn of no frames, or a path that is none.
+        A turn of no frames, overrides that are no pairs, or a path that is none.
     """
 
     path: str | os.PathLike[str]
@@ -48,10 +51,11 @@ class Shot:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", source_of(self.path, error=SceneError))
-        object.__setattr__(self, "overrides", tuple(self.overrides))
-        object.__setattr__(self, "decided", tuple(self.decided))
-        if self.turntable is not None and self.turntable < 1:
-            raise SceneError(f"turntable = {self.turntable}: should be a number of frames from 1")
+        object.__setattr__(self, "overrides", _pairs("overrides", self.overrides))
+        object.__setattr__(self, "decided", _pairs("decided", self.decided))
+        turn = self.turntable
+        if turn is not None and not (isinstance(turn, Integral) and 1 <= turn <= LARGEST_FRAME):
+            raise SceneError(f"turntable = {turn!r}: should be a number of frames from 1")
 
     def scene_file(self, frame: float | None = None) -> SceneFile:
         """Read what is asked for in a frame; without one, in all frames of what does not change.
@@ -59,8 +63,9 @@ class Shot:
         Raises
         ------
         SceneError, VolumeError
-            As `tfm_cl.scene.scene_file.SceneFile.read`.
+            As `tfm_cl.scene.scene_file.SceneFile.read`; and a frame that is no number.
         """
+        frame = _checked(frame)
         found = SceneFile.read(Path(self.path), self.overrides, self.look, frame, self.decided)
         if self.turntable is None or frame is None:
             return found
@@ -75,3 +80,21 @@ class Shot:
             As `scene_file`; and a volume that cannot be used.
         """
         return self.scene_file(frame).make(Scene)
+
+
+def _pairs(name: str, values: Iterable[tuple[str, Any]]) -> tuple[tuple[str, Any], ...]:
+    pairs: tuple[tuple[str, Any], ...] | None = None
+    with suppress(TypeError, ValueError):
+        pairs = tuple((key, value) for key, value in values)
+    if pairs is None or not all(isinstance(key, str) for key, _ in pairs):
+        raise SceneError(f'{name}: should be pairs of a dotted key and a value, as ("camera.fov", 30.0)')
+    return pairs
+
+
+def _checked(frame: float | None) -> float | None:
+    """Return a frame as a number of Python's own."""
+    if frame is None:
+        return None
+    if not isinstance(frame, Real) or isinstance(frame, bool) or not abs(frame) <= LARGEST_FRAME:
+        raise SceneError(f"frame = {frame!r:.40}: should be a number up to {LARGEST_FRAME:,}")
+    return int(frame) if float(frame).is_integer() else float(frame)
