@@ -99,6 +99,8 @@ def name_at(pattern: FilePattern, frame: float, numbers: FrameNumbers, folder: P
     if not there:
         raise SceneError(f"frame {frame:g}: there is no {name}, nor any other of {pattern.text}")
     side: Literal["before", "after"] = "before" if number < there[0] else "after"
+    if number in there:
+        raise SceneError(f"frame {frame:g}: {name} is not a plain file, or leads nowhere")
     nearest = there[0 if side == "before" else -1]
     missing: Missing = getattr(numbers, side) if number not in range(there[0], there[-1] + 1) else "error"
     if missing != "error":
