@@ -1,14 +1,17 @@
 """Who hears of Ctrl-C: Python in its main thread, and nothing that compiles."""
 
+import importlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from tfm_cl.files import image_io
 from tfm_cl.interrupts import interrupts_held, interrupts_ours
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals as POSIX sends them")
@@ -27,6 +30,19 @@ def test_ctrl_c_waits(held):
         interrupt()
     assert passed
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_formats_of_pictures_are_imported_whole(tmp_path, monkeypatch):
+    """OpenEXR fails, or forgets Ctrl-C, where that meets it."""
+    waiting = []
+
+    def imported(*name):
+        waiting.append(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+        return importlib.import_module(*name)
+
+    monkeypatch.setattr(image_io, "importlib", SimpleNamespace(import_module=imported))
+    image_io.check_writable(tmp_path / "a.exr")
+    assert waiting == [True]
 
 
 COMPILING = """

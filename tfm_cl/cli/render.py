@@ -33,6 +33,7 @@ from tfm_cl.errors import InputError
 from tfm_cl.files import image_io
 from tfm_cl.files.paths import check_writable, path_of, real_path, write_text
 from tfm_cl.files.patterns import FilePattern
+from tfm_cl.interrupts import interrupts_held
 from tfm_cl.plan.plan import Plan
 from tfm_cl.scene.scene_file import SceneFile, Values
 from tfm_cl.scene.scene_file_writer import scene_text, to_toml
@@ -191,9 +192,7 @@ class _Run:
         loaded = time.perf_counter()
         with progress_bar(quiet=told.quiet, farm=self.farm) as progress:
             if self.renderer is None:
-                from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - printing needs no OpenCL
-
-                self.renderer = stack.enter_context(Renderer(self.device))
+                self.renderer = stack.enter_context(_renderer(self.device))
             done = ready.render(self.renderer, pictures, progress)
         told.warn(done.warnings)
         if done.stops is not None and ready.file.image.exposure == "auto":
@@ -322,8 +321,8 @@ def _frames_of(text: str) -> tuple[int, ...]:
 
 
 def _renderer(device: str | None) -> "Renderer":
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - reading needs no OpenCL
-
+    with interrupts_held():  # modules in C, which fail or forget Ctrl-C while they are imported
+        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415 - reading needs no OpenCL
     return Renderer(device)
 
 

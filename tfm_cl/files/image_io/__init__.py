@@ -17,6 +17,7 @@ from tfm_cl.files import paths as files
 from tfm_cl.files.image_io.image import Image, Picture
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.files.paths import check_readable, path_of, reason_of, replacing, source_of
+from tfm_cl.interrupts import interrupts_held
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.plugins import register_format, register_installed
 
@@ -234,7 +235,8 @@ def _format(path: Path) -> ImageFormat:
         raise ImageError(
             f"{path}: not a known image format '{path.suffix}'; known: {' '.join(sorted(FORMATS))}"
         )
-    return cast("ImageFormat", importlib.import_module(module_name, __name__))
+    with interrupts_held():  # modules in C that Ctrl-C meets while they are imported fail, or forget it
+        return cast("ImageFormat", importlib.import_module(module_name, __name__))
 
 
 def register_image_format(extension: str, module: str) -> None:
