@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -150,6 +151,13 @@ class TestClaims:
             assert ledger.claim("a") is None
             os.utime(path, (old, old), follow_symlinks=False)
             assert ledger.claim("a") is not None
+
+    @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="no /proc as Linux has it")
+    def test_whoever_renews_hears_of_no_ctrl_c(self, ledger):
+        """Else it waits nowhere: a process's signal goes to any thread that takes it."""
+        status = Path(f"/proc/self/task/{ledger._renewer.native_id}/status").read_text()
+        blocked = next(line for line in status.splitlines() if line.startswith("SigBlk"))
+        assert int(blocked.split()[1], 16) & 1 << signal.SIGINT - 1
 
     def test_is_renewed(self, tmp_path):
         with Ledger(tmp_path / "x", expired_after=0.2) as ledger:

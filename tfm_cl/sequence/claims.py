@@ -27,6 +27,7 @@ from typing import Any, Self
 from tfm_cl.errors import InputError
 from tfm_cl.files.locks import has_ended, lock, machine
 from tfm_cl.files.paths import is_file, reason_of, remove_unfinished, write_text
+from tfm_cl.interrupts import interrupts_held
 
 EXPIRED_AFTER = 120.0
 """Seconds without renewal after which a claim holds nothing."""
@@ -110,7 +111,8 @@ class Ledger:
         except OSError as error:
             raise InputError(f"{self._folder}: cannot be written ({reason_of(error)})") from error
         remove_unfinished(self._folder)
-        self._renewer.start()
+        with interrupts_held():  # which this thread would take, while others are to wait for it
+            self._renewer.start()
         return self
 
     def __exit__(
