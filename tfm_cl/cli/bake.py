@@ -28,6 +28,7 @@ from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
 from tfm_cl.files.paths import real_path
+from tfm_cl.interrupts import interrupts_held
 from tfm_cl.plan import options
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.scene import Scene
@@ -185,7 +186,8 @@ def command(
     scene.read_files()  # before the device is looked for
 
     # OpenCL takes its time to import.
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
+    with interrupts_held():  # modules in C fail where Ctrl-C meets them while they are imported
+        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         frames: list[Callable[[], Scene]] = [lambda: scene]

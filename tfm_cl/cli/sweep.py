@@ -19,6 +19,7 @@ from tfm_cl.cli.options import (
 from tfm_cl.cli.paths import SOURCE, TARGET
 from tfm_cl.cli.progress import progress_bar
 from tfm_cl.cli.streams import one_line
+from tfm_cl.interrupts import interrupts_held
 
 AXES = {
     "bases": ("--bases", "basis"),
@@ -167,7 +168,8 @@ def command(
         raise click.UsageError("--converged-steps: there is nothing converged with --no-converged")
 
     # OpenCL and scikit-image take their time to import.
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
+    with interrupts_held():  # modules in C fail where Ctrl-C meets them while they are imported
+        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
     from tfm_cl.sweep import run as sweep  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress:

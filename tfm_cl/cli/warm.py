@@ -19,6 +19,7 @@ from tfm_cl.cli.options import (
 )
 from tfm_cl.cli.paths import SOURCE
 from tfm_cl.cli.progress import progress_bar
+from tfm_cl.interrupts import interrupts_held
 from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
 from tfm_cl.scene.scene_file import SceneFile
@@ -71,7 +72,8 @@ def _compile(files: list[SceneFile], device: str | None, *, quiet: bool) -> None
         scene.read_files()  # before the device is looked for
 
     # Imported here: what is refused needs no OpenCL.
-    from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
+    with interrupts_held():  # modules in C fail where Ctrl-C meets them while they are imported
+        from tfm_cl.render.renderer import Renderer  # noqa: PLC0415
 
     with progress_bar(quiet=quiet) as progress, Renderer(device) as renderer:
         seconds = sum(
