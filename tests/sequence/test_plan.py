@@ -184,6 +184,7 @@ class TestSteady:
         b"values = 3\nwhy = 2\nframes = 'x'",
         b"a = " + b"[" * 10**5,
         b"values = {}\nwhy = {}\nframes = '1'\nlooked_at = [inf]",
+        b"values = {'volume.file' = 'other.npy'}\nwhy = {}\nframes = '1'\nlooked_at = [1]\nfingerprint = 'a'",
     ],
 )
 def test_damage_is_no_plan(tmp_path, text):

@@ -145,7 +145,7 @@ def command(
             ready = run.read(number)
             if number == wanted[0] and not quiet:
                 _tell_left_out(pictures, ready.file.image)
-                _tell_unused(pictures, dict(changes))
+                _tell_unused(pictures, dict(changes), ready.file.image)
                 _tell_chosen(source, ready.planned)
             told.warn(ready.warnings())
             if verbose:
@@ -366,7 +366,7 @@ def _check_range(
         _check_apart((*named(outputs, number), *filter(None, [json_file])), scene_file)
         if not quiet:
             _tell_left_out(named(pictures, number), scene_file.image)
-            _tell_unused(pictures, dict(changes))
+            _tell_unused(pictures, dict(changes), scene_file.image)
         return
 
 
@@ -412,8 +412,12 @@ OF_FORMATS = {
 """Extension -> options that are of such pictures alone."""
 
 
-def _tell_unused(outputs: tuple[Path, ...], changes: Values) -> None:
+def _tell_unused(outputs: tuple[Path, ...], changes: Values, image: ImageSettings) -> None:
     """Say which options were given for pictures that are not asked for."""
+    moments = "image.motion_samples"
+    if moments in changes and not image.is_blurred:
+        flag = as_flags({moments: changes[moments]})
+        print(f"tfm: note: {flag} is of a shutter that is open for some time (--shutter)", file=sys.stderr)
     for extension, keys in OF_FORMATS.items():
         given = {key: changes[key] for key in keys if key in changes}
         if given and outputs and not any(path.name.lower().endswith(extension) for path in outputs):

@@ -72,6 +72,8 @@ NO_PLAN = (
     InputError,
 )
 """What reading a file that is none raises."""
+OF_WORDS = (".lookup", ".target", ".fit", ".up")
+"""Ends of the keys whose values are words."""
 LOOKED_AGAIN = 0.2
 """Seconds after which a plan that another process is making is looked for again."""
 
@@ -129,6 +131,8 @@ class RangePlan:
             with path.open("rb") as file:
                 table = tomllib.loads(file.read(LARGEST).decode())
             values, why = table["values"], table["why"]
+            if any(isinstance(value, str) and not key.endswith(OF_WORDS) for key, value in values.items()):
+                return None  # a plan names no files
             decisions = {str(key): Decision(value, str(why.get(key, ""))) for key, value in values.items()}
             frames = frozenset(frames_of(str(table["frames"])))
             return cls(decisions, tuple(map(int, table["looked_at"]))), str(table["fingerprint"]), frames
