@@ -104,7 +104,7 @@ class TestClaims:
         with Ledger(tmp_path / "x") as ledger:
             ledger.claim("a")
             ledger.claim("b")
-        assert list((tmp_path / "x").iterdir()) == []
+        assert not (tmp_path / "x").exists()
 
     def test_ends_with_its_process(self, ledger, other):
         assert ledger.claim("a.0001.exr") is None
@@ -177,6 +177,15 @@ class TestClaims:
             assert not claim.is_held()
             claim.renew()
         assert path.exists()
+
+
+def test_an_empty_folder_goes_and_comes_again(ledger, outputs, tmp_path):
+    with Ledger(tmp_path / ".a.tfm"):
+        pass
+    assert not (tmp_path / ".a.tfm").exists()
+    assert ledger.claim("a.0001.exr") is not None
+    ledger.record("a.0001.exr", "made", outputs)
+    assert ledger.is_done("a.0001.exr", "made", outputs)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):

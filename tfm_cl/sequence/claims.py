@@ -105,8 +105,8 @@ class Ledger:
         self._renewer = threading.Thread(target=self._renew, name="claims", daemon=True)
 
     def __enter__(self) -> Self:
+        self._make()
         try:
-            self._folder.mkdir(exist_ok=True)
             self._now()
         except OSError as error:
             raise InputError(f"{self._folder}: cannot be written ({reason_of(error)})") from error
@@ -124,6 +124,15 @@ class Ledger:
             self.release(claim)
         self._release_ended()
         remove_unfinished(self._folder)
+        with contextlib.suppress(OSError):
+            self._folder.rmdir()  # if nothing was done
+
+    def _make(self) -> None:
+        """Make the folder, which goes with the last process that had nothing to note."""
+        try:
+            self._folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be written ({reason_of(error)})") from error
 
     # ----------------------------------------------------------------- what is done
 
@@ -140,6 +149,7 @@ class Ledger:
         InputError
             It cannot be written.
         """
+        self._make()
         text = json.dumps({"fingerprint": fingerprint, "outputs": _states(outputs)})
         write_text(self._folder / f"{name}{DONE}", text + "\n")
 
@@ -158,6 +168,7 @@ class Ledger:
         InputError
             The folder cannot be written.
         """
+        self._make()
         path = self._folder / f"{name}{CLAIM}"
         try:
             claim = _created(path) or (self._taken_over(path) if self._is_stale(path) else None)
