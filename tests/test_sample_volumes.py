@@ -46,6 +46,7 @@ def modules():
     """The generators' modules, which import each other as scripts do."""
     names = (
         "noise",
+        "flow",
         "cumulus",
         "figure",
         "plume",
@@ -343,7 +344,7 @@ def test_cellular_noise_is_the_nearest_point(modules):
 
 def test_ring_vortex_rolls_without_divergence(modules):
     velocity = np.array((0.3, 1.2, -0.4))
-    ring = modules["plume"].ring_vortex
+    ring = modules["flow"].ring_vortex
     rng = np.random.default_rng(5)
     directions = rng.standard_normal((3, 300))
     directions /= np.linalg.norm(directions, axis=0)

@@ -12,9 +12,9 @@
 from functools import cache
 
 import numpy as np
+from flow import add_vortices, traced_back
 from noise import F32, Lattice, Points, curl_noise, fractal, smoothstep
 from numpy.typing import NDArray
-from plume import ring_vortex
 
 SHAPE = (90, 132, 144)
 """Voxels (z, y, x); multiples of 3."""
@@ -65,7 +65,7 @@ def _inks(z: F32, y: F32, x: F32) -> F32:
     points = (everywhere[0][near], everywhere[1][near], everywhere[2][near])
     found = np.zeros((mesh[0].size, len(HEADS)), dtype=np.float32)
     if near.size:
-        origin = _origin_of(points)
+        origin = traced_back(points, _velocity, STEPS)
         rough = fractal(Lattice.seeded(91), (origin[0] * 5, origin[1] * 5, origin[2] * 5), 3, gain=0.5)
         inks = np.stack([_ink(origin, head, rough) for head in HEADS], axis=-1)
         found[near] = inks * _inside(points)[:, None]
@@ -123,19 +123,6 @@ def _vortices() -> F32:
     return np.array(rows, dtype=np.float32)
 
 
-def _origin_of(points: Points) -> Points:
-    """Trace points back through the flow for one unit of time."""
-    for _ in range(STEPS):
-        middle = _back(points, _velocity(points), 0.5 / STEPS)
-        points = _back(points, _velocity(middle), 1 / STEPS)
-    return points
-
-
-def _back(points: Points, velocity: Points, time: float) -> Points:
-    x, y, z = (p - v * np.float32(time) for p, v in zip(points, velocity, strict=True))
-    return x, y, z
-
-
 def _velocity(points: Points) -> Points:
     x, y, z = points
     total = (np.zeros_like(x), np.zeros_like(x), np.zeros_like(x))
@@ -144,10 +131,5 @@ def _velocity(points: Points) -> Points:
         eddies = curl_noise(Lattice.seeded(101 + octave), Lattice.seeded(111 + octave), scaled)
         for axis, eddy in enumerate(eddies):
             total[axis][:] += np.float32(speed) * eddy
-    for cx, cy, cz, radius, *velocity in _vortices():
-        dx, dy, dz = (x - cx) / radius, (y - cy) / radius, (z - cz) / radius
-        within = np.flatnonzero(dx * dx + dy * dy + dz * dz < 1)
-        ring = ring_vortex((dx[within], dy[within], dz[within]), np.array(velocity))
-        for axis, component in enumerate(ring):
-            total[axis][within] += component
+    add_vortices(total, points, _vortices())
     return total

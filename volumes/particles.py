@@ -15,9 +15,9 @@ shrinks: cores that let no light through beside wisps and veils that hardly dim 
 from dataclasses import dataclass
 
 import numpy as np
+from flow import ring_vortex
 from noise import Lattice, Points, curl_noise, fractal
 from numpy.typing import NDArray
-from plume import ring_vortex
 
 F64 = NDArray[np.float64]
 

@@ -12,8 +12,8 @@
 from functools import cache
 
 import numpy as np
+from flow import add_vortices, traced_back
 from noise import F32, Lattice, Points, cellular_noise, curl_noise, fractal, smoothstep
-from numpy.typing import NDArray
 
 SHAPE = (111, 174, 111)
 """Voxels (z, y, x); multiples of 3."""
@@ -59,7 +59,7 @@ def density(z: F32, y: F32, x: F32) -> F32:
 
 def _density_at(points: Points) -> F32:
     height = points[1] - np.float32(FOOT)
-    x, y, z = _origin_of(points)
+    x, y, z = traced_back(points, _velocity, STEPS)
     rough = fractal(Lattice.seeded(61), (x * 4, y * 4, z * 4), 5, gain=0.6)
     cells = cellular_noise(Lattice.seeded(62), (x * 9, y * 9, z * 9))
     breakup = 0.15 + 0.55 * smoothstep(0.0, 1.9, height)
@@ -118,19 +118,6 @@ def _puff_distance(points: Points) -> F32:
     return distance
 
 
-def _origin_of(points: Points) -> Points:
-    """Trace points back through the flow for one unit of time."""
-    for _ in range(STEPS):
-        middle = _back(points, _velocity(points), 0.5 / STEPS)
-        points = _back(points, _velocity(middle), 1 / STEPS)
-    return points
-
-
-def _back(points: Points, velocity: Points, time: float) -> Points:
-    x, y, z = (p - v * time for p, v in zip(points, velocity, strict=True))
-    return x, y, z
-
-
 def _velocity(points: Points) -> Points:
     x, y, z = points
     total = (np.zeros_like(x), np.zeros_like(x), np.zeros_like(x))
@@ -141,35 +128,5 @@ def _velocity(points: Points) -> Points:
         eddies = curl_noise(Lattice.seeded(71 + octave), Lattice.seeded(81 + octave), scaled)
         for axis, eddy in enumerate(eddies):
             total[axis][:] += speed * growth * eddy
-    for cx, cy, cz, radius, *velocity in _vortices():
-        dx, dy, dz = (x - cx) / radius, (y - cy) / radius, (z - cz) / radius
-        within = np.flatnonzero(dx * dx + dy * dy + dz * dz < 1)
-        ring = ring_vortex((dx[within], dy[within], dz[within]), np.array(velocity))
-        for axis, component in enumerate(ring):
-            total[axis][within] += component
+    add_vortices(total, points, _vortices())
     return total
-
-
-def ring_vortex(offset: Points, velocity: NDArray[np.floating]) -> Points:
-    """Velocity of a vortex ring that fills the unit ball and is at rest on its surface.
-
-    Stokes' stream function s² q² U / 2, with q = 1 - r² and s the distance from the axis e, gives the
-    velocity U [(q² - 2 q s²) e + 2 q h (r - h e)] = U [q (q - 2 r²) e + 2 q h r], where h = e · r.
-
-    Parameters
-    ----------
-    offset
-        Points of the unit ball, from its centre.
-    velocity
-        (3,), at the centre: U e.
-    """
-    x, y, z = offset
-    square = x * x + y * y + z * z
-    q = 1 - square
-    along = q * (q - 2 * square)
-    across = 2 * q * (x * velocity[0] + y * velocity[1] + z * velocity[2])
-    return (
-        along * velocity[0] + across * x,
-        along * velocity[1] + across * y,
-        along * velocity[2] + across * z,
-    )

@@ -4,7 +4,7 @@ Every few frames a puff leaves the ground. It is a unit ball that is moved and s
 
 1. Path: the puff slows down as it rises, and the wind carries it off, the more the higher it is.
 2. Size: its radius grows with the height above the ground, and its density thins out in turn.
-3. Flow: within the ball turns a ring vortex, `plume.ring_vortex`, up in the middle and down outside, slower
+3. Flow: within the ball turns a ring vortex, `flow.ring_vortex`, up in the middle and down outside, slower
    the larger the ball. Smoke is carried along: a point's density is that of the place in the new puff that it
    has come from, traced back through the vortex (midpoint rule).
 4. A new puff is a ball with a border that fractal noise displaces.
@@ -16,8 +16,8 @@ units a second. Where puffs overlap, it is their mean by density.
 from typing import NamedTuple
 
 import numpy as np
+from flow import ring_vortex
 from noise import F32, Lattice, Points, fractal, smoothstep
-from plume import ring_vortex
 
 SHAPE = (56, 108, 72)
 """Voxels (z, y, x)."""
