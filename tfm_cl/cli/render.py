@@ -415,7 +415,7 @@ OF_FORMATS = {
 def _tell_unused(outputs: tuple[Path, ...], changes: Values, image: ImageSettings) -> None:
     """Say which options were given for pictures that are not asked for."""
     moments = "image.motion_samples"
-    if moments in changes and not image.is_blurred:
+    if moments in changes and outputs and not image.is_blurred:
         flag = as_flags({moments: changes[moments]})
         print(f"tfm: note: {flag} is of a shutter that is open for some time (--shutter)", file=sys.stderr)
     for extension, keys in OF_FORMATS.items():

@@ -184,8 +184,8 @@ class _Run:
                     time.sleep(LOOKED_AGAIN)
                 waiting.extend(busy)
         finally:
-            for executor in (reader, writer):
-                executor.shutdown(cancel_futures=True)
+            reader.shutdown(cancel_futures=True)
+            writer.shutdown()  # what is rendered is written
         return self._outcome
 
     def _once(self, waiting: deque[int], reader: ThreadPoolExecutor, writer: ThreadPoolExecutor) -> list[int]:
