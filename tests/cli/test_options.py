@@ -13,8 +13,8 @@ import tfm_cl
 from tfm_cl.cli import COMMANDS, tfm
 from tfm_cl.cli.options import SCENE_OPTIONS, as_flags, toml_value
 from tfm_cl.plan import octaves
+from tfm_cl.scene.frame_numbers import KEYS as OF_FRAMES
 from tfm_cl.scene.lights import SpotLight
-from tfm_cl.scene.of_frames import KEYS as OF_FRAMES
 from tfm_cl.scene.presets import PRESETS
 from tfm_cl.scene.scene_file import SECTIONS
 

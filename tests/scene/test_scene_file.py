@@ -20,8 +20,8 @@ from tfm_cl.errors import SceneError, TfmError
 from tfm_cl.plan import options, resolution
 from tfm_cl.plan.plan import plan
 from tfm_cl.scene.fields import fields_of
+from tfm_cl.scene.frame_numbers import KEYS as OF_FRAMES
 from tfm_cl.scene.movable import STEPS
-from tfm_cl.scene.of_frames import KEYS as OF_FRAMES
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SECTIONS, SceneFile
 from tfm_cl.scene.scene_file_writer import to_toml

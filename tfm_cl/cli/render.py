@@ -40,11 +40,11 @@ from tfm_cl.scene.scene_file_writer import scene_text, to_toml
 from tfm_cl.scene.settings import ImageSettings
 from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.frame import ReadFrame, check_blurred, read
-from tfm_cl.sequence.frames import FrameWorker, ShotFrames
 from tfm_cl.sequence.names import Files
 from tfm_cl.sequence.plan import RangePlan, looked_at, steady
 from tfm_cl.sequence.ranges import frames_of
 from tfm_cl.sequence.shot import Shot
+from tfm_cl.sequence.shot_frames import FrameWorker, ShotFrames
 
 if TYPE_CHECKING:
     from tfm_cl.render.renderer import Renderer

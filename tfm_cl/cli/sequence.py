@@ -97,7 +97,7 @@ def share_cores(jobs: int) -> None:
 
 
 class Making(Frames, Protocol):
-    """What makes frames in this process, as `tfm_cl.sequence.frames.ShotFrames` does."""
+    """What makes frames in this process, as `tfm_cl.sequence.shot_frames.ShotFrames` does."""
 
     progress: Progress | None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from tfm_cl.device.advection import moved
 from tfm_cl.errors import SceneError
-from tfm_cl.scene.bodies.flame import flame_in, keep_flame
+from tfm_cl.scene.bodies.flame import flame_in, heat_of, keep_flame
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.layers import LAYERS
@@ -70,8 +70,7 @@ class Mover:
             return body.moved(frames)
         if not isinstance(body, Volume) or (velocity := body.velocity) is None:
             return body
-        heat = (medium.temperature, medium.temperature_offset, medium.temperature_scale)
-        key = (*body.density_key, velocity.number, frames, heat)
+        key = (*body.density_key, velocity.number, frames, heat_of(medium))
         made = self._cache.get("moved", key, lambda: self._volume(body, velocity, medium, frames), _bytes_of)
         return body if made is None else made.with_medium(body.medium)
 

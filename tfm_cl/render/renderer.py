@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,19 @@ if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
 Crop = tuple[int, int, int, int]
+
+
+class _Asked(NamedTuple):
+    """What is rendered."""
+
+    scene: Scene
+    """With the numbers that keep an error, where one is asked for."""
+    error: float | None
+    """That they have."""
+    limited: Sequence[str]
+    """What its resolution is too coarse for."""
+    for_lattice: bool
+    """Whether a lattice of light is asked for."""
 
 
 class Renderer:
@@ -469,13 +482,9 @@ class Renderer:
         middle = moments.middle
         if image.shows_environment:
             check_surrounded(middle.lights)
-        middle.read_files()
-        estimate, limited = None, resolution.limited(middle)
-        asks_for_lattice = middle.map.lookup == "lattice" and _checked_method(method, middle) == "tfm"
-        if middle.map.max_error is not None:
-            decided, estimate = self._chosen(middle, method, crop, None, progress)
-            limited = ()
-        else:
+        asked = self._asked(middle, method, crop, None, progress)
+        decided = asked.scene
+        if asked.error is None:
             decided = plan(middle, method=_checked_method(method, middle)).scene
 
         def render(moment: Scene, progress: Progress) -> RenderResult:
@@ -490,9 +499,7 @@ class Renderer:
             )
             return result.over(image.background) if image.has_background else result
 
-        result = moments.rendered(render, progress)
-        result.stats.error_estimate = estimate
-        return self._told(result, limited, decided if asks_for_lattice else None)
+        return self._told(moments.rendered(render, progress), asked)
 
     def _rendered(
         self,
@@ -506,14 +513,9 @@ class Renderer:
         progress: Progress | None,
     ) -> RenderResult:
         """Render a scene as asked for, and say what a user should know of it."""
-        scene.read_files()
-        estimate, limited = None, resolution.limited(scene)
-        asks_for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
-        if scene.map.max_error is not None:
-            scene, estimate = self._chosen(scene, method, crop, maps, progress or _silent)
-            limited = ()
+        asked = self._asked(scene, method, crop, maps, progress or _silent)
         result = self._render(
-            scene,
+            asked.scene,
             maps=maps,
             method=method,
             crop=crop,
@@ -522,15 +524,32 @@ class Renderer:
             antialiasing=Antialiasing(image.samples, image.filter),
             deep=deep,
         )
-        result.stats.error_estimate = estimate
         if image.has_background:
             result = result.over(image.background)
-        return self._told(result, limited, scene if asks_for_lattice else None)
+        return self._told(result, asked)
 
-    def _told(self, result: RenderResult, limited: Sequence[str], on_lattice: Scene | None) -> RenderResult:
-        """Return the result with all that a user should know; ``on_lattice``: what asks for a lattice."""
-        left_out = None if on_lattice is None else lattice.left_out(on_lattice)
-        result = replace(result, warnings=(*limited, *result.warnings, *([left_out] if left_out else [])))
+    def _asked(
+        self,
+        scene: Scene,
+        method: str | None,
+        crop: Crop | None,
+        maps: list[TransmittanceMap] | None,
+        progress: Progress,
+    ) -> _Asked:
+        """Read the files of a scene, and choose its numbers where an error is asked for."""
+        scene.read_files()
+        for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
+        if scene.map.max_error is None:
+            return _Asked(scene, None, resolution.limited(scene), for_lattice)
+        return _Asked(*self._chosen(scene, method, crop, maps, progress), (), for_lattice)
+
+    def _told(self, result: RenderResult, asked: _Asked) -> RenderResult:
+        """Return the result with all that a user should know."""
+        result.stats.error_estimate = asked.error
+        left_out = lattice.left_out(asked.scene) if asked.for_lattice else None
+        result = replace(
+            result, warnings=(*asked.limited, *result.warnings, *([left_out] if left_out else []))
+        )
         if diagnosis.is_black(result.image):
             why = diagnosis.why_black(result, self._visibility)
             result = replace(result, warnings=(*result.warnings, why))

@@ -11,7 +11,7 @@ from tfm_cl.files.paths import source_of
 from tfm_cl.files.patterns import FilePattern
 from tfm_cl.files.volume_io import is_volume_file
 from tfm_cl.scene.bodies.base import BODIES
-from tfm_cl.scene.of_frames import KEYS, FrameNumbers, name_at
+from tfm_cl.scene.frame_numbers import KEYS, FrameNumbers, name_at
 from tfm_cl.scene.solids.base import MESHES
 
 Values = dict[str, Any]

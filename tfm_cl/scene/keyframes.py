@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tfm_cl.errors import Fault, Faults, Key
-from tfm_cl.scene.moved import Moved, affine_of, angle_between, turned_between
+from tfm_cl.scene.matrix_interpolation import Decomposed, affine_of, angle_between, turned_between
 
 INTERPOLATIONS = ("linear", "smooth", "step")
 """Between a key and the next, said by the key: a straight line; a curve without overshoot; none."""
@@ -189,13 +189,15 @@ def _between(keyframes: Sequence[_Keyframe], frame: float, *, is_matrix: bool) -
     # Of four neighbours a curve knows all that it depends on.
     near = keyframes[max(after - 2, 0) : after + 2]
     matrices = [affine_of(one.value) for one in near] if is_matrix else [None]
-    places = [Moved.of(matrix) for matrix in matrices if matrix is not None]
+    places = [Decomposed.of(matrix) for matrix in matrices if matrix is not None]
     if len(places) == len(near):
         return _moved(places, near, min(after - 1, 1), frame)
     return _mixed([one.value for one in near], near, min(after - 1, 1), frame)
 
 
-def _moved(places: Sequence[Moved], near: Sequence[_Keyframe], begin: int, frame: float) -> list[list[float]]:
+def _moved(
+    places: Sequence[Decomposed], near: Sequence[_Keyframe], begin: int, frame: float
+) -> list[list[float]]:
     """Return the matrix between two places: turned the shorter way, the rest number by number."""
     shift = _mixed([place.shift.tolist() for place in places], near, begin, frame)
     stretch = _mixed([place.stretch.tolist() for place in places], near, begin, frame)
@@ -206,7 +208,7 @@ def _moved(places: Sequence[Moved], near: Sequence[_Keyframe], begin: int, frame
     angle = turned[begin + 1] - turned[begin]
     along = (_mixed(turned, near, begin, frame) - turned[begin]) / angle if angle > 0 else 0.0
     turn = turned_between(one, other, along)
-    found: list[list[float]] = Moved(np.array(shift), turn, np.array(stretch)).matrix().tolist()
+    found: list[list[float]] = Decomposed(np.array(shift), turn, np.array(stretch)).matrix().tolist()
     return found
 
 

@@ -46,10 +46,10 @@ from tfm_cl.scene.bodies.velocity import OUTLIERS
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.camera import Camera
 from tfm_cl.scene.camera import outdone as outdone_of_camera
+from tfm_cl.scene.frame_numbers import FrameNumbers, OfFrames, name_at
 from tfm_cl.scene.lights.base import LIGHTS, Light, names_of, parse_light
 from tfm_cl.scene.medium import Medium, OwnMedium
 from tfm_cl.scene.movable import Movable, outdone
-from tfm_cl.scene.of_frames import FrameNumbers, OfFrames, name_at
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.presets import PRESETS, expanded
 from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings, ShadowSettings
@@ -76,7 +76,11 @@ def _file(value: Any) -> str:
     return name_of(value, "a volume file")
 
 
-@accepts(TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
+NAMES = (TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
+"""JSON Schemas of what is read beside a grid."""
+
+
+@accepts(*NAMES)
 def _colour_source(value: Any) -> Any:
     what = (
         "an array, of a grid of vectors or of a file with one, three names of grids ['r', 'g', 'b'], or false"
@@ -109,7 +113,7 @@ def _window(value: Any) -> Any:
     return float(value[0]), float(value[1])
 
 
-@accepts(TEXT, {"type": "array", "items": TEXT, "minItems": 3, "maxItems": 3}, {"const": False})
+@accepts(*NAMES)
 def _velocity_source(value: Any) -> Any:
     what = "a grid of vectors or of a file with one, three names of grids ['x', 'y', 'z'], or false"
     return _named(value, what)
@@ -199,13 +203,14 @@ class VolumeSettings(OfFrames, MovingSettings):
     )
 
     def load(
-        self, folder: Path, optical_depth: float, like: tuple[VolumeSettings, Volume] | None = None
+        self, folder: Path, optical_depth: float, like: tuple[BodySettings, Body] | None = None
     ) -> Volume:
-        """As `BodySettings.load`; ``like``: other settings and their volume, maybe of the same file."""
-        if like is not None and self._reads_as(like[0]):
-            volume = like[1].as_stored()
+        """As `BodySettings.load`."""
+        other, read = like or (None, None)
+        if isinstance(other, VolumeSettings) and isinstance(read, Volume) and self._reads_as(other):
+            volume = read.as_stored()
         else:
-            like = None
+            other = None
             volume = Volume.load(
                 source_of(self.file, folder),
                 self.grid,
@@ -229,7 +234,7 @@ class VolumeSettings(OfFrames, MovingSettings):
         volume.made_from = self.to_dict() | {key: found.get(key) for key in named}
         if self.density_scale != "auto":
             return volume.with_density_scale(self.density_scale)
-        if like is not None and like[0].density_scale == "auto":
+        if other is not None and other.density_scale == "auto":
             return volume  # one for all moments
         return volume.with_density_scale(density_scale_for(volume, optical_depth))
 
@@ -564,13 +569,9 @@ class SceneFile:
         return tuple(map(self._body, self.volumes, chain(others, repeat(None))))
 
     def _body(self, settings: BodySettings, like: tuple[BodySettings, Body] | None) -> Body:
-        other, body = like or (None, None)
-        if body is not None and settings == other:
-            return body
-        folder, depth = self.path.parent, (settings.medium or self.medium).typical_depth
-        if isinstance(settings, VolumeSettings) and isinstance(other, VolumeSettings):
-            return settings.load(folder, depth, (other, body) if isinstance(body, Volume) else None)
-        return settings.load(folder, depth)
+        if like is not None and settings == like[0]:
+            return like[1]
+        return settings.load(self.path.parent, (settings.medium or self.medium).typical_depth, like)
 
     def _solids(self, like: Made | None) -> tuple[Solid, ...]:
         """Return the solids: those that are the same at another moment have been read there."""

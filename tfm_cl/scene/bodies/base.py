@@ -30,7 +30,7 @@ class BodySettings(Protocol):
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other values."""
 
-    def load(self, folder: Path, optical_depth: float) -> Body:
+    def load(self, folder: Path, optical_depth: float, like: tuple[BodySettings, Body] | None = None) -> Body:
         """Make the body, reading its files.
 
         Parameters
@@ -39,6 +39,8 @@ class BodySettings(Protocol):
             That the files' names are relative to.
         optical_depth
             Along typical lines of sight, where the density is left open.
+        like
+            Other settings, and what they made: what both read alike need not be read again.
         """
 
     def sources(self) -> list[str]:

@@ -51,7 +51,7 @@ def flame_of(body: Body, medium: Medium) -> Volume | None:
             f"{asked}: {body.label} has no file that holds such a grid; give a volume file a medium of its "
             "own, [[volume]] medium = { temperature = … }"
         )
-    key = _key(medium)
+    key = heat_of(medium)
     kept = body.kept.get("flame")
     if kept is None or kept[0] != key:
         kept = body.kept["flame"] = key, _read(body, body.source, medium, medium.temperature)
@@ -68,19 +68,20 @@ def flame_of(body: Body, medium: Medium) -> Volume | None:
     return placed.with_medium(glow)
 
 
-def _key(medium: Medium) -> tuple[str | None, float, float]:
+def heat_of(medium: Medium) -> tuple[str | None, float, float]:
+    """Return what a medium says of how hot it is: where it is the same, so is the flame."""
     return medium.temperature, medium.temperature_offset, medium.temperature_scale
 
 
 def flame_in(body: Volume, medium: Medium) -> Volume | None:
     """Return what `flame_of` has read, which lies in the body's indices; None without one."""
     kept = body.kept.get("flame")
-    return None if medium.temperature is None or kept is None or kept[0] != _key(medium) else kept[1]
+    return None if medium.temperature is None or kept is None or kept[0] != heat_of(medium) else kept[1]
 
 
 def keep_flame(body: Volume, medium: Medium, flame: Volume) -> None:
     """Let `flame_of` find this flame, which lies in the body's indices, in the place of the file's."""
-    body.kept["flame"] = _key(medium), flame
+    body.kept["flame"] = heat_of(medium), flame
 
 
 def _read(volume: Volume, path: Path, medium: Medium, name: str) -> Volume:

@@ -96,9 +96,9 @@ class Homogeneous(Model, Body):
         """Tell whether the density is the same everywhere."""
         return isinstance(other, Homogeneous) and self.with_medium(None) == other.with_medium(None)
 
-    def load(self, folder: Path, optical_depth: float) -> Self:
+    def load(self, folder: Path, optical_depth: float, like: Any = None) -> Self:
         """As `BodySettings.load`: it is the body itself."""
-        del folder, optical_depth
+        del folder, optical_depth, like
         return self
 
     def to_table(self) -> dict[str, Any]:

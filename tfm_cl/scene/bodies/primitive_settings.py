@@ -23,8 +23,8 @@ from tfm_cl.scene.bodies.moving import MovingSettings
 from tfm_cl.scene.bodies.points import Points
 from tfm_cl.scene.bodies.polygons import Polygons
 from tfm_cl.scene.bodies.primitives import Primitives, rigid_scale
+from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.medium import OwnMedium
-from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Matrix, Rows
 
@@ -88,8 +88,8 @@ class PrimitiveSettings(OfFrames, MovingSettings):
     )
 
     @abstractmethod
-    def load(self, folder: Path, optical_depth: float) -> Primitives:
-        """As `BodySettings.load`."""
+    def load(self, folder: Path, optical_depth: float, like: Any = None) -> Primitives:
+        """As `BodySettings.load`; all is read again."""
 
     def source(self, folder: Path) -> Path:
         """Return the file's path."""
@@ -162,8 +162,9 @@ class PointsSettings(PrimitiveSettings):
         "standard deviation of a third of it; as (1 - r^2)^3",
     )
 
-    def load(self, folder: Path, optical_depth: float) -> Points:
+    def load(self, folder: Path, optical_depth: float, like: Any = None) -> Points:
         """As `PrimitiveSettings.load`."""
+        del like
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = points_io.read_points(source)
@@ -219,9 +220,9 @@ class CurvesSettings(PrimitiveSettings):
         "thousandth of the diagonal of their bounds, which is also taken where the file says none",
     )
 
-    def load(self, folder: Path, optical_depth: float) -> Curves:
+    def load(self, folder: Path, optical_depth: float, like: Any = None) -> Curves:
         """As `PrimitiveSettings.load`; what is thin says its opacity."""
-        del optical_depth
+        del optical_depth, like
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
         stored = curves_io.read_curves(source)
@@ -258,9 +259,9 @@ class PolygonsSettings(PrimitiveSettings):
         description="file of triangles, relative to the scene file, as of a [[solid]]; colours are not read"
     )
 
-    def load(self, folder: Path, optical_depth: float) -> Polygons:
+    def load(self, folder: Path, optical_depth: float, like: Any = None) -> Polygons:
         """As `PrimitiveSettings.load`; what is thin says its opacity."""
-        del optical_depth
+        del optical_depth, like
         source = self.source(folder)
         with needs("solids", f"{source}: a mesh", VolumeError):
             from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import

@@ -10,12 +10,12 @@ from pydantic import Field
 
 from tfm_cl.files.texture import ImagePath, check_brightness, panorama_for, read, stamp
 from tfm_cl.model import RGB
+from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.lights.area import MOST_SAMPLES, sphere_directions
 from tfm_cl.scene.lights.base import Floats, Light
 from tfm_cl.scene.lights.panorama import means
 from tfm_cl.scene.lights.sun import SunLight
 from tfm_cl.scene.lights.surroundings import Surroundings
-from tfm_cl.scene.of_frames import OfFrames
 
 BLOCKS = (512, 1024)
 """Largest size of an environment image, rows and columns, after downsampling; then each pixel is assigned to

@@ -11,12 +11,12 @@ from pydantic import Field, model_validator
 from tfm_cl.files.texture import Held, ImagePath, texture_for
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import Vec3, check_different
+from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.frames import facing
 from tfm_cl.scene.lights.area import MOST_SAMPLES, disk_points
 from tfm_cl.scene.lights.base import TINY, Arrival, Floats, Light, LitCone, ball_interval
 from tfm_cl.scene.lights.fitting import Cone
 from tfm_cl.scene.lights.placed import PlacedLight
-from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.transform import corners_of, turned
 
 

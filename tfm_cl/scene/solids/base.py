@@ -17,9 +17,9 @@ from tfm_cl.files.paths import name_of
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import Triple, as_colour
 from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts, numbers
+from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.frames import Axis
 from tfm_cl.scene.movable import Movable
-from tfm_cl.scene.of_frames import OfFrames
 from tfm_cl.scene.transform import IDENTITY, Transform, turned
 
 UPWARDS = 0.999

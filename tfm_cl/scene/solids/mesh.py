@@ -16,7 +16,7 @@ from tfm_cl.files.mesh_io.triangles import Textures, Triangles, checked
 from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.files.paths import name_of, source_of
 from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts
-from tfm_cl.scene.of_frames import OfFrames
+from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.solids.base import ReflectanceOrImage, Solid
 from tfm_cl.scene.transform import IDENTITY
 

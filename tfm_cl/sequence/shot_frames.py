@@ -51,6 +51,7 @@ class ShotFrames:
         self._read, self._make_renderer = read, make_renderer
         self._stack = ExitStack()
         self._made: Renderer | None = None
+        self._last: tuple[int, SceneFile] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -67,7 +68,13 @@ class ShotFrames:
 
     def decided(self, shot: Shot) -> None:
         """Go on with a shot of which all is decided."""
-        self._shot = shot
+        self._shot, self._last = shot, None
+
+    def _file(self, frame: int) -> SceneFile:
+        """Read the scene file of a frame, once for all that is done with it."""
+        if self._last is None or self._last[0] != frame:
+            self._last = frame, self._shot.scene_file(frame)
+        return self._last[1]
 
     @property
     def renderer(self) -> Renderer:
@@ -86,12 +93,12 @@ class ShotFrames:
 
     def fingerprint(self, frame: int) -> str:
         """As `tfm_cl.sequence.run.Frames.fingerprint`."""
-        return fingerprint.of_frame(self._shot.scene_file(frame), self.outputs(frame))
+        return fingerprint.of_frame(self._file(frame), self.outputs(frame))
 
     def read(self, frame: int) -> tuple[ReadFrame, float]:
         """As `tfm_cl.sequence.run.Frames.read`; with the seconds that it took."""
         started = time.perf_counter()
-        file = self._shot.scene_file(frame)
+        file = self._file(frame)
         for path in self.outputs(frame):
             if file.is_file_of_a_frame(path):
                 raise InputError(f"{path}: is the input of a frame; choose another name")

@@ -13,7 +13,7 @@ STILL = 1e-9
 """Angle in radians below which nothing turns."""
 
 
-class Moved(NamedTuple):
+class Decomposed(NamedTuple):
     """A 4×4 matrix in parts that can be interpolated: shift · turn · stretch.
 
     Turn and stretch are its polar decomposition (Shoemake & Duff, "Matrix animation and polar
@@ -28,7 +28,7 @@ class Moved(NamedTuple):
     """3×3, symmetric; negative where the matrix mirrors."""
 
     @classmethod
-    def of(cls, matrix: Floats) -> Moved:
+    def of(cls, matrix: Floats) -> Decomposed:
         """Take an affine matrix apart."""
         left, factors, right = np.linalg.svd(matrix[:3, :3])
         sign = 1.0 if np.linalg.det(left @ right) > 0 else -1.0
@@ -49,12 +49,12 @@ class Moved(NamedTuple):
         return found
 
 
-def angle_between(one: Moved, other: Moved) -> float:
+def angle_between(one: Decomposed, other: Decomposed) -> float:
     """Return the angle between two turns as quaternions, at most a quarter turn: half of that in space."""
     return float(np.arccos(min(abs(float(one.turn @ other.turn)), 1.0)))
 
 
-def turned_between(one: Moved, other: Moved, along: float) -> Floats:
+def turned_between(one: Decomposed, other: Decomposed, along: float) -> Floats:
     """Return the turn at a part of the shorter way from one to another (slerp), a quaternion [4]."""
     angle = angle_between(one, other)
     if angle < STILL:
