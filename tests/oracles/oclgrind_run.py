@@ -1,6 +1,7 @@
 """Run the renderer at tiny sizes on the Oclgrind simulator, in an environment where it is installed.
 
-``python oclgrind_run.py render OUT.npz`` writes the result of every function of ``CASES``;
+``python oclgrind_run.py render OUT`` reads names of ``CASES`` from its input, writes the result of each as
+``.npy`` into the folder OUT, and prints the file's name;
 ``python oclgrind_run.py out-of-bounds`` and ``race`` run kernels that Oclgrind has to complain of.
 """
 
@@ -329,8 +330,14 @@ def _main(what: str, *out: str) -> None:
     if what != "render":
         _run_broken(what.replace("-", "_"))
         return
+    names = list(CASES)
     with tfm.Renderer(DEVICE, build_options=PLAIN, lanes=1) as renderer:
-        np.savez(out[0], **{name: make(renderer) for name, make in CASES.items()})
+        for line in sys.stdin:
+            name = line.rstrip("\n")
+            file = Path(out[0]) / f"{names.index(name)}.npy"
+            np.save(file, CASES[name](renderer))
+            sys.stdout.write(f"{file}\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SCRIPT = Path(__file__).with_name("oclgrind_run.py")
 CASES = runpy.run_path(str(SCRIPT))["CASES"]
 
+SECONDS = 120
+"""In which a process ends that has nothing left to do, or one wrong kernel to run."""
+
 QUANTISED = 5e-4
 """8-bit coefficients: where a value lies between two steps, the devices' rounding may choose another."""
 
@@ -28,7 +31,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def oclgrind(tmp_path_factory):
-    """Run ``oclgrind_run.py`` with some arguments; returns what Oclgrind complained of."""
+    """Start ``oclgrind_run.py`` with some arguments; returns its process and the file of its complaints."""
     chosen = os.environ.get("TFM_OCLGRIND_PYTHON")
     python = Path(chosen or REPOSITORY / ".venv-oclgrind" / "bin" / "python")
     if not python.is_file():
@@ -36,7 +39,7 @@ def oclgrind(tmp_path_factory):
             pytest.fail(f"TFM_OCLGRIND_PYTHON: there is no {python}")
         pytest.skip(f"no Oclgrind: there is no {python}; set TFM_OCLGRIND_PYTHON")
 
-    def run(*arguments):
+    def start(*arguments):
         log = tmp_path_factory.mktemp("oclgrind") / "log"
         environment = os.environ | {
             "PYTHONPATH": str(REPOSITORY),
@@ -45,46 +48,59 @@ def oclgrind(tmp_path_factory):
             "OCLGRIND_UNIFORM_WRITES": "1",
             "OCLGRIND_LOG": str(log),
         }
-        done = subprocess.run(
-            [python, SCRIPT, *arguments],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=500,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return log.read_text()
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        return subprocess.Popen([python, SCRIPT, *arguments], env=environment, **pipes), log
 
-    return run
+    return start
 
 
 @pytest.fixture(scope="module")
 def simulated(oclgrind, tmp_path_factory):
-    """(what Oclgrind complained of, its results by name)."""
-    out = tmp_path_factory.mktemp("oclgrind") / "results.npz"
-    log = oclgrind("render", out)
-    with np.load(out) as results:
-        return log, dict(results)
+    """Return a case's result, and what Oclgrind complained of: each is run where its test runs."""
+    process, log = oclgrind("render", tmp_path_factory.mktemp("oclgrind"))
+    read = 0
+
+    def result(case):
+        nonlocal read
+        print(case, file=process.stdin, flush=True)
+        file = process.stdout.readline().rstrip("\n")
+        assert file, f"ended with {process.wait(SECONDS)}: see its standard error"
+        complaints = log.read_text()[read:]
+        read += len(complaints)
+        return np.load(file), complaints
+
+    yield result
+    process.stdin.close()
+    process.wait(SECONDS)
+    process.stdout.close()
 
 
-def test_no_access_out_of_bounds_and_no_race(simulated):
-    log, _ = simulated
-    assert log == "", log[:4000]
+@pytest.fixture
+def complaints(oclgrind):
+    """What Oclgrind says of a kernel that is wrong."""
+
+    def of(name):
+        process, log = oclgrind(name)
+        process.communicate(timeout=SECONDS)
+        assert process.returncode == 0
+        return log.read_text()
+
+    return of
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_same_result_as_on_the_device(case, simulated, renderer):
-    _, results = simulated
+def test_same_result_as_on_the_device_and_no_access_out_of_bounds(case, simulated, renderer):
+    result, complaints = simulated(case)
     tolerance = QUANTISED if case in {"storage u8", "evaluate"} else PASS
-    np.testing.assert_allclose(results[case], CASES[case](renderer), rtol=0, atol=tolerance)
+    np.testing.assert_allclose(result, CASES[case](renderer), rtol=0, atol=tolerance)
+    assert complaints == "", complaints[:4000]
 
 
-def test_an_access_out_of_bounds_is_reported(oclgrind):
-    log = oclgrind("out-of-bounds")
+def test_an_access_out_of_bounds_is_reported(complaints):
+    log = complaints("out-of-bounds")
     assert "Invalid write of size 4 at global memory" in log
     assert "Kernel: out_of_bounds" in log
 
 
-def test_a_race_is_reported(oclgrind):
-    assert "Read-write data race at global memory" in oclgrind("race")
+def test_a_race_is_reported(complaints):
+    assert "Read-write data race at global memory" in complaints("race")
