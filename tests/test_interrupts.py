@@ -1,4 +1,4 @@
-"""Who hears of Ctrl-C: Python in its main thread, and nothing that compiles."""
+"""Who hears of Ctrl-C and SIGTERM: Python in its main thread, and nothing that compiles."""
 
 import importlib
 import os
@@ -12,24 +12,43 @@ from types import SimpleNamespace
 import pytest
 
 from tfm_cl.files import image_io
-from tfm_cl.interrupts import interrupts_held, interrupts_ours
+from tfm_cl.interrupts import SIGNALS, TerminatedError, end_on_sigterm, interrupts_held, interrupts_ours
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals as POSIX sends them")
 
 
+@pytest.fixture(params=[(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, TerminatedError)], ids=str)
+def raising(request):
+    """Return a signal, and what it raises in the program ``tfm``."""
+    before = signal.getsignal(signal.SIGTERM)
+    end_on_sigterm()
+    yield request.param
+    signal.signal(signal.SIGTERM, before)
+
+
 @pytest.mark.parametrize("held", [interrupts_held, interrupts_ours])
-def test_ctrl_c_waits(held):
+def test_signals_wait(held, raising):
+    number, error = raising
     passed = []
 
     def interrupt():
         with held():
-            signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+            signal.pthread_kill(threading.get_ident(), number)
             passed.append("the signal")
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(error):
         interrupt()
     assert passed
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {*SIGNALS}
+
+
+def test_sigterm_that_is_to_be_ignored_is():
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        end_on_sigterm()
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_formats_of_pictures_are_imported_whole(tmp_path, monkeypatch):
@@ -37,7 +56,7 @@ def test_formats_of_pictures_are_imported_whole(tmp_path, monkeypatch):
     waiting = []
 
     def imported(*name):
-        waiting.append(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+        waiting.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= {*SIGNALS})
         return importlib.import_module(*name)
 
     monkeypatch.setattr(image_io, "importlib", SimpleNamespace(import_module=imported))
@@ -48,28 +67,33 @@ def test_formats_of_pictures_are_imported_whole(tmp_path, monkeypatch):
 COMPILING = """
 import ctypes, glob, os, threading
 import numpy
+from tfm_cl.interrupts import end_on_sigterm
 libc = ctypes.CDLL(None)
-def handler():
-    action = ctypes.create_string_buffer(256)
-    assert libc.sigaction(2, None, action) == 0
-    return action.raw[:8]
-python = handler()
+def handlers():
+    found = []
+    for number in (2, 15):
+        action = ctypes.create_string_buffer(256)
+        assert libc.sigaction(number, None, action) == 0
+        found.append(action.raw[:8])
+    return found
+end_on_sigterm()
+python = handlers()
 before = set(os.listdir("/proc/self/task"))
 import tfm_cl as tfm
 from scenes import make_scene
 with tfm.Renderer(DEVICE) as renderer:
-    assert handler() == python, "before the first launch"
+    assert handlers() == python, "before the first launch"
     renderer.render(make_scene())
-assert handler() == python, "after a render"
+assert handlers() == python, "after a render"
 for task in set(os.listdir("/proc/self/task")) - before:
     (mask,) = (line for line in open(f"/proc/self/task/{task}/status") if line.startswith("SigBlk"))
-    assert int(mask.split()[1], 16) & 2, task
+    assert int(mask.split()[1], 16) & 0x4002 == 0x4002, task
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="no /proc as Linux has it")
-def test_a_compiler_does_not_take_it(device_name, tmp_path):
+def test_a_compiler_does_not_take_them(device_name, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", COMPILING.replace("DEVICE", repr(device_name))],
         cwd=Path(__file__).parent,

@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of a long render."""
+"""Ctrl-C, and SIGTERM, in the middle of a long render."""
 
 import os
 import select
@@ -7,6 +7,8 @@ import subprocess
 import time
 
 import pytest
+
+from tfm_cl.interrupts import TerminatedError
 
 termios = pytest.importorskip("termios")
 
@@ -44,7 +46,7 @@ class Terminal:
         os.close(self._reader)
 
 
-@pytest.fixture(params=LONG)
+@pytest.fixture
 def long_render(request, cloud, program, device_name):
     """Start a long render; returns its process and terminal once launches of the stage have ended."""
     device = ("--device", device_name) if device_name else ()
@@ -73,19 +75,29 @@ def long_render(request, cloud, program, device_name):
         terminal.close()
 
 
-def test_ctrl_c(long_render, cloud):
+ENDS = {signal.SIGINT: (130, "tfm: interrupted"), signal.SIGTERM: (143, "tfm: terminated")}
+"""Signal -> exit code and last line."""
+
+
+@pytest.mark.parametrize(
+    ("long_render", "number"),
+    [("view pass", signal.SIGINT), ("light pass", signal.SIGINT), ("view pass", signal.SIGTERM)],
+    indirect=["long_render"],
+)
+def test_ended_by_a_signal(long_render, number, cloud):
     process, terminal = long_render
     sent = time.monotonic()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, _ = process.communicate(timeout=30)
     took = time.monotonic() - sent
     terminal.read(1)
-    assert process.returncode == 130
+    code, line = ENDS[number]
+    assert process.returncode == code
     assert out == b""
     # The bar is wiped from its line, and nothing but this follows.
     lines = terminal.text.replace("\r", "\n").split("\n")
     assert lines[0].startswith("chosen for cloud.npy: ")
-    assert [line for line in lines if line.strip()][-1] == "tfm: interrupted"
+    assert [one for one in lines if one.strip()][-1] == line
     assert "Traceback" not in terminal.text
     assert "100%" not in terminal.text
     assert [path.name for path in cloud.parent.iterdir()] == ["cloud.npy"]
@@ -93,13 +105,17 @@ def test_ctrl_c(long_render, cloud):
     assert took < 3
 
 
-@pytest.mark.parametrize("suffix", ["npy", "exr", "png"])
-def test_while_a_picture_is_being_written(cli, cloud, tiny, monkeypatch, suffix):
+@pytest.mark.parametrize(
+    ("suffix", "error"),
+    [("npy", KeyboardInterrupt), ("exr", TerminatedError), ("png", KeyboardInterrupt)],
+)
+def test_while_a_picture_is_being_written(cli, cloud, tiny, monkeypatch, suffix, error):
     def interrupted(path, *_):
         path.write_bytes(b"half of it")
-        raise KeyboardInterrupt
+        raise error
 
     monkeypatch.setattr(f"tfm_cl.files.image_io.{suffix}.write", interrupted)
     done = cli("render", cloud, "-o", f"a.{suffix}", "-q", *tiny)
-    assert (done.code, done.out, done.err) == (130, "", "tfm: interrupted\n")
+    code, line = ENDS[signal.SIGTERM if error is TerminatedError else signal.SIGINT]
+    assert (done.code, done.out, done.err) == (code, "", f"{line}\n")
     assert [path.name for path in cloud.parent.iterdir()] == ["cloud.npy"]

@@ -224,14 +224,22 @@ def test_jobs_make_the_same(start, folder):
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
-@pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c(start, folder, jobs):
+@pytest.mark.parametrize(
+    ("jobs", "number", "code"),
+    [
+        ("1", signal.SIGINT, 130),
+        ("2", signal.SIGINT, 130),
+        ("1", signal.SIGTERM, 143),
+        ("2", signal.SIGTERM, 143),
+    ],
+)
+def test_ended_by_a_signal(start, folder, jobs, number, code):
     process = start("ended", "--skip-existing", "--jobs", jobs)
     deadline = time.monotonic() + 120
     while not list((folder / "ended").glob("a.*.png")) and time.monotonic() < deadline:
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     error = process.communicate(timeout=60)[1]
-    assert process.returncode in {0, 130}, error  # 0: it had just ended
+    assert process.returncode in {0, code}, error  # 0: it had just ended
     assert "Traceback" not in error
     assert not unfinished(folder / "ended")

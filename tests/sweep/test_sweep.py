@@ -1193,8 +1193,15 @@ def test_devices_of_two_kinds(volume, out):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sends them")
-def test_ctrl_c_ends_all_processes(volume, out, device_name):
-    """The whole group gets the signal, as from a terminal."""
+@pytest.mark.parametrize(
+    ("number", "code", "line"),
+    [
+        (signal.SIGINT, 130, "tfm: interrupted\n"),
+        pytest.param(signal.SIGTERM, 143, "tfm: terminated\n", marks=pytest.mark.slow),
+    ],
+)
+def test_a_signal_ends_all_processes(volume, out, device_name, number, code, line):
+    """The whole group gets the signal, as from a terminal or a farm."""
     device = ("--device", device_name) if device_name else ()
     sizes = (
         "--res",
@@ -1215,13 +1222,13 @@ def test_ctrl_c_ends_all_processes(volume, out, device_name):
             if (out / "sweep.jsonl").exists() and len(read_rows(out)) >= 3:
                 break
             time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
+        os.killpg(process.pid, number)
         _, err = process.communicate(timeout=120)  # ends once every process has closed its stderr
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
 
-    assert (process.returncode, err) == (130, "tfm: interrupted\n")
+    assert (process.returncode, err) == (code, line)
     rows = read_rows(out)
     assert 3 <= len(rows) < 800
     assert not list((out / "images").glob(".*"))

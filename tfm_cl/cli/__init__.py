@@ -14,7 +14,7 @@ import click
 
 from tfm_cl.cli.streams import guarded_streams, one_line
 from tfm_cl.errors import TfmError, TfmWarning
-from tfm_cl.interrupts import interrupts_held
+from tfm_cl.interrupts import TerminatedError, end_on_sigterm, interrupts_held
 
 COMMANDS = ("render", "info", "compare", "sweep", "bake", "movie", "schema", "devices", "warm")
 """Modules of this package, each with a click command called ``command``; imported when used."""
@@ -27,6 +27,8 @@ PLUGIN_FLAG = "--plugin"
 EXIT_WRONG_USE = 2
 EXIT_RESOURCE = 3
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
+"""128 and the number of the signal, as shells have it."""
 
 
 class LazyGroup(click.Group):
@@ -50,8 +52,8 @@ class LazyGroup(click.Group):
         """Turn Ctrl-C into click's own exception, which it passes on without printing an empty line."""
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise click.Abort from None
+        except KeyboardInterrupt as interrupt:
+            raise click.Abort from interrupt
 
 
 def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: Any) -> None:
@@ -77,7 +79,8 @@ def tfm() -> None:
     """Render voxel volumes through transmittance function maps, on OpenCL.
 
     Exit codes: 0 good, 1 `compare --fail-under` missed, 2 wrong use or bad input, 3 device or resource
-    failure, of several frames 4 out of memory and 5 some failed, 130 interrupted.
+    failure, of several frames 4 out of memory and 5 some failed, 130 interrupted, 143
+    terminated.
     """
 
 
@@ -94,6 +97,7 @@ def program() -> int:
     # What libraries make while they are imported stays to the end: looking for garbage in it takes time.
     gc.set_threshold(*COLLECTED_AFTER)
     atexit.register(gc.freeze)
+    end_on_sigterm()
     return main()
 
 
@@ -148,11 +152,14 @@ def _run(arguments: Sequence[str] | None) -> int:
         code = error.exit_code
     except MemoryError:
         code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
         # Python ends by the signal, whatever we return, if Ctrl-C came where text was executed, as libraries
         # do while they are imported; executing text again makes it forget that.
         exec("")  # noqa: S102
-        code = _fail("interrupted", EXIT_INTERRUPTED)
+        if isinstance(error.__cause__ or error, TerminatedError):
+            code = _fail("terminated", EXIT_TERMINATED)
+        else:
+            code = _fail("interrupted", EXIT_INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

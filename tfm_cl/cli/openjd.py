@@ -15,6 +15,7 @@ import click
 from tfm_cl.cli.options import GroupedOption
 from tfm_cl.cli.streams import one_line
 from tfm_cl.errors import TfmError
+from tfm_cl.interrupts import TerminatedError
 
 
 class FarmLines:
@@ -100,8 +101,8 @@ def failures_told() -> Iterator[None]:
     except MemoryError:
         _say("fail", "out of memory")
         raise
-    except (click.Abort, KeyboardInterrupt):
-        _say("fail", "interrupted")
+    except (click.Abort, KeyboardInterrupt) as error:
+        _say("fail", "terminated" if isinstance(error, TerminatedError) else "interrupted")
         raise
 
 

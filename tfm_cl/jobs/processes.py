@@ -36,8 +36,8 @@ while it writes more than a pipe holds, 64 KiB, leaves an executor waiting for t
 class Processes(Futures):
     """Executes several jobs at a time, each in a process with a renderer of its own.
 
-    The processes share files only, and end with this one; only this process handles Ctrl-C. Their unfinished
-    work is then lost and may leave unfinished files, which whoever asks for the work removes.
+    The processes share files only, and end with this one; only this process handles Ctrl-C and SIGTERM. Their
+    unfinished work is then lost and may leave unfinished files, which whoever asks for the work removes.
 
     Where a process ends by itself, the jobs that ran are done once more, each alone.
 
@@ -174,6 +174,8 @@ class _Mine:
 def _begin(make_worker: Callable[[], Any], scratch: str) -> None:
     """Prepare this process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):  # the executor ends those that are left with SIGTERM
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tempfile.tempdir = scratch
     warnings.simplefilter("ignore", TfmWarning)  # the first process cannot catch them
