@@ -85,3 +85,6 @@ BLURRED = 2 * FLOAT32
 MOVED_STEPS = 5e-5
 """Of the brightest: a grid that has moved has a wider box than one that was put there, and the steps of
 marches through either, 640 of the camera and 200 of light, lie elsewhere."""
+
+LEARNT_TOGETHER = 0.01
+"""RMSE, in means of a picture, between functions of its own and those that serve another frame too."""

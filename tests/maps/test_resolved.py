@@ -1,10 +1,12 @@
 """From what is asked of a map to what is built: nothing is left open, and it can be asked for again."""
 
+import numpy as np
 import pytest
 
 import tfm_cl as tfm
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases.given import functions_text
 from tfm_cl.maps.resolved import ResolvedMap, resolve
 
 OPEN = ("basis", "coeffs", "target", "fit", "range", "lookup")
@@ -48,6 +50,22 @@ def test_what_is_given_stays():
         blur_kernel="box",
     )
     assert resolve(settings).request() == settings
+
+
+def test_functions_that_are_given():
+    text = functions_text(np.linspace([0, 1], [1, 0], 65, dtype=np.float32))
+    given = tfm.MapSettings(coeffs=2, functions=text)
+    resolved = resolve(given)
+    assert (resolved.functions, resolved.learns, resolve(resolved.request())) == (text, False, resolved)
+    assert resolve(given.replace(functions="")).learns
+
+    for other, said in (
+        ({"coeffs": 3}, r"map\.functions: should be 65×3 values for basis 'klt' with coeffs = 3; set it to"),
+        ({"fit": "l2"}, r"map\.functions: basis 'klt' takes none with fit 'l2' and slicing 'uniform'; set"),
+        ({"basis": "dct"}, r"map\.functions: basis 'dct' takes none with fit 'l2'"),
+    ):
+        with pytest.raises(SceneError, match=said):
+            resolve(given.replace(**other))
 
 
 def test_a_weighted_fit_is_of_few_numbers():

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scenes import blobs
 
-from tfm_cl.errors import InputError, VolumeError
+from tfm_cl.errors import InputError, NoDeviceError, VolumeError
+from tfm_cl.maps.bases.given import functions_text
 from tfm_cl.plan import octaves
 from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.plan import RangePlan, decide, looked_at, steady
@@ -118,6 +119,44 @@ class TestDecide:
         assert other.medium.replace(**dict.fromkeys(octaves.KEYS, "auto")) == one.medium
         assert other.image == one.image
         assert [light.type for light in other.light] == [light.type for light in one.light]
+
+
+LEARNT = functions_text(np.full((65, 2), 0.5, np.float32))
+
+
+class Learner:
+    """A renderer that learns the same of all scenes, or has no device."""
+
+    def __init__(self, learnt=LEARNT):
+        self.learnt, self.scenes = learnt, []
+
+    def functions_for(self, scenes):
+        self.scenes += scenes
+        if self.learnt is None:
+            raise NoDeviceError("none")
+        return self.learnt
+
+
+class TestLearnt:
+    def test_once_for_all_frames(self, tmp_path, shot, ledger):
+        shot = Shot(shot.path, [("map.coeffs", 2)])
+        learner, path = Learner(), tmp_path / "a.plan.toml"
+        decided = steady(shot, FRAMES, path, ledger, renderer=lambda: learner)
+        assert len(learner.scenes) == 5
+        assert len({scene.map for scene in learner.scenes}) == 1
+        assert "map.functions = 65x2 numbers: learnt from rays" in "\n".join(decided.lines())
+        for overrides in (decided.overrides, RangePlan.load(path)[0].overrides):
+            assert Shot(shot.path, shot.overrides, decided=overrides).scene(3).map.functions == learner.learnt
+
+    @pytest.mark.parametrize(
+        "given", [("map.basis", "legendre"), ("march.method", "dual"), ("map.fit", "l2")]
+    )
+    def test_nothing(self, shot, given):
+        decided = decide(Shot(shot.path, [given]), FRAMES, renderer=lambda: pytest.fail("asked for"))
+        assert "map.functions" not in decided.decisions
+
+    def test_without_a_device_each_frame_learns(self, shot):
+        assert "map.functions" not in decide(shot, FRAMES, renderer=lambda: Learner(None)).decisions
 
 
 class TestSteady:

@@ -121,7 +121,7 @@ class Range:
     made: Making
     """How this process makes frames."""
     steady: Callable[[Ledger, Callable[[], Any]], RangePlan]
-    """Decides what is left open; takes what gives the method that renders."""
+    """Decides what is left open; takes what gives the renderer."""
     worker: Callable[[Overrides], Callable[[], Any]]
     """Given what was decided, returns what makes a worker in another process."""
     shot: Callable[[Overrides], Shot]
@@ -165,7 +165,7 @@ class Range:
 
     def _decided(self, ledger: Ledger) -> Overrides:
         """Decide what is left open, or read what was decided."""
-        decided = self.steady(ledger, lambda: self.made.renderer.render)
+        decided = self.steady(ledger, lambda: self.made.renderer)
         for line in decided.lines() if self.verbose else ():
             print(f"# {one_line(line)}", file=sys.stderr)
         if decided.told and not self.quiet:

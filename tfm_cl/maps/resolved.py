@@ -10,6 +10,7 @@ from tfm_cl.constants import STORAGE_BITS
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES, BEST, Basis
 from tfm_cl.maps.bases.base import Fit, Lookup, Range, Target
+from tfm_cl.maps.bases.given import functions_in
 from tfm_cl.model import Model, decided
 from tfm_cl.scene.settings import DEFAULT_COEFFS, MapSettings
 
@@ -36,6 +37,8 @@ class ResolvedMap(Model):
     range: Range
     slicing: Literal["uniform", "density", "gamma"]
     lookup: Lookup | Literal["lattice"]
+    functions: str = ""
+    """Data of functions that the basis is given; empty: it learns them, if it learns any."""
     res: int
     steps: int
     deposits: Literal["steps", "depth"]
@@ -52,6 +55,16 @@ class ResolvedMap(Model):
     def bytes_per_texel(self) -> float:
         """Bytes of a texel: its coefficients, and its share of the field of ranges."""
         return _bytes_per_texel(self.coeffs, self.storage, self.range, self.res)
+
+    @property
+    def learns(self) -> bool:
+        """Whether the functions of a map follow from its own light rays."""
+        return not self.functions and BASES[self.basis].learns(self)
+
+    @property
+    def lasts(self) -> bool:
+        """Whether functions that were learnt once can be given to maps of other frames."""
+        return BASES[self.basis].lasts(self)
 
     @property
     def is_linear(self) -> bool:
@@ -87,8 +100,9 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
     Raises
     ------
     SceneError
-        ``bytes`` that are too few, more than `MOST_WEIGHTED` numbers with the fit ``visibility``, or a blur
-        of numbers, or deposits in them, that are not linear in the density.
+        Functions that are none of the basis, ``bytes`` that are too few, more than `MOST_WEIGHTED` numbers
+        with the fit ``visibility``, or a blur of numbers, or deposits in them, that are not linear in the
+        density.
     """
     basis = BASES[BEST if settings.basis == "auto" else settings.basis]
     range_: Range = basis.defaults.range if settings.range == "auto" else settings.range
@@ -103,6 +117,7 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
         range=range_,
         slicing=settings.slicing,
         lookup=basis.defaults.lookup if settings.lookup == "auto" else settings.lookup,
+        functions=settings.functions,
         res=res,
         steps=decided(settings.steps) if steps is None else steps,
         deposits=settings.deposits,
@@ -115,6 +130,8 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
             f"map.coeffs = {resolved.coeffs}: fit = 'visibility' finds up to {MOST_WEIGHTED}; set fewer, or "
             "fit = 'l2'"
         )
+    if resolved.functions:
+        _check_functions(resolved)
     if resolved.blur > 0 and (not resolved.is_linear or resolved.range not in ("box", "global")):
         raise SceneError(
             f"map.blur = {settings.blur:g}: needs numbers linear in the density, as basis = 'hcos' with "
@@ -127,6 +144,23 @@ def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None 
             f"not basis '{basis.name}' with target '{resolved.target}', fit '{resolved.fit}'"
         )
     return resolved
+
+
+def _check_functions(settings: ResolvedMap) -> None:
+    """Refuse functions that are none of the basis."""
+    basis = BASES[settings.basis]
+    if not settings.lasts or basis.recalled is None:
+        raise SceneError(
+            f"map.functions: basis '{basis.name}' takes none with fit '{settings.fit}' and slicing "
+            f"'{settings.slicing}'; set it to \"\", or leave it out"
+        )
+    try:
+        basis.recalled(settings, functions_in(settings.functions))
+    except ValueError as error:
+        raise SceneError(
+            f"map.functions: {error} for basis '{basis.name}' with coeffs = {settings.coeffs}; set it to "
+            '"", and they are learnt'
+        ) from None
 
 
 def field_res(map_res: int) -> int:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.bases.curves import Curves
+from tfm_cl.maps.bases.given import functions_in, functions_text
 from tfm_cl.maps.planned import LARGEST_HALF, Planned
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
 from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.base import Functions
-    from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
 
@@ -37,6 +38,9 @@ RANGE_STEPS = 128
 """Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
 map."""
 
+
+MOST_TOGETHER = 8192
+"""Light rays of all lights and frames that functions for all of them are learnt from."""
 
 Clip = Callable[["Light", int], np.ndarray | None]
 
@@ -73,6 +77,23 @@ class Planner:
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
+    def curves(
+        self, scene: Scene, media: MediaOnDevice, clip: Clip
+    ) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
+        """Yield, for each field, what its maps are built by, α decided, and rays of each light.
+
+        Arguments as of `plans`.
+        """
+        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        for medium in media.of_fields:
+            key = field_key(scene, media, medium.index)
+            seen = self._seen(scene, lights, medium, clip, key)
+            rays = [
+                self._curves(seen.settings, light, of_light, medium, probe)
+                for light, of_light, probe in zip(scene.lights, lights, seen.probes, strict=True)
+            ]
+            yield seen.settings, rays
+
     def _of_field(
         self,
         scene: Scene,
@@ -82,6 +103,52 @@ class Planner:
         key: tuple[object, ...],
     ) -> list[Planned]:
         """Plan the maps of one field, of which ``key`` holds all that its density depends on."""
+        seen = self._seen(scene, of_lights, medium, clip, key)
+        settings, extinction, alpha = seen.settings, medium.extinction, seen.alpha
+        unit = 1.0
+        if settings.storage == "f16" and settings.target != "transmittance":
+            unit = 2.0 ** max(0, np.ceil(np.log2(max(seen.deepest, 1e-30) / LARGEST_HALF)))
+        plans = []
+        for number, (light, of_light, probe) in enumerate(
+            zip(scene.lights, of_lights, seen.probes, strict=True)
+        ):
+            of_map = settings.of_light(light)
+            fit = partial(self._fit, of_map, light, of_light, medium, probe)
+            before = self._launcher.seconds
+            if settings.learns:  # learning takes longer than all else here
+                fitted = self._cache.get(
+                    "functions",
+                    (key, light.map_key(), seen.shadow_res, of_map, seen.cut, extinction),
+                    fit,
+                    lambda made: made.nbytes,
+                )
+            else:
+                fitted = fit()
+            spent = seen.spent[number] + self._launcher.seconds - before
+            plans.append(
+                Planned(
+                    settings=of_map,
+                    field=fitted.field,
+                    functions=fitted.functions,
+                    number_unit=unit,
+                    density_weighting=alpha,
+                    extinction=extinction,
+                    clip=clip(light, of_map.res),
+                    deepest=seen.deepest,
+                    seconds=float(spent),
+                )
+            )
+        return plans
+
+    def _seen(
+        self,
+        scene: Scene,
+        of_lights: list[cl.Buffer],
+        medium: FieldOnDevice,
+        clip: Clip,
+        key: tuple[object, ...],
+    ) -> _Seen:
+        """Look at the rays of all lights in one field."""
         settings, extinction = resolve(scene.map), medium.extinction
         lights = list(zip(scene.lights, of_lights, strict=True))
         shadow_res = scene.shadow.res if scene.solids else 0
@@ -115,48 +182,38 @@ class Planner:
         settings = settings.replace(density_weighting=alpha)
         if has_ranges and not is_enough:
             probes = [probed(number, *fine(number)) for number in range(len(lights))]
-        unit = 1.0
-        if settings.storage == "f16" and settings.target != "transmittance":
-            unit = 2.0 ** max(0, np.ceil(np.log2(max(deepest, 1e-30) / LARGEST_HALF)))
-        plans = []
-        for number, ((light, of_light), probe) in enumerate(zip(lights, probes, strict=True)):
-            of_map = settings.of_light(light)
-            fit = partial(self._fit, of_map, light, of_light, medium, probe)
-            before = self._launcher.seconds
-            if BASES[settings.basis].learns(settings):  # learning takes longer than all else here
-                fitted = self._cache.get(
-                    "functions",
-                    (key, light.map_key(), shadow_res, of_map, cut, extinction),
-                    fit,
-                    lambda made: made.nbytes,
-                )
-            else:
-                fitted = fit()
-            spent[number] += self._launcher.seconds - before
-            plans.append(
-                Planned(
-                    settings=of_map,
-                    field=fitted.field,
-                    functions=fitted.functions,
-                    number_unit=unit,
-                    density_weighting=alpha,
-                    extinction=extinction,
-                    clip=clip(light, of_map.res),
-                    deepest=deepest,
-                    seconds=float(spent[number]),
-                )
-            )
-        return plans
+        return _Seen(settings, probes, alpha, deepest, shadow_res, cut, spent)
 
     def _fit(
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
     ) -> Fitted:
         """Find the ranges of a map, and make the functions of its basis."""
-        field, curves = _field(settings, probe), None
-        if BASES[settings.basis].learns(settings):
-            ranges = None if settings.range == "box" else field
-            curves = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
-        return Fitted(field, functions_of(settings, curves))
+        curves = self._curves(settings, light, of_light, medium, probe) if settings.learns else None
+        return Fitted(_field(settings, probe), functions_of(settings, curves))
+
+    def _curves(
+        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
+    ) -> Curves:
+        """Sample the rays that functions are learnt from."""
+        ranges = None if settings.range == "box" else _field(settings, probe)
+        return self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+
+
+class _Seen(NamedTuple):
+    """What the rays of all lights were found to hold of a field."""
+
+    settings: ResolvedMap
+    """With α."""
+    probes: Sequence[Probe]
+    """Of each light."""
+    alpha: float
+    deepest: float
+    """Largest optical depth of the density along any of them."""
+    shadow_res: int
+    cut: float
+    """Optical depth of the density at which a range ends."""
+    spent: np.ndarray
+    """Device time, of each light."""
 
 
 @dataclass(frozen=True)
@@ -187,9 +244,32 @@ def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, .
 
 
 def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | None:
-    """Make the functions of a basis, if it has any."""
-    make = BASES[settings.basis].functions
+    """Make the functions of a basis, if it has any: those that were given, or of some light rays."""
+    basis = BASES[settings.basis]
+    if settings.functions and basis.recalled is not None:
+        return basis.recalled(settings, functions_in(settings.functions))
+    make = basis.functions
     return None if make is None else make(settings, curves)
+
+
+def functions_for_all(found: Sequence[tuple[ResolvedMap, Sequence[Curves]]]) -> str | None:
+    """Learn functions that serve all maps of some fields, lights and frames; None where none are learnt.
+
+    Parameters
+    ----------
+    found
+        For each field and frame, what its maps are built by, and rays of each light; the basis is that of
+        the first.
+    """
+    if not found or not found[0][0].learns or not found[0][0].lasts:
+        return None
+    alphas = [settings.density_weighting or 1.0 for settings, _ in found]
+    settings = found[0][0].replace(density_weighting=max(alphas))
+    rays = Curves.together([one for _, of_lights in found for one in of_lights], MOST_TOGETHER)
+    functions = functions_of(settings, rays)
+    if functions is None or not len(rays.optical_depth):
+        return None
+    return functions_text(functions.modes)
 
 
 def _field(settings: ResolvedMap, probe: Probe) -> np.ndarray:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.maps.light_pass import Numbers
     from tfm_cl.maps.planned import Planned
     from tfm_cl.maps.resolved import ResolvedMap
@@ -100,6 +101,12 @@ class MapBuilder:
             return self._visibility.clip(scene, light, size)
 
         return Sources(scene, media, self._planner.plans(scene, media, clip), ())
+
+    def curves(self, scene: Scene, media: MediaOnDevice) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
+        """Yield what the maps of such a scene are built by, and rays that their basis may learn from."""
+        return self._planner.curves(
+            scene, media, lambda light, size: self._visibility.clip(scene, light, size)
+        )
 
     def of(
         self, sources: Sources, lights: Sequence[int], progress: Progress, *, kept: bool = True

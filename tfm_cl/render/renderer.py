@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
@@ -27,6 +27,7 @@ from tfm_cl.errors import DeviceError, SceneError, TfmWarning
 from tfm_cl.maps.light_at_points import EMISSION, LightAtPoints
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
+from tfm_cl.plan.maps import functions_for_all
 from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
@@ -46,6 +47,8 @@ from tfm_cl.scene.settings import MOTION_SAMPLES, ImageSettings
 if TYPE_CHECKING:
     from tfm_cl.device.bricks import BrickGrid, VoxelType
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.maps.bases.curves import Curves
+    from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
     from tfm_cl.scene.bodies import Volume
@@ -190,6 +193,45 @@ class Renderer:
                 return []
             sources = self._maps.sources(scene, media, None)
             return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
+
+    def functions_for(self, scenes: Iterable[Scene], progress: Progress | None = None) -> str | None:
+        """Learn, from the light's rays in all of some scenes, functions of their basis that serve them all.
+
+        Given as ``map.functions`` they are the same in all frames, which flicker less, and none has to learn.
+
+        Parameters
+        ----------
+        scenes
+            Frames, with all numbers of ``map`` given or left to ``"auto"``.
+        progress
+            As of `render`.
+
+        Returns
+        -------
+        str or None
+            For `MapSettings.functions`. None where nothing is learnt, or with a fit of which functions do not
+            last.
+
+        Raises
+        ------
+        DeviceError
+            Memory or compilation, or the renderer is closed.
+        """
+        progress = progress or _silent
+        found: list[tuple[ResolvedMap, list[Curves]]] = []
+        with self._in_turn():
+            for scene in scenes:
+                scene.read_files()
+                if scene.map.max_error is not None:
+                    scene, _ = self._chosen(scene, "tfm", None, None, progress)  # noqa: PLW2901
+                planned = plan(scene, method="tfm")
+                if planned.map is None or not (planned.map.learns and planned.map.lasts):
+                    continue
+                single = _single_lights(planned.scene)
+                media = self._media(single, None)
+                if media.fields.count:
+                    found += self._maps.curves(single, media)
+        return functions_for_all(found)
 
     def light_at(self, scene: Scene, points: ArrayLike, *, progress: Progress | None = None) -> LightAtPoints:
         """Look each light of a scene up at any points, through its map and past all solids.

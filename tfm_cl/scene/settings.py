@@ -10,6 +10,7 @@ from tfm_cl.files.image_io import PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST, MOST_COEFFS
+from tfm_cl.maps.bases.given import FUNCTIONS_EXPECTED, functions_in
 from tfm_cl.model import (
     Model,
     as_colour,
@@ -36,6 +37,15 @@ MAX_STEPS = 100_000
 ENVIRONMENT: Literal["environment"] = "environment"
 Background = tuple[float, float, float] | Literal["environment"]
 """RGB radiance, or ``"environment"``: what the camera sees of the scene's environment and sky lights."""
+
+
+@accepts({"type": "string"})
+def _functions(value: Any) -> Any:
+    if not isinstance(value, str) or "\n" in value:
+        raise ValueError(FUNCTIONS_EXPECTED)
+    if value:
+        functions_in(value)
+    return value
 
 
 @accepts(lambda: {"enum": ["auto", *BASES]})
@@ -109,6 +119,12 @@ class MapSettings(Model):
         description="between texels: interpolate the coefficients, interpolate the reconstructed optical "
         "depths, or use one texel at random; lattice: look all lights up once a voxel, and interpolate what "
         "they scatter",
+    )
+    functions: Annotated[str, PlainValidator(_functions)] = Field(
+        default="",
+        description="what the basis learns, as tfm writes it for the frames of a range: float32 in base64 "
+        "after ROWSxCOLUMNS:, of klt values at 65 places along a light ray; empty: learnt from the light's "
+        "own rays",
     )
     res: Annotated[Count, count_or_auto(MAX_RES)] = Field(
         default=1024,

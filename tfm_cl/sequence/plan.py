@@ -13,12 +13,12 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.errors import InputError
+from tfm_cl.errors import InputError, NoDeviceError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC, automatic_exposure
 from tfm_cl.files.paths import is_file, write_text
 from tfm_cl.files.patterns import FilePattern
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.result import RenderResult
     from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.scene_file import SceneFile
+    from tfm_cl.sequence.renderer import Renderer
 
 MOST_LOOKED_AT = 5
 """Frames of a range that decisions go by: the first, the last, and some between them."""
@@ -56,7 +57,7 @@ PILOT_WIDTH = 240
 """Pixels across the pictures that an exposure is chosen by."""
 COUNTS = ("map.res", "map.steps", "march.steps")
 """Of which the most that any frame needs is taken."""
-WEIGHTING, EXPOSURE = "map.density_weighting", "image.exposure"
+WEIGHTING, EXPOSURE, FUNCTIONS = "map.density_weighting", "image.exposure", "map.functions"
 OF_FLAMES = {"temperature_scale": "for the hottest", "Le_scale": "for the deepest"}
 """Keys of [medium] that looks take from each file: the least serves all frames."""
 OF_DENSEST = ("map.target", "map.fit", WEIGHTING)
@@ -72,17 +73,10 @@ NO_PLAN = (
     InputError,
 )
 """What reading a file that is none raises."""
-OF_WORDS = (".lookup", ".target", ".fit", ".up")
-"""Ends of the keys whose values are words."""
+OF_WORDS = (".lookup", ".target", ".fit", ".up", FUNCTIONS)
+"""Ends of the keys whose values are words, none of which may be a file's name."""
 LOOKED_AGAIN = 0.2
 """Seconds after which a plan that another process is making is looked for again."""
-
-
-class Rendering(Protocol):
-    """What renders a scene, as `tfm_cl.Renderer.render` does."""
-
-    def __call__(self, scene: Scene, **asked: Any) -> RenderResult:
-        """Render."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +101,8 @@ class RangePlan:
     def lines(self) -> Iterator[str]:
         """Yield the decisions for people."""
         for key, (value, why) in self.decisions.items():
-            yield f"{key} = {value}: {why}"
+            shown = value.partition(":")[0] + " numbers" if key == FUNCTIONS else value
+            yield f"{key} = {shown}: {why}"
 
     def save(self, path: Path, fingerprint: str, frames: Collection[int]) -> None:
         """Write it, whole or not at all."""
@@ -154,7 +149,7 @@ def steady(
     ledger: Ledger,
     *,
     exposes: bool = False,
-    renderer: Callable[[], Rendering] | None = None,
+    renderer: Callable[[], Renderer] | None = None,
 ) -> RangePlan:
     """Return what is decided for a range: what its file says, or now, for whoever else makes its frames.
 
@@ -238,7 +233,7 @@ def decide(
     frames: Collection[int],
     *,
     exposes: bool = False,
-    renderer: Callable[[], Rendering] | None = None,
+    renderer: Callable[[], Renderer] | None = None,
 ) -> RangePlan:
     """Decide what a scene leaves open, for all frames of a range.
 
@@ -251,7 +246,7 @@ def decide(
     exposes
         Whether pictures are written that an exposure is chosen for.
     renderer
-        Gives what renders a scene; called only where rendering alone can tell. None: that is left open.
+        Gives what renders scenes; called only where the device alone can tell. None: that is left open.
 
     Raises
     ------
@@ -287,7 +282,10 @@ def decide(
         open_.discard(EXPOSURE)
     if open_ and renderer is not None:
         scenes = [_scene(shot, sample, decisions) for sample in samples]
-        decisions |= free(_measured(scenes, plans, densest, open_, renderer()))
+        decisions |= free(_measured(scenes, plans, densest, open_, renderer().render))
+    if FUNCTIONS not in animated and renderer is not None and any(map(_learns, plans)):
+        scenes = [_scene(shot, sample, decisions) for sample in samples]
+        decisions |= dict(_learnt(scenes, renderer))
     return RangePlan(decisions, tuple(sample.frame for sample in samples))
 
 
@@ -430,7 +428,7 @@ def _measured(
     plans: Sequence[Plan],
     densest: int,
     opened: Collection[str],
-    render: Rendering,
+    render: Callable[..., RenderResult],
 ) -> Iterator[tuple[str, Decision]]:
     """Yield what only rendering can tell: of small pictures, unless an error is to be kept."""
     keeps_error = any(scene.map.max_error is not None for _, scene in scenes)
@@ -468,3 +466,23 @@ def _measured(
         pictures = [result.picture(transparent=image.transparent).reshape(-1, 1, 4) for _, result in results]
         stops = automatic_exposure(np.concatenate(pictures), image.view, transparent=image.transparent)
         yield EXPOSURE, Decision(stops, f"{WHY_AUTOMATIC}, of all frames looked at")
+
+
+def _learns(planned: Plan) -> bool:
+    """Whether maps learn what may be learnt once; those for a ``max_error`` are not known yet."""
+    measured = planned.scene.map.max_error is not None
+    return measured if planned.map is None else planned.map.learns and planned.map.lasts
+
+
+def _learnt(
+    scenes: Sequence[tuple[SceneFile, Scene]], renderer: Callable[[], Renderer]
+) -> Iterator[tuple[str, Decision]]:
+    """Yield what the basis learns."""
+    try:
+        # What keeps an error is decided by now.
+        plain = [scene.replace(map=scene.map.replace(max_error=None)) for _, scene in scenes]
+        functions = renderer().functions_for(plain)
+    except NoDeviceError:  # others have: each frame learns for itself
+        return
+    if functions is not None:
+        yield FUNCTIONS, Decision(functions, "learnt from rays of all lights in all frames looked at")

@@ -20,5 +20,9 @@ class Renderer(Protocol):
     def render_blurred(self) -> Callable[..., RenderResult]:
         """`tfm_cl.render.renderer.Renderer.render_blurred`, which takes the scene of each moment besides."""
 
+    @property
+    def functions_for(self) -> Callable[..., str | None]:
+        """`tfm_cl.render.renderer.Renderer.functions_for`, which takes the scenes of some frames."""
+
     def forget_unused(self) -> None:
         """As `tfm_cl.render.renderer.Renderer.forget_unused`."""

@@ -114,8 +114,10 @@ class Basis:
     learns: Callable[[Choices], bool] = _never
     """Whether the functions of a map depend on its own light rays."""
     recalled: Callable[[Choices, NDArray[np.float32]], Functions] | None = None
-    """Makes learnt functions again of their `Functions.modes`, for maps from files; raises `ValueError` for
-    modes that are none. None where nothing is ever learnt."""
+    """Makes learnt functions again of their `Functions.modes`, for maps from files and functions that
+    were given; raises `ValueError` for modes that are none. None where nothing is ever learnt."""
+    lasts: Callable[[Choices], bool] = _never
+    """Whether what was learnt for some maps, `recalled`, can be fitted to others: those of other frames."""
     lerps: bool = True
     """Whether the coefficients of neighbouring texels may be interpolated."""
     counts: tuple[int, ...] = USUAL_COUNTS

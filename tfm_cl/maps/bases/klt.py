@@ -142,4 +142,5 @@ KLT = Basis(
     targets=("transmittance", "optical-depth"),
     learns=lambda _: True,
     recalled=recalled,
+    lasts=lambda choices: choices.fit == "visibility",  # the other fit has functionals besides
 )

@@ -135,6 +135,7 @@ SLICES = Basis(
     targets=("extinction",),
     learns=_by_density,
     recalled=partial(_recalled, cubic=False),
+    lasts=_by_density,
     counts=tuple(range(1, MOST_PLANES + 1)),
 )
 SLICES_CUBIC = Basis(
@@ -146,4 +147,5 @@ SLICES_CUBIC = Basis(
     targets=("extinction",),
     learns=_by_density,
     recalled=partial(_recalled, cubic=True),
+    lasts=_by_density,
 )
