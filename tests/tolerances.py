@@ -88,3 +88,6 @@ marches through either, 640 of the camera and 200 of light, lie elsewhere."""
 
 LEARNT_TOGETHER = 0.01
 """RMSE, in means of a picture, between functions of its own and those that serve another frame too."""
+
+LEARNT = 1e-3
+"""Of a projection onto learnt functions: their normal equations are summed in float32, six rounds long."""

@@ -217,3 +217,56 @@ def test_scenes_may_have_a_file_for_each_frame(shot):
     path.rename(path.with_name("shot.7.toml"))
 
     assert density(path.with_name("shot.%d.toml"), 7) == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "frame", "ahead"),
+    [
+        ("", '[medium]\nphase = { type = "table", file = "p.####.txt" }\n', 2, 2),
+        ("", '[medium]\nphase = "table:p.####.txt"\n', 1, 1),
+        ("", '[medium.phase]\ntype = "table"\nfile = "p.%d.txt"\nframe_offset = 5\nafter = "hold"\n', 2, 3),
+        ("[camera]", '[volume.medium.phase]\ntype = "table"\nfile = "p.####.txt"\n[camera]', 3, 3),
+    ],
+)
+def test_a_table_of_a_phase_function_may_be_of_each_frame(shot, old, new, frame, ahead):
+    path = shot(old or "[camera]", new if old else new + "[camera]")
+    for number in (1, 2, 3):
+        for name in (f"p.{number:04d}.txt", f"p.{number}.txt"):
+            (path.parent / name).write_text(f"-1 1\n1 {number}\n")
+    scene = Shot(path).scene(frame)
+    phase = scene.medium_of(scene.bodies[0]).phase
+    assert phase.evaluate(1) / phase.evaluate(-1) == pytest.approx(ahead)
+    assert any(
+        changing.key[-2:] == ("phase", "file") or changing.key[-1] == "phase"
+        for changing in SceneFile.read(path, frame=frame).patterns
+    )
+
+
+def test_a_table_that_is_not_there_is_told(shot):
+    path = shot("[camera]", '[medium]\nphase = { type = "table", file = "p.####.txt" }\n[camera]')
+    with pytest.raises(SceneError, match=r"medium\.phase\.file: frame 2: there is no p\.0002\.txt"):
+        Shot(path).scene(2)
+    (path.parent / "p.0001.txt").write_text("-1 1\n1 1\n")
+    path.write_text(path.read_text().replace('txt" }', 'txt", after = "empty" }'))
+    with pytest.raises(SceneError, match='"empty" is for volumes and meshes; other files are held'):
+        Shot(path).scene(2)
+
+
+def test_frames_of_one_table_are_refused(shot):
+    path = shot("[camera]", '[medium]\nphase = { type = "table", file = "p.txt", after = "hold" }\n[camera]')
+    with pytest.raises(SceneError, match=r"phase\.after: is for files that change from frame to frame"):
+        SceneFile.read(path, frame=1)
+
+
+def test_whole_numbers_between_keyframes_say_how_to_stay_whole(shot):
+    path = shot("[camera]", "[map]\nres = [{ frame = 1, value = 64 }, { frame = 4, value = 96 }]\n[camera]")
+    assert SceneFile.read(path, frame=4, overrides=[("volume.after", "hold")]).map.res == 96
+    with pytest.raises(SceneError) as error:
+        SceneFile.read(path, frame=2)
+    assert str(error.value) == (
+        f"{path}:5: map.res = 74.66666666666667: should be a whole number from 1 to 8192, or 'auto'; "
+        'it is between two keyframes, which interpolation = "step" keeps apart'
+    )
+    blur = [{"frame": 1, "value": -2}, {"frame": 4, "value": -1}]
+    with pytest.raises(SceneError, match=r"should be greater than or equal to 0$"):
+        SceneFile.read(path, [("map.res", 64), ("map.blur", blur)], frame=2)

@@ -721,6 +721,17 @@ def test_coefficients_may_say_what_the_density_scale_does_not(tmp_path, sigma, w
     assert bool(without_density_scale(tmp_path, sensible(1.0) * 50, scene)) is warned
 
 
+@pytest.mark.parametrize(("sigma", "warned"), [("1.0", True), ("1e-36", False)])
+def test_densities_beyond_sense_are_told(tmp_path, sigma, warned):
+    scene = f'[volume]\nfile = "cloud.npy"\ndensity_scale = 1.0\n[medium]\nsigma_s = {sigma}'
+    told = without_density_scale(tmp_path, np.float32(2e38), scene)
+    said = (
+        f"{tmp_path / 'scene.toml'}: volume.density_scale = 1 makes densities up to 2e+38: light ends where "
+        f'the first begins; "auto" would take {sensible(np.float32(2e38)):.2g}'
+    )
+    assert told == ((said,) if warned else ())
+
+
 def test_each_of_several_volumes_is_told_by_its_number(tmp_path):
     table = '[[volume]]\nfile = "cloud.npy"\n'
     told = without_density_scale(tmp_path, 40.0, f"{table}{table}density_scale = 2.0\n{table}")

@@ -1,5 +1,6 @@
 """Shots at moments between frames: what moves by keyframes, what stays the frame's, and what is read once."""
 
+import pkgutil
 import subprocess
 import sys
 
@@ -93,6 +94,70 @@ def test_what_is_the_same_at_another_moment_is_read_once(folder):
     assert again.volume.world_from_index == pytest.approx(other.volume.world_from_index)
     assert again.volume.density_scale == pytest.approx(other.volume.density_scale)
     assert again.camera == other.camera
+
+
+MOVING = """
+translate = [{ frame = 1, value = [0, 0, 0] }, { frame = 3, value = [2, 0, 0] }]
+"""
+PRIMITIVES = {
+    "points": ("points_io.read_points", '[volume]\npoints = "puff.npz"', {"positions": np.eye(3)}),
+    "curves": (
+        "curves_io.read_curves",
+        '[volume]\ncurves = "puff.npz"',
+        {"points": np.eye(4, 3), "counts": np.array([2, 2])},
+    ),
+    "mesh": ("PolygonsSettings._triangles", '[volume]\nmesh = "puff.ply"', None),
+}
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
+
+
+@pytest.mark.parametrize("kind", PRIMITIVES)
+def test_primitives_are_read_once_for_all_moments(tmp_path, monkeypatch, kind):
+    reader, text, arrays = PRIMITIVES[kind]
+    if arrays is None:
+        pytest.importorskip("trimesh", reason="pip install 'tfm_cl[solids]'")
+        (tmp_path / "puff.ply").write_text(PLY)
+    else:
+        np.savez(tmp_path / "puff.npz", **arrays)
+    (tmp_path / "shot.toml").write_text(text + MOVING)
+    reads = []
+    module, _, name = f"tfm_cl.scene.bodies.primitive_settings.{reader}".rpartition(".")
+    holder = pkgutil.resolve_name(module)
+    read_file = getattr(holder, name)
+    monkeypatch.setattr(holder, name, lambda *given: reads.append(given) or read_file(*given))
+    ready = read(tmp_path, 2)
+    moments = [ready.at(after).bodies[0] for after in (-0.5, -0.25, 0.25)]
+    assert len(reads) == 2  # for the frame, and once for all other moments
+    for body, after in zip(moments, (-0.5, -0.25, 0.25), strict=True):
+        assert (body.positions - ready.scene.bodies[0].positions)[:, 0] == pytest.approx(after)
+        assert body.chosen == ready.scene.bodies[0].chosen
+    assert "stored" not in ready.scene.bodies[0].__getstate__()
+
+
+def test_meshes_are_read_once_for_all_moments(tmp_path):
+    pytest.importorskip("trimesh", reason="pip install 'tfm_cl[solids]'")
+    (tmp_path / "puff.ply").write_text(PLY)
+    solid = '[volume]\nshape = "box"\n[[solid]]\nmesh = "puff.ply"'
+    (tmp_path / "shot.toml").write_text(solid + MOVING)
+    ready = read(tmp_path, 2)
+    ready.read_files()
+    (tmp_path / "puff.ply").unlink()
+    moment = ready.at(0.5)
+    assert moment.solids[0].load() is ready.scene.solids[0].load()
+    assert moment.solids[0].world_vertices()[:, 0] == pytest.approx([1.5, 2.5, 1.5])
 
 
 def test_what_does_not_change_is_itself(folder):

@@ -444,6 +444,17 @@ def test_overrides_by_key_are_known_before_the_camera_is_placed(volume, out):
     assert read_rows(out)[-1].reference != rows[0].reference
 
 
+def test_a_frame_of_a_sequence(volume, out):
+    pattern = volume.with_name("blob.####.npy")
+    for frame in (3, 4):
+        np.save(volume.with_name(f"blob.{frame:04d}.npy"), np.load(volume) * (frame - 2))
+    rows = [run([pattern], out, frame=frame)[0] for frame in (3, 4)]
+    assert [row.volume for row in rows] == ["blob.#### frame 3", "blob.#### frame 4"]
+    assert rows[0].reference != rows[1].reference
+    with pytest.raises(SceneError, match="needs a frame: --frame 1"):
+        run([pattern], out)
+
+
 def test_a_dark_reference_is_an_error(volume, out):
     with pytest.raises(SceneError, match="blob: the reference shows nothing"):
         run([volume], out, renderer=FakeRenderer(alpha=0.0))

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from tfm_cl.cli.frames import checked, frame_option
 from tfm_cl.cli.options import (
     GroupedCommand,
     GroupedOption,
@@ -130,6 +131,7 @@ def _option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Ca
         "--aov",
     )
 )
+@frame_option
 @device_option
 @scheduler_option
 @click.option("-q", "quiet", is_flag=True, cls=GroupedOption, help="print errors only")
@@ -138,6 +140,7 @@ def command(
     out: Path,
     settings: tuple[str, ...],
     ray: str | None,
+    frame: float | None,
     device: str | None,
     scheduler: str | None,
     *,
@@ -193,6 +196,7 @@ def command(
             latex=latex,
             figures=() if figures is None else tuple(part.strip() for part in figures.split(",")),
             overrides=changes,
+            frame=checked(frame),
             # One stage, so that the time left is that of the whole.
             progress=lambda _, fraction: progress("sweep", fraction),
             notice=lambda line: None if quiet else print(f"tfm: {one_line(line)}", file=sys.stderr),

@@ -13,13 +13,34 @@ from tfm_cl.scene.scene_file import SceneFile, Values, VolumeSettings
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
 
+ABSURD = 1e9
+"""Factor of a density scale above what is sensible with which there is no picture of it."""
 FAR = 2.0
 """Factor between two density scales that makes another picture."""
 
 
 def warnings(file: SceneFile, scene: Scene) -> tuple[str, ...]:
-    """Tell, one line each, what the file leaves out and most likely should not."""
-    return tuple(
+    """Tell, one line each, what the file leaves out and most likely should not, and what is beyond sense."""
+    return (*_without_scale(file, scene), *_too_dense(file, scene))
+
+
+def _too_dense(file: SceneFile, scene: Scene) -> Iterator[str]:
+    for number, settings, volume in grids(file, scene):
+        sigma_t = float(scene.medium_of(volume).sigma_t.max())
+        deepest = sigma_t * volume.density_scale * volume.largest * volume.longest_ray
+        if "density_scale" not in settings.model_fields_set or deepest < ABSURD:
+            continue  # at once: the following takes time
+        sensible = density_scale_for(volume, scene.medium_of(volume).typical_depth)
+        if sigma_t * volume.density_scale > ABSURD * sensible:
+            yield (
+                f"{file.path}: volume.{number}density_scale = {volume.density_scale:g} makes densities up to "
+                f"{volume.density_scale * volume.largest:.2g}: light ends where the first begins; "
+                f'"auto" would take {sensible:.2g}'
+            )
+
+
+def _without_scale(file: SceneFile, scene: Scene) -> Iterator[str]:
+    return (
         f'{file.path}: volume.{number}density_scale is not given: 1 is used; "auto" would take '
         f"{sensible:g}: give one of them"
         for number, settings, volume in grids(file, scene)

@@ -60,6 +60,27 @@ def _changing(values: Values, folder: Path) -> Iterator[Changing]:
                 pattern = _pattern(key, named.get(key), folder)
                 if pattern is not None:
                     yield Changing((section, *(() if number is None else (number,)), key), pattern, folder)
+    yield from _phases(values, folder)
+
+
+def _phases(values: Values, folder: Path) -> Iterator[Changing]:
+    """Yield files of phase functions: of a table with a file, or of text, ``NAME:FILE``."""
+    volumes = values.get("volume")
+    numbered = enumerate(volumes) if isinstance(volumes, list) else [(None, volumes)]
+    media: list[tuple[Key, Any]] = [(("medium",), values.get("medium"))]
+    for number, table in numbered:
+        if isinstance(table, dict):
+            place: Key = ("volume",) if number is None else ("volume", number)
+            media.append(((*place, "medium"), table.get("medium")))
+    for place, medium in media:
+        phase = medium.get("phase") if isinstance(medium, dict) else None
+        key: Key = (*place, "phase")
+        named: Any = phase.partition(":")[2] if isinstance(phase, str) else None
+        if isinstance(phase, dict):
+            key, named = (*key, "file"), phase.get("file")
+        pattern = _pattern("phase", named, folder) if named else None
+        if pattern is not None:
+            yield Changing(key, pattern, folder)
 
 
 def _pattern(key: str, name: Any, folder: Path) -> FilePattern | None:
@@ -73,7 +94,11 @@ def _pattern(key: str, name: Any, folder: Path) -> FilePattern | None:
 
 def _settle(values: Values, place: Key, changing: list[Changing], frame: float, faults: Faults) -> None:
     """Put the names of a frame's files into the table at a place."""
-    holder: Any = values if len(place) == 1 else values[str(place[0])]
+    holder: Any = values
+    for part in place[:-1]:
+        if isinstance(holder, dict) and part not in holder:
+            return  # of a body that is not there
+        holder = holder[part]
     last = place[-1]
     table = holder[last]
     try:
@@ -87,12 +112,14 @@ def _settle(values: Values, place: Key, changing: list[Changing], frame: float, 
         except SceneError as error:
             faults.add(*(Fault(f"{'.'.join(map(str, key))}: {line}", key) for line in error.args))
             continue
-        if name is None and (place[0] == "light" or key[-1] in {"albedo", *BESIDE}):
-            line = '"empty" is for volumes and meshes; an image is held, or missing is an error'
+        if name is None and (place[0] == "light" or key[-1] in {"albedo", *BESIDE} or "phase" in key):
+            line = '"empty" is for volumes and meshes; other files are held, or missing is an error'
             faults.add(Fault(f"{'.'.join(map(str, key))}: {line}", key))
         elif name is None:
             table = dict(NOTHING) if place[0] == "volume" else None
             break
+        elif key[-1] == "phase":
+            table["phase"] = f"{table['phase'].partition(':')[0]}:{name}"
         else:
             table[str(key[-1])] = name
     holder[last] = table

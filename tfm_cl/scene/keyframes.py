@@ -77,6 +77,33 @@ def evaluated(values: Values, frame: float | None, faults: Faults) -> tuple[Valu
     return result, sorted(changing, key=str)
 
 
+def is_between_whole(given: Values, now: Values, key: Key) -> bool:
+    """Tell whether a value lies between keyframes of whole numbers, and is none itself.
+
+    Parameters
+    ----------
+    given, now
+        Values as TOML gives them, and at a frame.
+    key
+        Of the value.
+    """
+    of_keys: Any = given
+    found: Any = now
+    try:
+        for name in key:
+            of_keys, found = of_keys[name], found[name]
+    except (LookupError, TypeError):  # of a body that is not there
+        return False
+    if not _has_keyframes(of_keys):
+        return False  # a file of each frame
+    return _is_whole([one.get("value") for one in of_keys]) and not _is_whole(found)
+
+
+def _is_whole(value: Any) -> bool:
+    """Tell whether a value is a whole number, or a list of them."""
+    return all(map(_is_whole, value)) if isinstance(value, list) else type(value) is int
+
+
 def _has_keyframes(value: Any) -> bool:
     """Tell whether a value is meant as keyframes: no other tables have such keys."""
     return (

@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from pathlib import Path
@@ -448,7 +448,7 @@ class SceneFile:
             with faults.collect():
                 source.overridden.add(_override(values, placed_light, key, value))
         try:
-            values, changing, files = _at_frame(values, frame, moment, path.parent)
+            given, (values, changing, files) = values, _at_frame(values, frame, moment, path.parent)
             placed, others, more = _at_frame({"light": placed_light}, frame, moment, path.parent)
         except SceneError as error:
             raise source.located(error) from None
@@ -459,7 +459,8 @@ class SceneFile:
         try:
             faults.raise_any()
         except SceneError as error:
-            raise source.located(error) from None
+            between = {key for key in changing if keyframes.is_between_whole(given, values, key)}
+            raise source.located(_with_steps(error, between)) from None
         return cls(
             source=source,
             path=path,
@@ -578,7 +579,7 @@ class SceneFile:
         if like is None or len(like.file.solids) != len(self.solids):
             return self.solids
         pairs = zip(self.solids, like.file.solids, strict=True)
-        return tuple(other if solid == other else solid for solid, other in pairs)
+        return tuple(other if solid == other else solid.like(other) for solid, other in pairs)
 
     def is_file_of_a_frame(self, path: Path) -> bool:
         """Tell whether a file, there or not yet, is one that another frame would read."""
@@ -707,6 +708,22 @@ def _dress(values: Values, look: str, path: Path, given: Values, frame: float | 
     values |= {name: section for name, section in now.items() if name not in values}
     if isinstance(values.get("image"), dict):
         values["image"] = now["image"] | values["image"]
+
+
+def _with_steps(error: SceneError, between: Collection[Key]) -> SceneError:
+    """Return the same; of values that lie between keyframes of whole numbers it says how not to.
+
+    ``between``: the keys of such values.
+    """
+    line = 'it is between two keyframes, which interpolation = "step" keeps apart'
+    return SceneError(
+        *(
+            Fault(f"{fault}; {line}", fault.key)
+            if fault.key in between and re.search("whole|integer", fault)
+            else fault
+            for fault in error.faults
+        )
+    )
 
 
 SAY_FRAME = "--frame 1, or --frames 1-24"

@@ -82,6 +82,7 @@ def run(
     latex: bool = False,
     figures: Collection[str] = (),
     overrides: Overrides | None = None,
+    frame: float | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> list[SweepRow]:
@@ -122,6 +123,8 @@ def run(
     overrides
         Settings for every scene: pairs of a scene file's key and a value, as ``("camera.res", [320, 180])``
         (applied before camera and light are placed), or a function of the scene that was read.
+    frame
+        Of scenes that change from frame to frame; None: they do not.
     progress
         Called as ``progress(stage, fraction)`` with the fraction done of the work that was left to do.
     notice
@@ -166,6 +169,7 @@ def run(
         overrides=overrides if callable(overrides) else tuple(overrides or ()),
         converged=converged,
         converged_steps=converged_steps,
+        frame=frame,
     )
     workshop = Workshop(task, renderer)
     pool: Pool
@@ -173,7 +177,7 @@ def run(
         pool = Cluster(scheduler, workshop.worker)
     else:
         pool = Here(workshop.using()) if jobs == 1 else Processes(workshop.worker, jobs)
-    sweep = _Sweep(out, ray, notice or _say_nothing, progress)
+    sweep = _Sweep(out, ray, notice or _say_nothing, progress, "" if frame is None else f" frame {frame:g}")
     try:
         with pool:
             rows = sweep.run(pool, list(dict.fromkeys(inputs)))
@@ -218,9 +222,16 @@ class _Sweep:
     """Runs the inputs of one sweep through a pool."""
 
     def __init__(
-        self, out: Path, ray: Ray | None, notice: Callable[[str], None], progress: Progress | None
+        self,
+        out: Path,
+        ray: Ray | None,
+        notice: Callable[[str], None],
+        progress: Progress | None,
+        suffix: str,
     ) -> None:
         self._out, self._ray, self._notice, self._progress = out, ray, notice, progress
+        self._suffix = suffix
+        """Of the names of inputs: which frame of them it is."""
         self._folder: SweepFolder | None = None
 
     def run(self, pool: Pool, inputs: list[Path]) -> list[SweepRow]:
@@ -253,8 +264,7 @@ class _Sweep:
         if self._folder is not None:
             self._folder.close()
 
-    @staticmethod
-    def _plans(pool: Pool, inputs: list[Path]) -> list[Plan]:
+    def _plans(self, pool: Pool, inputs: list[Path]) -> list[Plan]:
         found: dict[Path, Plan] = {}
 
         def planned(job: Job, plan: Plan) -> list[Job]:
@@ -262,7 +272,7 @@ class _Sweep:
             return []
 
         jobs = [
-            Job("plan", (path, name), name, 0.0, planned)
+            Job("plan", (path, name + self._suffix), name, 0.0, planned)
             for path, name in zip(inputs, _names(inputs), strict=True)
         ]
         pool.run(jobs, _Steps(None, 0.0))

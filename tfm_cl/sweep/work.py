@@ -53,6 +53,8 @@ class Task:
     overrides: Overrides
     converged: bool
     converged_steps: int | None
+    frame: float | None = None
+    """Of scenes that change from frame to frame."""
 
 
 @dataclass(frozen=True)
@@ -285,9 +287,9 @@ class Worker:
             self._scene = self._maps = None
             overrides = self._task.overrides
             if callable(overrides):
-                scene = overrides(Scene.load(path))
+                scene = overrides(Scene.load(path, frame=self._task.frame))
             else:
-                file = SceneFile.read(path, overrides)
+                file = SceneFile.read(path, overrides, frame=self._task.frame)
                 file.check_files()
                 scene = file.make(Scene)
             scene.read_files()

@@ -91,6 +91,8 @@ def test_mp4(tmp_path):
     [
         ("echo '[vost#0:0 @ 0x55] No space left on device' >&2; exit 1", "No space left on device"),
         ("cat >/dev/null; exit 7", "exit code 7"),
+        ("cat >/dev/null; exit 0", "it ended without a film"),
+        ("exit 0", "it ended without a film"),
     ],
 )
 def test_ffmpeg_that_fails_is_told_in_a_line(tmp_path, monkeypatch, script, said):

@@ -88,6 +88,8 @@ def _encoder(path: Path, size: tuple[int, int], options: FilmOptions) -> Iterato
             process.wait()
             with contextlib.suppress(OSError):
                 frames.close()
+        if not code and not (path.is_file() and path.stat().st_size):
+            raise EncodingError("ffmpeg failed (it ended without a film)")
         if code:
             told.seek(0)
             raise EncodingError(f"ffmpeg failed ({_reason(told.read(_MOST_TOLD)) or f'exit code {code}'})")

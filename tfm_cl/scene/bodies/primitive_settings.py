@@ -29,9 +29,14 @@ from tfm_cl.scene.optical_depth import density_scale_for, why_density
 from tfm_cl.scene.transform import Matrix, Rows
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
+    from tfm_cl.files.mesh_io.triangles import Triangles
+
 P = TypeVar("P", bound=Primitives)
+R = TypeVar("R")
 
 OVERLAP = 2.0
 """Radius of points whose file says none, in median distances to the nearest neighbour: they overlap."""
@@ -89,7 +94,7 @@ class PrimitiveSettings(OfFrames, MovingSettings):
 
     @abstractmethod
     def load(self, folder: Path, optical_depth: float, like: Any = None) -> Primitives:
-        """As `BodySettings.load`; all is read again."""
+        """As `BodySettings.load`; a file that is the same at another moment is read once."""
 
     def source(self, folder: Path) -> Path:
         """Return the file's path."""
@@ -98,6 +103,23 @@ class PrimitiveSettings(OfFrames, MovingSettings):
     def sources(self) -> list[str]:
         """As `BodySettings.sources`."""
         return [getattr(self, self.KEY)]
+
+    def _read(self, like: tuple[Any, Any] | None, read: Callable[[Path], R], source: Path) -> R:
+        """Read a file, unless it was for another moment: the body there keeps it."""
+        body = self._same(like, self.KEY)
+        if body is None:
+            return read(source)
+        if body.stored is None:
+            body.stored = read(source)
+        stored: R = body.stored
+        return stored
+
+    def _same(self, like: tuple[Any, Any] | None, *keys: str) -> Any:
+        """Return the body of another moment where these keys are the same; else None."""
+        other, body = like or (None, None)
+        if type(other) is not type(self) or not isinstance(body, Primitives):
+            return None
+        return body if all(getattr(other, key) == getattr(self, key) for key in keys) else None
 
     def _remembered(self, body: P, source: Path, chosen: dict[str, tuple[Any, str]]) -> P:
         """Return the body, which tells how it was made."""
@@ -163,13 +185,16 @@ class PointsSettings(PrimitiveSettings):
     )
 
     def load(self, folder: Path, optical_depth: float, like: Any = None) -> Points:
-        """As `PrimitiveSettings.load`."""
-        del like
+        """As `PrimitiveSettings.load`; what is chosen is chosen once for all moments."""
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
-        stored = points_io.read_points(source)
+        stored = self._read(like, points_io.read_points, source)
+        there = self._same(like, self.KEY, "radius", "density", "opacity")
+        known = {} if there is None else there.chosen
         radius: Any = stored.radii if self.radius is None else self.radius
-        if radius is None or isinstance(radius, str):
+        if "radius" in known:
+            radius, _ = chosen["radius"] = known["radius"]
+        elif radius is None or isinstance(radius, str):
             apart = spacing(stored.positions)
             radius = LONE_RADIUS if apart is None else float(f"{OVERLAP * apart:.2g}")
             chosen["radius"] = radius, f"{OVERLAP:g} median distances to the nearest neighbour"
@@ -188,9 +213,9 @@ class PointsSettings(PrimitiveSettings):
             source=source,
         )
         if opacity is None and factor is None:
-            scale = density_scale_for(points, optical_depth)
-            points = points.with_density(scale)
-            chosen["density"] = scale, why_density(optical_depth)
+            found = density_scale_for(points, optical_depth), why_density(optical_depth)
+            chosen["density"] = known.get("density", found)
+            points = points.with_density(chosen["density"][0])
         return self._remembered(points, source, chosen)
 
 
@@ -222,10 +247,10 @@ class CurvesSettings(PrimitiveSettings):
 
     def load(self, folder: Path, optical_depth: float, like: Any = None) -> Curves:
         """As `PrimitiveSettings.load`; what is thin says its opacity."""
-        del optical_depth, like
+        del optical_depth
         self._require_one_scale(self.density)
         source, chosen = self.source(folder), dict[str, tuple[Any, str]]()
-        stored = curves_io.read_curves(source)
+        stored = self._read(like, curves_io.read_curves, source)
         width: Any = stored.widths if self.width is None else self.width
         if width is None or isinstance(width, str):
             extent = np.ptp(stored.positions.astype(np.float64), axis=0)
@@ -261,8 +286,23 @@ class PolygonsSettings(PrimitiveSettings):
 
     def load(self, folder: Path, optical_depth: float, like: Any = None) -> Polygons:
         """As `PrimitiveSettings.load`; what is thin says its opacity."""
-        del optical_depth, like
+        del optical_depth
         source = self.source(folder)
+        triangles, velocities = self._read(like, self._triangles, source)
+        vertices, _ = self._placed(triangles.vertices, 1.0)
+        polygons = Polygons(
+            vertices,
+            triangles.faces,
+            1.0 if self.opacity is None else self.opacity,
+            colour=self.colour,
+            velocity=self._turned(velocities),
+            medium=self.medium,
+            source=source,
+        )
+        return self._remembered(polygons, source, {})
+
+    def _triangles(self, source: Path) -> tuple[Triangles, NDArray[np.float32] | None]:
+        """Read triangles, and velocities of their vertices."""
         with needs("solids", f"{source}: a mesh", VolumeError):
             from tfm_cl.files.mesh_io.loading import read_mesh  # noqa: PLC0415 - reads with trimesh: slow to import
 
@@ -270,17 +310,7 @@ class PolygonsSettings(PrimitiveSettings):
             triangles = read_mesh(source, WHITE)
         except SceneError as error:
             raise VolumeError(*error.args) from None
-        vertices, _ = self._placed(triangles.vertices, 1.0)
-        polygons = Polygons(
-            vertices,
-            triangles.faces,
-            1.0 if self.opacity is None else self.opacity,
-            colour=self.colour,
-            velocity=self._turned(self._velocities(source, triangles.vertices)),
-            medium=self.medium,
-            source=source,
-        )
-        return self._remembered(polygons, source, {})
+        return triangles, self._velocities(source, triangles.vertices)
 
     def _velocities(self, source: Path, vertices: NDArray[np.floating]) -> NDArray[np.float32] | None:
         """Return those of vertices [V, 3] that a ``.ply`` file may have; readers of meshes leave them out."""

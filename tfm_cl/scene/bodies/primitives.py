@@ -109,6 +109,8 @@ class Primitives(MarchedBody):
     """How long it moves so fast in a frame."""
     made_from: dict[str, Any] | None = None
     """Keys of a scene file that make it of its file, but for the medium; None: it has been made otherwise."""
+    stored: Any = None
+    """What its file holds, where the body is there at other moments of a frame too, and is read for these."""
     chosen: dict[str, tuple[Any, str]]
     """What its file left open: by key of the scene file what was chosen, and why."""
 
@@ -359,7 +361,7 @@ class Primitives(MarchedBody):
         return {
             name: value
             for name, value in vars(self).items()
-            if not isinstance(getattr(type(self), name, None), made)
+            if not isinstance(getattr(type(self), name, None), made) and name != "stored"
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ from tfm_cl.errors import InputError, SceneError
 from tfm_cl.files.paths import real_path, source_of
 from tfm_cl.files.phase_table import Curve, TablePath, checked, read
 from tfm_cl.model_fields import Accepts, Numbers
+from tfm_cl.scene.frame_numbers import KEYS, OfFrames
 from tfm_cl.scene.phases.base import Phase
 
 MOST_LOST = 0.01
@@ -39,7 +40,7 @@ class Samples:
 Listed = Accepts[Numbers, Annotated[tuple[float, ...], BeforeValidator(listed)]]
 
 
-class TabulatedPhase(Phase):
+class TabulatedPhase(OfFrames, Phase):
     """Measured or computed: linear in μ between the values, which are scaled so as to integrate to 1.
 
     The values come from a file with a cosine and a value in every line, or from arrays. Cosines that are left
@@ -120,7 +121,7 @@ class TabulatedPhase(Phase):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was given: the file, or the numbers."""
-        return {key: value for key, value in super().to_dict().items() if value}
+        return {key: value for key, value in super().to_dict().items() if value and key not in KEYS}
 
     @classmethod
     def usage(cls) -> str:

@@ -176,6 +176,14 @@ class MeshSolid(OfFrames, Solid):
         """
         return self._triangles
 
+    def like(self, other: Solid) -> Self:
+        """As `Solid.like`."""
+        read, keys = vars(other).get("_triangles"), ("mesh", "albedo", "smooth")
+        told = isinstance(self.mesh, str) and [getattr(self, key) for key in keys]
+        if read is not None and told == [getattr(other, key) for key in keys]:
+            self.__dict__["_triangles"] = read
+        return self
+
     def read_files(self) -> None:
         """As `load`."""
         self.load()
