@@ -1,40 +1,19 @@
 """The report of a sweep in a real browser: what a reader sees, presses and hears."""
 
 import io
-import os
-import shutil
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import PIL.Image
 import pytest
+from browser_pages import SECONDS, until
 from sweep_folder import key, make_folder, picture, row
 
 from tfm_cl.sweep import written as sweep_report
 
-SECONDS = 120
-"""Until something that should happen counts as missing; other tests may keep the machine busy."""
-
 NAME = '<img src=x onerror="window.owned=1"><b>smoke</b></script><script>window.owned=1</script>'
 
 DARK, BRIGHT = "b" * 24, "d" * 24
-
-
-@pytest.fixture(scope="module")
-def browser():
-    chosen = os.environ.get("TFM_CHROMIUM")
-    program = shutil.which(chosen or "chromium")
-    if program is None:
-        lacking = f"there is no {chosen or 'chromium'}"
-        if chosen:
-            pytest.fail(f"TFM_CHROMIUM: {lacking}")
-        pytest.skip(f"{lacking}; install chromium, or set TFM_CHROMIUM")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as api:
-        browser = api.chromium.launch(executable_path=program)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -90,14 +69,6 @@ def show(browser, report):
         assert seen.complaints == []
 
 
-def until(page, expression, argument=None):
-    """Wait until an expression holds. Playwright's own way evaluates strings, which the page forbids."""
-    deadline = time.monotonic() + SECONDS
-    while not page.evaluate(expression, argument):
-        assert time.monotonic() < deadline, f"after {SECONDS} seconds still not: {expression}"
-        page.wait_for_timeout(20)
-
-
 @pytest.fixture
 def page(show):
     return show()
@@ -133,9 +104,11 @@ def column(page, name):
 
 def seen(page):
     """The picture on the stage, as pixels [y, x, 3] of the screen; waits until it is the one asked for."""
-    until(page, "document.querySelectorAll('#layers > .shown').length === 1")
-    page.locator("#badge").evaluate("(badge) => { badge.style.visibility = 'hidden'; }")
-    with PIL.Image.open(io.BytesIO(page.locator("#layers").screenshot())) as image:
+    until(page, "document.querySelectorAll('#stage .shown').length === 1")
+    page.evaluate(
+        "document.querySelectorAll('.badge').forEach((badge) => { badge.style.visibility = 'hidden'; })"
+    )
+    with PIL.Image.open(io.BytesIO(page.locator("#stage .layers").screenshot())) as image:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
@@ -143,7 +116,7 @@ def shown(page, layer):
     """Wait until a layer of the stage is the one that shows."""
     until(
         page,
-        "(id) => [...document.querySelectorAll('#layers > .shown')].map((shown) => shown.id).join() === id",
+        "(id) => [...document.querySelectorAll('#stage .shown')].map((shown) => shown.id).join() === id",
         f"layer-{layer}",
     )
 
@@ -311,6 +284,49 @@ def test_the_viewer_flips(page):
 
 
 @pytest.mark.slow
+def test_the_viewer_wipes(page):
+    select(page, "klt", 2)
+    shown(page, "image")
+    image = seen(page)
+    page.locator("[data-side=reference]").click()
+    shown(page, "reference")
+    reference = seen(page)
+    page.locator("[data-side=image]").click()
+    page.locator("#wipe").click()
+    shown(page, "image")
+    divider = page.get_by_role("slider")
+    width = image.shape[1]
+
+    def parts(at):
+        """Whether both pictures are where they belong, beside the divider at a part of the width."""
+        both, middle = seen(page), round(at * width)
+        left, right = slice(0, middle - 16), slice(middle + 16, width)
+        np.testing.assert_array_equal(both[:, left], image[:, left])
+        np.testing.assert_array_equal(both[:, right], reference[:, right])
+
+    parts(0.5)
+    assert divider.get_attribute("aria-valuenow") == "50"
+    badges = page.locator(".badge").all_text_contents()
+    assert badges == ["klt · n = 2 · box range", "dual march, same steps"]
+    box = page.locator("#stage .layers").bounding_box()
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] / 2 + 5, middle)  # a little beside it: it must not jump
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.25 + 5, middle, steps=4)
+    page.mouse.up()
+    assert divider.get_attribute("aria-valuenow") == "25"
+    parts(0.25)
+    for pressed, at in (("ArrowRight", 26), ("Shift+ArrowRight", 36), ("PageDown", 26), ("End", 100)):
+        divider.press(pressed)
+        assert divider.get_attribute("aria-valuenow") == str(at)
+    page.mouse.click(box["x"] + box["width"] * 0.75, middle)
+    parts(0.75)
+    page.locator("#stage").press("w")
+    assert not divider.is_visible()
+    np.testing.assert_array_equal(seen(page), image)
+
+
+@pytest.mark.slow
 def test_the_viewer_listens_to_keys(page):
     page.locator("#stage").focus()
     for pressed, layer in (
@@ -338,13 +354,13 @@ def test_errors_have_the_colour_of_their_sign(page):
     page.locator("#sign").select_option("signed")
     page.locator("[data-side=error]").click()
     select(page, "klt", 2)
-    until(page, "document.getElementById('badge').textContent.includes('n = 2')")
+    until(page, "document.querySelector('.badge').textContent.includes('n = 2')")
     shown(page, "error")
     dark = seen(page)
     select(page, "klt", 4)
-    until(page, "document.getElementById('badge').textContent.includes('n = 4')")
+    until(page, "document.querySelector('.badge').textContent.includes('n = 4')")
     page.locator("#gain").select_option("50")
-    until(page, "document.getElementById('badge').textContent.includes('×50')")
+    until(page, "document.querySelector('.badge').textContent.includes('×50')")
     bright = seen(page)
     middle = tuple(side // 2 for side in dark.shape[:2])
 
@@ -360,7 +376,7 @@ def test_errors_can_be_against_the_converged_one(page):
     select(page, "dct", 8)
     page.locator("[data-side=error]").click()
     page.locator("#gain").select_option("50")
-    until(page, "document.getElementById('badge').textContent.includes('×50')")
+    until(page, "document.querySelector('.badge').textContent.includes('×50')")
     shown(page, "error")
     against_dual = page.evaluate("viewer.errors.values.reduce((sum, value) => sum + value, 0)")
     page.locator("#against").select_option(label="dual, converged")
@@ -382,7 +398,7 @@ def test_errors_can_be_against_the_converged_one(page):
 def test_zoom_keeps_pixels_square_and_sharp(page):
     natural = page.evaluate("document.getElementById('layer-image').naturalWidth")
     page.locator("#zoom").select_option("4")
-    until(page, "(width) => document.getElementById('layers').clientWidth === width", 4 * natural)
+    until(page, "(width) => document.querySelector('#stage .layers').clientWidth === width", 4 * natural)
     line = seen(page)[10 * 4]
     natural_line = line[1 + np.flatnonzero(np.abs(np.diff(line, axis=0)).sum(axis=1))]
 
@@ -394,9 +410,9 @@ def test_zoom_keeps_pixels_square_and_sharp(page):
 def test_a_row_without_a_picture_says_so(page):
     page.locator("#volume").select_option(label="fog")
     select(page, "</b>", 2)
-    page.wait_for_selector("#stage-notice:visible")
+    page.wait_for_selector(".stage-notice:visible")
 
-    assert page.locator("#stage-notice").text_content() == "The image is not in the sweep's folder."
+    assert page.locator(".stage-notice").text_content() == "The image is not in the sweep's folder."
     assert "Not in the sweep's folder: </b> · n = 2." in page.locator("#note-pictures").text_content()
     page.locator("[data-side=reference]").click()
     shown(page, "reference")

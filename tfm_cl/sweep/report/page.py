@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import hashlib
 import html
 import json
 import math
@@ -13,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tfm_cl.metrics import compare
+from tfm_cl.page import SCRIPTS as SHARED_SCRIPTS
+from tfm_cl.page import asset, inside_element, source_hash
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep.report.pictures import Pictures, pictures
 from tfm_cl.sweep.rows import BUDGETS, SweepRow, kept_image
@@ -46,13 +46,13 @@ def page(groups: list[Group], out: Path, limit: int = LIMIT) -> str:
     # Slow to import, and untyped.
     from plotly.offline import get_plotlyjs  # type: ignore[import-untyped] # noqa: PLC0415
 
-    plotly = _script(get_plotlyjs())
-    script = _script('"use strict";\n' + "\n".join(map(_asset, SCRIPTS)))
+    plotly = inside_element(get_plotlyjs())
+    script = inside_element("\n".join(['"use strict";', *map(asset, SHARED_SCRIPTS), *map(_asset, SCRIPTS)]))
     parts = {
         # Only these two scripts may run, and nothing may be loaded, whatever a name might smuggle in.
-        "HASHES": f"{_hash(plotly)} {_hash(script)}",
+        "HASHES": f"{source_hash(plotly)} {source_hash(script)}",
         "TITLE": html.escape("Sweep: " + ", ".join(dict.fromkeys(group.title for group in groups))[:200]),
-        "STYLE": _asset("page.css"),
+        "STYLE": asset("theme.css") + _asset("page.css"),
         "PLOTLY": plotly,
         "SCRIPT": script,
     }
@@ -74,15 +74,6 @@ _RESERVE = 100_000
 
 def _asset(name: str) -> str:
     return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _script(text: str) -> str:
-    """Escape end tags, so that text stays inside its script element; in strings the meaning is the same."""
-    return text.replace("</script", "<\\/script").replace("<!--", "<\\!--")
-
-
-def _hash(script: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
 def _json(value: Any) -> str:

@@ -101,21 +101,10 @@ const SVG_DASHES = ["", "5 3", "1.5 2.5", "6 2 1.5 2", "8 3", "8 3 2 3"];
 
 const others = [...new Set(data.groups.flatMap((g) => g.rows.map((r) => r.basis)))].filter((b) => !BASES.includes(b));
 const basisIndex = (basis) => (BASES.includes(basis) ? BASES.indexOf(basis) : BASES.length + others.indexOf(basis));
-const theme = () => document.documentElement.dataset.theme;
+const theme = () => document.body.dataset.theme;
 const colourOf = (basis) => COLOURS[theme()][basisIndex(basis) % BASES.length];
 const symbolOf = (basis) => SYMBOLS[(basisIndex(basis) + Math.floor(basisIndex(basis) / BASES.length)) % SYMBOLS.length];
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-/** Make an element; text never becomes markup. */
-function make(tag, properties = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(properties)) {
-    if (name.includes("-") || name === "role") element.setAttribute(name, value);
-    else element[name] = value;
-  }
-  element.append(...children);
-  return element;
-}
+const css = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
 
 function swatch(basis, nth = 0) {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");

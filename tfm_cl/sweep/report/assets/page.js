@@ -47,20 +47,12 @@ function drawSelection() {
   drawViewer();
 }
 
-function setTheme(name) {
-  document.documentElement.dataset.theme = name;
-  byId("theme").textContent = name === "dark" ? "Light" : "Dark";
-  byId("theme").setAttribute("aria-label", `Use ${name === "dark" ? "light" : "dark"} colours`);
-}
-
 function choices(id, list, name, choose) {
   byId(id).replaceChildren(...list.map((item, index) => make("option", { value: index, textContent: name(item) })));
   byId(id).addEventListener("change", (event) => choose(list[event.target.value]));
 }
 
-setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-byId("theme").addEventListener("click", () => {
-  setTheme(theme() === "dark" ? "light" : "dark");
+followTheme(document.body, byId("theme"), () => {
   drawLegend();
   drawAll();
 });

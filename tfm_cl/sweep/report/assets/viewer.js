@@ -1,6 +1,12 @@
-// The flip viewer: a map's picture, its reference and the error lie on each other, and one of them shows.
+// The flip viewer: a map's picture, its reference and the error lie on each other, and one or two of them show.
 
-const viewer = { side: "image", against: 0, sheet: "error", gain: 10, signed: true, zoom: "fit", errors: null, turn: 0 };
+const viewer = { against: 0, sheet: "error", gain: 10, signed: true, errors: null, turn: 0 };
+const flip = new Flip(byId("flip"), { pair: ["image", "reference"], clicks: true, onChange: () => drawViewer() });
+const layers = {
+  image: flip.add("image", make("img", { id: "layer-image", alt: "" })),
+  reference: flip.add("reference", make("img", { id: "layer-reference", alt: "" })),
+  error: flip.add("error", make("canvas", { id: "layer-error", role: "img" })),
+};
 const AGAINST = ["dual march, same steps", "dual march, converged"];
 const AGAINST_SHORT = ["dual, same steps", "dual, converged"];
 const uri = (name) => `data:image/png;base64,${pictures[name]}`;
@@ -89,65 +95,38 @@ async function drawViewer() {
   const chosen = references(state.group).find(({ index }) => index === viewer.against);
   const has = { image: row.key in pictures, reference: chosen !== undefined, error: errorNames(row) !== null };
   for (const button of document.querySelectorAll("[data-side]")) {
-    button.setAttribute("aria-pressed", String(button.dataset.side === viewer.side));
+    button.setAttribute("aria-pressed", String(button.dataset.side === flip.shown));
   }
-  const image = byId("layer-image");
-  const reference = byId("layer-reference");
-  const canvas = byId("layer-error");
-  show(image, has.image ? uri(row.key) : "", `${state.group.title}, rendered with ${rowName(row)}`);
-  show(reference, has.reference ? uri(chosen.key) : "", `${state.group.title}, ${AGAINST[viewer.against]}`);
+  byId("wipe").setAttribute("aria-pressed", String(flip.wiping));
+  byId("zoom").value = flip.zoom;
+  show(layers.image, has.image ? uri(row.key) : "", `${state.group.title}, rendered with ${rowName(row)}`);
+  show(layers.reference, has.reference ? uri(chosen.key) : "", `${state.group.title}, ${AGAINST[viewer.against]}`);
   const sign = viewer.signed ? "blue is too dark, orange too bright" : "bright is wrong";
-  canvas.setAttribute("aria-label", `Error of ${rowName(row)}, amplified ${viewer.gain} times; ${sign}`);
+  layers.error.setAttribute("aria-label", `Error of ${rowName(row)}, amplified ${viewer.gain} times; ${sign}`);
   viewer.errors = null;
   if (has.error) {
     const errors = await readErrors(errorNames(row));
     if (turn !== viewer.turn) return;
     viewer.errors = errors;
-    colourErrors(canvas, errors);
+    colourErrors(layers.error, errors);
   }
-  for (const [side, layer] of Object.entries({ image, reference, error: canvas })) {
-    layer.classList.toggle("shown", side === viewer.side && has[side]);
-    layer.setAttribute("aria-hidden", String(side !== viewer.side));
-  }
-  const notice = byId("stage-notice");
-  notice.hidden = has[viewer.side];
-  notice.textContent = { missing: "The image is not in the sweep's folder.", "left out": "Left out: the report would be too large." }[row.picture] ?? "The reference's image is not in the sweep's folder.";
-  byId("layers").hidden = !has[viewer.side];
-  const kind = { image: rowName(row), reference: AGAINST[viewer.against], error: `error of ${rowName(row)}, ×${viewer.gain}` };
-  byId("badge").textContent = kind[viewer.side];
-  byId("stage").dataset.side = viewer.side;
-  byId("scale").hidden = viewer.side !== "error";
+  for (const side of Object.keys(layers)) flip.has(side, has[side]);
+  flip.draw();
+  flip.notice.hidden = has[flip.shown];
+  flip.notice.textContent = { missing: "The image is not in the sweep's folder.", "left out": "Left out: the report would be too large." }[row.picture] ?? "The reference's image is not in the sweep's folder.";
+  flip.label(sideName(flip.shown), flip.over === null ? "" : sideName(flip.over));
+  byId("scale").hidden = flip.shown !== "error";
   drawScale();
-  await (has[viewer.side] && viewer.side !== "error" ? (viewer.side === "image" ? image : reference).decode().catch(() => {}) : null);
-  if (turn === viewer.turn) size();
+}
+
+function sideName(side) {
+  const name = rowName(state.row);
+  return { image: name, reference: AGAINST[viewer.against], error: `error of ${name}, ×${viewer.gain}` }[side];
 }
 
 function show(layer, source, alt) {
   if (layer.getAttribute("src") !== source) source ? layer.setAttribute("src", source) : layer.removeAttribute("src");
   layer.alt = alt;
-}
-
-function naturalSize() {
-  const canvas = byId("layer-error");
-  if (viewer.side === "error") return [canvas.width, canvas.height];
-  const layer = byId(`layer-${viewer.side}`);
-  return [layer.naturalWidth, layer.naturalHeight];
-}
-
-/** Show at a whole number of screen pixels for each of the picture's, or smaller where there is no room. */
-function size() {
-  const [width, height] = naturalSize();
-  if (!width || !height) return;
-  const stage = byId("stage");
-  let zoom = Number(viewer.zoom);
-  if (viewer.zoom === "fit") {
-    zoom = Math.min(stage.clientWidth / width, (0.8 * window.innerHeight) / height);
-    zoom = zoom >= 1 ? Math.floor(zoom) : zoom;
-  }
-  const layers = byId("layers");
-  layers.style.width = `${width * zoom}px`;
-  layers.style.height = `${height * zoom}px`;
-  layers.classList.toggle("nearest", zoom >= 1);
 }
 
 function drawScale() {
@@ -161,40 +140,25 @@ function drawScale() {
   }
 }
 
-function setSide(side) {
-  viewer.side = side;
-  drawViewer();
-}
-
-const flip = () => setSide(viewer.side === "reference" ? "image" : "reference");
-
 function step(by) {
   const rows = state.group.rows;
   select(rows[(rows.indexOf(state.row) + by + rows.length) % rows.length]);
 }
 
-function stepZoom(by) {
-  const options = [...byId("zoom").options].map((option) => option.value);
-  viewer.zoom = options[Math.min(options.length - 1, Math.max(0, options.indexOf(viewer.zoom) + by))];
-  byId("zoom").value = viewer.zoom;
-  size();
-}
-
-const KEYS = {
-  1: () => setSide("image"), 2: () => setSide("reference"), 3: () => setSide("error"), " ": flip,
-  n: () => step(1), p: () => step(-1), "+": () => stepZoom(1), "=": () => stepZoom(1), "-": () => stepZoom(-1),
-};
-
 function listenToViewer() {
   for (const button of document.querySelectorAll("[data-side]")) {
-    button.addEventListener("click", () => setSide(button.dataset.side));
+    button.addEventListener("click", () => {
+      flip.show(button.dataset.side);
+      drawViewer();
+    });
   }
+  byId("wipe").addEventListener("click", () => flip.wipe());
   byId("previous").addEventListener("click", () => step(-1));
   byId("next").addEventListener("click", () => step(1));
   byId("row").addEventListener("change", (event) => select(state.group.rows[event.target.value]));
   const settings = {
     against: (value) => (viewer.against = Number(value)), gain: (value) => (viewer.gain = Number(value)),
-    sign: (value) => (viewer.signed = value === "signed"), "sheet-side": (value) => (viewer.sheet = value), zoom: (value) => (viewer.zoom = value),
+    sign: (value) => (viewer.signed = value === "signed"), "sheet-side": (value) => (viewer.sheet = value), zoom: (value) => flip.setZoom(value),
   };
   for (const [id, set] of Object.entries(settings)) {
     byId(id).addEventListener("change", (event) => {
@@ -204,26 +168,23 @@ function listenToViewer() {
       if (id !== "zoom") drawSheet();
     });
   }
-  byId("stage").addEventListener("click", flip);
-  // Only while the focus is in the viewer; select boxes search by letters, buttons take the space bar.
+  flip.stage.id = "stage";
+  flip.stage.setAttribute("aria-describedby", "keys");
+  // Only while the focus is in the viewer: elsewhere keys are the browser's.
   byId("viewer").addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
-    if (event.key === " " && event.target.tagName === "BUTTON") return;
-    if (!Object.hasOwn(KEYS, event.key)) return;
+    if (flip.key(event) || event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    const by = { n: 1, p: -1 }[event.key];
+    if (by === undefined) return;
     event.preventDefault();
-    KEYS[event.key]();
+    step(by);
   });
-  byId("stage").addEventListener("pointermove", (event) => {
-    if (viewer.side !== "error" || viewer.errors === null) return;
-    const box = byId("layers").getBoundingClientRect();
-    const [width, height] = naturalSize();
-    const x = Math.floor(((event.clientX - box.left) / box.width) * width);
-    const y = Math.floor(((event.clientY - box.top) / box.height) * height);
-    if (x < 0 || y < 0 || x >= width || y >= height) return;
-    const d = viewer.errors.values[y * width + x];
-    byId("badge").textContent = `error of luma ${d < 0 ? "−" : "+"}${number(Math.abs(d))}`;
+  flip.stage.addEventListener("pointermove", (event) => {
+    if (flip.shown !== "error" || viewer.errors === null) return;
+    const pixel = flip.pixel(event);
+    if (pixel === null) return;
+    const d = viewer.errors.values[pixel[1] * viewer.errors.width + pixel[0]];
+    flip.label(`error of luma ${d < 0 ? "−" : "+"}${number(Math.abs(d))}`, flip.over === null ? "" : sideName(flip.over));
   });
-  new ResizeObserver(size).observe(byId("stage"));
 }
 
 function drawNumbers() {
