@@ -1,7 +1,8 @@
 /* What lights bring to the points of a lattice (view/orders.h).
    Includes expected before: a basis and a light header, and those of the bodies' kinds. Requires: what
    light/reduced_intensity.h and view/cells.h do; TFM_ORDER_DEGREE, 0 where light is scattered evenly, else that of
-   view/harmonics.h; with that and TFM_ORDER_MEDIA, what of the media scatters on the way of light is told apart. */
+   view/harmonics.h; with that and TFM_ORDER_MEDIA, what of the media scatters on the way of light is told apart;
+   TFM_ORDER_WALLS, 1 where solids reflect it. */
 #include "core/store.h"
 #include "light/reduced_intensity.h"
 #include "view/cells.h"
@@ -150,6 +151,51 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
 #endif
   }
 }
+
+#if TFM_ORDER_WALLS
+/* Adds what patches of solids reflect of a light.
+   patches    of all of them places x, y, z, normals x, y, z, and albedo R, G, B
+   reflected  of each colour of all patches, adds to
+   count      of patches
+   times, log_factorial, way_view, way_media  as of order_lights */
+__kernel void order_walls(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                          ORDERS orders, __global const float *patches, __global float *reflected, int number, int times,
+                          float log_factorial, int count, int2 items OF_WAY_ARGUMENTS)
+{
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
+    return;
+  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  const Ints wanted = n < count, at = wanted ? n : ints(0);
+  Floats known[9];
+  for (int i = 0; i < 9; ++i)
+    known[i] = gather_floats(patches + (size_t)i * count, at);
+  const Vec3 point = vec3(known[0], known[1], known[2]);
+  SCENE(scene, ints(-1), ints(-1));
+  OF_WAY(scene);
+  LIGHT_BUFFERS(buffers);
+  LIGHT from = lights + number;
+  const Floats cosine = -dot3(way_of_light(from, point), vec3(known[3], known[4], known[5]));
+  const Ints faces = wanted & (cosine > 0.0f);
+  if (!any_lane(faces))
+    return;
+  const Arrival arrival = arrival_at(&scene, &of_way, from, &buffers, point, faces);
+  if (!any_lane(arrival.strength > 0.0f))
+    return;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const int channel = TFM_CHANNELS == 3 ? c : 0;
+#if TELLS_APART
+    const Floats straight = arrival.of_way[channel];
+#else
+    const Floats straight = orders->straight * orders->albedo[c] * arrival.depth[channel];
+#endif
+    const Floats arrives = COLOUR_OF(from->intensity, c) * arrival.tint[c] * arrival.strength * cosine *
+                           left_after(arrival.depth[channel], times, straight, log_factorial);
+    __global float *out = reflected + (size_t)c * count;
+    store_floats(out, at, faces, gather_floats(out, at) + 4.0f * INVERSE_SPHERE * known[6 + c] * arrives);
+  }
+}
+#endif
 
 #if TFM_ORDER_DEGREE
 /* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.

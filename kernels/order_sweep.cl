@@ -1,9 +1,11 @@
 /* One more order of scattering on a lattice (view/orders.h). For each direction a ray passes between the points of every
    plane across it, shifted by the same part of a distance wherever it is in the plane: rays never mix, so that nothing
    spreads sideways however far they go.
-   Requires: what view/orders.h does; TFM_ORDER_LOBE, 1 where what is scattered differs by direction (order_moments.cl). */
+   Requires: what view/orders.h does; TFM_ORDER_LOBE, 1 where what is scattered differs by direction (order_moments.cl);
+   TFM_ORDER_WALLS, 1 where rays meet solids. */
 #include "core/store.h"
 #include "view/orders.h"
+#include "view/walls.h"
 
 /* Rays along an axis are numbered by where they cross the first plane. All that cross a plane between the place before
    its first point and its last: the first of them, and their number. */
@@ -73,7 +75,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
 #if TFM_ORDER_MEDIA
                           , __global const float *scattering
 #endif
-                          )
+                          WALLS_ARGUMENTS)
 {
   const int number = first + (int)get_global_id(1);
   if (number >= end)
@@ -94,6 +96,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
   float part[TFM_ORDER_COLOURS];
 #endif
   Floats radiances[TFM_ORDER_COLOURS], sources[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
+  WALLS_OF(number);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
 #if !TFM_ORDER_MEDIA
     part[c] = TFM_ORDER_LOBE ? orders->straight * orders->albedo[c] : orders->albedo[c];
@@ -121,6 +124,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
       extinctions[c] = here;
       most = greatest(most, depth[c]);
     }
+    BEFORE_WALLS(radiances, depth[TFM_CHANNELS == 3 ? c : 0] * sources[c]);
     if (any_lane(most > 0.0f)) {
       Floats through[TFM_CHANNELS], mean[TFM_CHANNELS];
       for (int c = 0; c < TFM_CHANNELS; ++c) {
@@ -161,6 +165,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
         sources[c] = SCATTERED_OF(c);
 #endif
       }
+    MEET_WALLS(m, depth, depth[TFM_CHANNELS == 3 ? c : 0] * sources[c], radiances);
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
       *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
   }
@@ -170,7 +175,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
    emitted   of the points, of each colour, per world unit, in the rows that the sweeps have
    radiance  out, of each direction and colour, likewise */
 __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __global const float *emitted,
-                             __global float *radiance, int first, int end, int size)
+                             __global float *radiance, int first, int end, int size WALLS_ARGUMENTS)
 {
   const int number = first + (int)get_global_id(1);
   if (number >= end)
@@ -183,6 +188,7 @@ __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __g
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
   Floats radiances[TFM_ORDER_COLOURS], emits[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
+  WALLS_OF(number);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
     radiances[c] = emits[c] = floats(0.0f);
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -194,12 +200,14 @@ __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __g
       continue; /* outside nothing is emitted */
     const int plane = sweep->backwards ? planes - 1 - m : m;
     const int at = (plane + 1) * sweep->plane + (y + 1) * row + x + PAD;
-    Floats through[TFM_CHANNELS], mean[TFM_CHANNELS];
+    Floats depth[TFM_CHANNELS], through[TFM_CHANNELS], mean[TFM_CHANNELS];
+    BEFORE_WALLS(radiances, 2.0f * length * emits[c]);
     for (int c = 0; c < TFM_CHANNELS; ++c) {
-      const Floats here = BETWEEN(extinction, c), depth = length * (here + extinctions[c]);
-      const Exp2 e = exp_of_minus(depth);
+      const Floats here = BETWEEN(extinction, c);
+      depth[c] = length * (here + extinctions[c]);
+      const Exp2 e = exp_of_minus(depth[c]);
       through[c] = e.scale + e.scale * e.part;
-      mean[c] = depth > 1e-6f ? ((1.0f - e.scale) - e.scale * e.part) / depth : floats(1.0f);
+      mean[c] = depth[c] > 1e-6f ? ((1.0f - e.scale) - e.scale * e.part) / depth[c] : floats(1.0f);
       extinctions[c] = here;
     }
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
@@ -208,8 +216,10 @@ __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __g
       /* Along the step both are as on average. */
       radiances[c] = radiances[c] * through[channel] + length * (emits[c] + here) * mean[channel];
       emits[c] = here;
-      *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
     }
+    MEET_WALLS(m, depth, 2.0f * length * emits[c], radiances);
+    for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+      *(__global FloatRow *)(out + (size_t)c * size + at) = radiances[c];
   }
 }
 
@@ -288,3 +298,25 @@ __kernel void order_turn(ORDERS orders, __global const float *numbers, __global 
     store_floats(turned + (size_t)c * turned_size(orders), points.turned, points.wanted,
                  gather_floats(numbers + (size_t)c * padded_size(orders), points.at));
 }
+
+#if TFM_ORDER_WALLS
+/* What patches of solids reflect of what arrives there. A work-item takes one.
+   starts     of each patch, where its entries of `of_patches` begin, and the end
+   of_patches numbers of the walls that light arrives at; shares: their shares of what patches receive
+   arriving   of each colour of all walls; reflected: out, of each colour of all patches
+   count      of walls */
+__kernel void order_reflect(__global const int *starts, __global const int *of_patches, __global const float *shares,
+                            __global const float *albedo, __global const float *arriving, __global float *reflected,
+                            int patches, int count)
+{
+  const int patch = (int)get_global_id(0);
+  if (patch >= patches)
+    return;
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    float sum = 0.0f;
+    for (int k = starts[patch]; k < starts[patch + 1]; ++k)
+      sum += shares[k] * arriving[(size_t)c * count + of_patches[k]];
+    reflected[(size_t)c * patches + patch] = albedo[(size_t)c * patches + patch] * sum;
+  }
+}
+#endif

@@ -324,13 +324,19 @@ def _of_points(case: Case, media: MediaOnDevice) -> tuple[int, int, int]:
 
 def _of_order_lights(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return orders.lights_variant(of_lights, media, *_of_points(case, media))
+    colours, degree, mixed = _of_points(case, media)
+    has_walls = bool(case["shadow"])
+    return orders.lights_variant(
+        of_lights, media, RGB if has_walls else colours, degree, mixed, walls=has_walls
+    )
 
 
 def _of_order_sweep(case: Case) -> Program:
     colours = max(case["channels"], case["colours"])
     mixed = case["media"] if case["channels"] == RGB else 0
-    return orders.sweep_variant(case["channels"], colours, case["degree"], mixed)
+    if case["walls"]:
+        colours = RGB
+    return orders.sweep_variant(case["channels"], colours, case["degree"], mixed, walls=bool(case["walls"]))
 
 
 def _of_order_moments(case: Case) -> Program:
@@ -424,7 +430,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     ),
     "order_sweep.cl": (
         _of_order_sweep,
-        [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2)}],
+        [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2), "walls": (0, 1)}],
     ),
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),

@@ -169,3 +169,20 @@ def test_directions_are_spread_evenly():
         assert np.abs(found.mean(axis=0)).max() < 0.01
         assert np.abs(found.T @ found / 32 - np.eye(3) / 3).max() < 0.02
     assert np.abs(first - second).max() > 0.1  # turned
+
+
+def test_small_flames_are_swept_in_more_directions():
+    fog = tfm.BoxVolume(from_=(-1, -1, -1), to=(1, 1, 1))
+    glow = tfm.Medium(sigma_s=0.1, emission=1.0)
+
+    def directions(radius, medium=glow):
+        flame = tfm.SphereVolume(radius=radius, medium=medium)
+        scene = tfm.Scene([fog, flame], tfm.Medium(orders=2), lights=[tfm.PointLight(from_=(0, 3, 0))])
+        return orders.emission_directions(scene)
+
+    fewest, most = orders.DIRECTIONS_OF_EMISSION
+    assert directions(1.0) == fewest
+    assert directions(0.1) == pytest.approx(orders.OF_SMALL_FLAMES * 3 / 0.1**2, rel=0.02)
+    assert directions(0.01) == most
+    assert directions(0.1, glow.replace(emission_lights=8)) == fewest
+    assert directions(0.1, glow.replace(emission=0.0)) == fewest

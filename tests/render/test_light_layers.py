@@ -10,6 +10,7 @@ from tfm_cl import reference
 from tfm_cl.errors import SceneError
 from tfm_cl.plan import orders
 from tfm_cl.render import buffers
+from tfm_cl.render import orders as of_orders
 
 pytestmark = pytest.mark.lanes
 
@@ -62,6 +63,36 @@ def assert_equals_reference(result, scene, method, names):
     for name in names:
         assert expected[name].max() > 1e-2, name
         assert np.abs(result.aovs[name] - expected[name]).max() < 10 * PASS, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", ["isotropic", "hg:0.6"])
+@pytest.mark.parametrize("samples", [1, 4])
+def test_layers_of_orders_equal_the_reference_and_sum_to_the_picture(renderer, monkeypatch, phase, samples):
+    """Those up to some order are all of a scene that has no more."""
+    monkeypatch.setattr(orders, "WORK", 1)
+    monkeypatch.setattr(orders, "WORK_OF_LOBE", 1)
+    scene = SMALL.replace(
+        medium=GLOWING.replace(phase=phase, orders=4), lights=SCENE.lights[:1], ambient=SCENE.ambient
+    )
+    result = renderer.render(scene, aovs=("orders", "ambient"), samples=samples)
+    layers = [f"orders.{order}" for order in (1, 2, 3, 4)]
+    assert_adds_up(result, *layers, "emission", "ambient")
+    if samples > 1:
+        return
+    up_to = [
+        reference.render_with_aovs(scene.replace(medium=scene.medium.replace(orders=count)))[1]["orders"]
+        for count in (2, 3)
+    ]
+    assert np.abs(result.aovs["orders.3"] - (up_to[1] - up_to[0])).max() < 20 * PASS
+
+
+@pytest.mark.slow
+def test_layers_of_orders_that_need_too_much_are_refused(renderer, monkeypatch):
+    monkeypatch.setattr(of_orders, "MOST_BYTES_APART", 1)
+    scene = SMALL.replace(medium=SMALL.medium.replace(orders=2))
+    with pytest.raises(SceneError, match=r"image\.aov: 2 layers of orders need .* fewer medium\.orders"):
+        renderer.render(scene, aovs=("orders",))
 
 
 def test_layers_equal_the_reference_and_sum_to_the_picture(renderer):

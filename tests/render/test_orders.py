@@ -38,6 +38,11 @@ CASES = {
         medium=GREY, lights=[SPOT, SPOT.replace(from_=(-2, 1, 2.5), intensity=(0.5, 1, 3)), SUN]
     ),
     "solids": SCENE.replace(medium=GREY, solids=SOLIDS, shadow=tfm.ShadowSettings(res=64)),
+    "solids, a lobe, a glow": make_scene(
+        medium=RGB.replace(phase="hg:0.6", emission=(0.4, 0.2, 0.1)),
+        solids=[SOLIDS[0].replace(albedo=(0.9, 0.5, 0.2)), SOLIDS[1]],
+        shadow=tfm.ShadowSettings(res=64),
+    ),
     "coloured voxels": SCENE.replace(
         volume=tfm.Volume(
             blobs(),
@@ -276,6 +281,40 @@ def test_a_furnace_that_glows(renderer, phase):
     assert (np.diff(shares) > (-LESS if phase != "isotropic" else 0)).all()
     assert shares[0] < 0.8
     assert 0.97 < shares[-1] < 1.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", ["isotropic", "hg:0.6"])
+def test_a_furnace_of_white_walls(renderer, monkeypatch, phase):
+    """Between walls of albedo 1, what emits as much as it absorbs tends to a radiance of 1, from below.
+
+    What is missing is due to points behind the walls, which are dark: less where they are nearer.
+    """
+    walls = [
+        tfm.PlaneSolid(point=normal, normal=np.negative(normal).tolist(), albedo=1.0)
+        for normal in np.concatenate([np.eye(3), -np.eye(3)]).tolist()
+    ]
+    scene = tfm.Scene(
+        tfm.BoxVolume(from_=(-1.05, -1.05, -1.05), to=(1.05, 1.05, 1.05)),
+        camera=tfm.Camera(from_=(0.1, 0.2, 0.5), to=(0, 0, -1), fov=40, res=(8, 8)),
+        lights=[],
+        solids=walls,
+        march=tfm.MarchSettings(steps=60),
+    )
+    grey = tfm.Medium(sigma_s=0.7, sigma_a=0.3, emission=0.3, phase=phase)
+
+    def share(count, points):
+        """Of what the medium hides of the walls: these show none of the light."""
+        monkeypatch.setattr(orders, "OF_SMALLEST_BODY", 1 / points)
+        found = renderer.render(scene.replace(medium=grey.replace(orders=count)))
+        return float((found.image[..., 0] / (1 - found.aovs["transmittance"][..., 0])).mean())
+
+    shares = [share(count, 8) for count in (1, 2, 8, 64)]
+    assert (np.diff(shares) > 0).all()
+    assert shares[0] < 0.4
+    nearer = share(64, 16)
+    assert 0.87 < shares[-1] < nearer < 1
+    assert nearer > 0.91
 
 
 def later_orders(scene, rng, samples):

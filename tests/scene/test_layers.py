@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tfm_cl.scene.layers import LAYERS, Layers
+from tfm_cl.scene.layers import GROUPS, LAYERS, Layers, layer_of
 
 
 class Seen:
@@ -33,10 +33,22 @@ def test_a_layer_is_made_when_it_is_asked_for_and_once():
 
 
 def test_a_group_is_a_layer_of_each_light():
-    layers = Layers(("depth", "lights"), Seen(), ("key", "2"))
+    layers = Layers(("depth", "lights"), Seen(), {"lights": ("key", "2")})
     assert list(layers) == ["depth", "light.key", "light.2"]
     assert layers["light.2"].tolist() == [[[4, 5, 6]]]
     assert "lights" not in layers
+
+
+def test_orders_are_differences_of_their_sums():
+    """Of two later orders, which show 1 and 2; the first has what is left."""
+
+    class Scattered(Seen):
+        radiance, emission, ambient, later = (np.full((1, 1, 4), n, np.float32) for n in (9, 1, 2, 3.5))
+        up_to_orders = np.array([0.5, 1.5], np.float32)[:, None, None, None] * np.ones(4, np.float32)
+
+    layers = Layers(("orders",), Scattered(), {"orders": ("1", "2", "3")})
+    assert list(layers) == ["orders", "orders.1", "orders.2", "orders.3"]
+    assert [float(layers[name][0, 0, 0]) for name in layers] == [3.5, 3, 1, 2]
 
 
 def test_what_was_not_made_is_not_there():
@@ -45,3 +57,12 @@ def test_what_was_not_made_is_not_there():
     assert "normal" not in layers
     with pytest.raises(KeyError, match="normal"):
         layers["normal"]
+
+
+def test_what_layers_hold_says_how_many_channels_they_have():
+    for layer in (*LAYERS.values(), *(group.layer(0) for group in GROUPS.values())):
+        assert layer.channels == (1 if layer.holds in ("number", "error") else 3)
+    assert layer_of("depth") is LAYERS["depth"]
+    assert layer_of("light.key").holds == "light"
+    with pytest.raises(KeyError):
+        layer_of("detph")

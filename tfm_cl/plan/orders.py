@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
-from tfm_cl.plan.lobes import beyond, far_moments, lobes_of
+from tfm_cl.plan.lobes import beyond, far_moments, lobes_of, quadrature
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
@@ -23,8 +23,12 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 32
 """In which light goes through the lattice at each order."""
-DIRECTIONS_OF_EMISSION = 128
-"""Likewise before the first, where it is scattered evenly: from what is small it goes far."""
+DIRECTIONS_OF_EMISSION = 128, 1024
+"""Fewest and most before the first, where it is scattered evenly: from what is small it goes far."""
+OF_SMALL_FLAMES = 0.5 * math.pi
+"""Directions, times the square of the region's radius over a flame's: 1.5 % beside many more (measured)."""
+DIRECTIONS_FROM_SOLIDS = 64
+"""Of the first order, and before it, where there are solids: lights may shine on small parts of them."""
 VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
@@ -279,12 +283,13 @@ def numbers_of(lobe: Lobe, media: int = 1) -> int:
     return 2 * lobe.harmonics + 3 * DIRECTIONS + (2 * media if media > 1 else 0)
 
 
-def beyond_of_media(scene: Scene, spreads: Sequence[float]) -> NDArray[np.float32]:
+def beyond_of_media(scene: Scene, spreads: Sequence[float], count: int | None = None) -> NDArray[np.float32]:
     """Return tables `beyond` ``[spreads, media, BEYOND_DEPTHS, BEYOND_ANGLES]``, of lights of these spreads.
 
     On the way of light all media together scatter it, by how much each of them does in the whole scene.
+    ``count``: orders; all of the scene's where it is None.
     """
-    media, count = media_of(scene), orders_of(scene)
+    media, count = media_of(scene), orders_of(scene) if count is None else count
     if len(media) == 1:
         phase, (lobe,) = media[0].phase, lobes(scene)
         return np.stack([beyond(phase, lobe, count, spread=spread)[None] for spread in spreads])
@@ -351,6 +356,44 @@ def points_along(extent: NDArray[np.float64], spacing: float) -> tuple[int, int,
     # The cubes of the outermost points are empty.
     x, y, z = (math.ceil(edge / spacing + SAME) + 2 for edge in extent.tolist())
     return x, y, z
+
+
+def ways_of(scene: Scene) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return the directions ``[n, 3]`` in which light of each order is swept, and their solid angles ``[n]``.
+
+    Of order 0 what media emit, where that is swept. Where scattering has a lobe there is but one set, of
+    order 0, which serves all.
+    """
+    if lobes(scene)[0].degree:
+        return {0: quadrature()}
+    has_solids = bool(scene.solids)
+    orders = range(0 if sweeps_emission(scene) else 1, orders_of(scene))
+    found = {order: directions_of(order, has_solids=has_solids) for order in orders}
+    if 0 in found and not has_solids:
+        found[0] = directions(emission_directions(scene), order=0)
+    return {order: (ways, np.full(len(ways), 4 * math.pi / len(ways))) for order, ways in found.items()}
+
+
+def directions_of(order: int, *, has_solids: bool) -> NDArray[np.float64]:
+    """Return the directions in which light of an order is swept evenly, unit vectors [n, 3]; 0: emission.
+
+    Where there are solids, rays are traced for all directions, so there are two sets of them.
+    """
+    if has_solids:
+        return directions(DIRECTIONS, order=1) if order > 1 else directions(DIRECTIONS_FROM_SOLIDS, order=0)
+    return directions(DIRECTIONS if order else DIRECTIONS_OF_EMISSION[0], order)
+
+
+def emission_directions(scene: Scene) -> int:
+    """Return in how many directions emission is swept: the more, the smaller the smallest flame is.
+
+    At a distance, what is swept in neighbouring directions leaves gaps where a flame is narrower than these.
+    """
+    few, many = DIRECTIONS_OF_EMISSION
+    low, high = region_of(scene)
+    least = scene.smallest_emission or math.inf
+    wanted = OF_SMALL_FLAMES * (float(np.linalg.norm(high - low)) / 2 / least) ** 2
+    return min(max(math.ceil(wanted), few), many)
 
 
 def directions(count: int, order: int) -> NDArray[np.float64]:

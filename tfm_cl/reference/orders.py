@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF
-from tfm_cl.plan import orders
 from tfm_cl.plan.deposits import deposited
-from tfm_cl.plan.lobes import quadrature, zonal
+from tfm_cl.plan.lobes import zonal
 from tfm_cl.plan.orders import (
     Lattice,
     beyond_of_media,
@@ -24,15 +23,19 @@ from tfm_cl.plan.orders import (
     orders_of,
     sweeps_emission,
     swept_media,
+    ways_of,
 )
 from tfm_cl.reference.bodies import body_interval, channel_densities
 from tfm_cl.reference.geometry import Floats, between
+from tfm_cl.render.walls import NO_PATCH, walls_of
 
 if TYPE_CHECKING:
     from tfm_cl.plan.lobes import Lobe
     from tfm_cl.reference.bodies import Matter
     from tfm_cl.reference.light import Brought, Coefficients
     from tfm_cl.reference.march import Step
+    from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.render.walls import Met, Walls
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
@@ -53,9 +56,11 @@ class LaterOrders:
         With numbers.
     lights
         What arrives of each of its single, fitted lights.
+    tracer
+        Of its solids; None without any.
     """
 
-    def __init__(self, scene: Scene, lights: Sequence[Arrives]) -> None:
+    def __init__(self, scene: Scene, lights: Sequence[Arrives], tracer: Tracer | None = None) -> None:
         self._scene, self.lattice, self._lights = scene, lattice_of(scene), lights
         self._media, self._lobes = media_of(scene), lobes(scene)
         self._all_media = scene.media
@@ -64,6 +69,9 @@ class LaterOrders:
         )
         amounts = self._amounts()
         self._matter = _Matter.of(self._media, self._lobes, amounts)
+        self._ways = ways_of(scene)
+        walls = None if tracer is None else walls_of(tracer, scene, self.lattice, self._ways)
+        self._surfaces = Surfaces(walls)
         self._emits, self._emitted = sweeps_emission(scene), _emitted(swept_media(scene), amounts)
         found = self._of_lobe() if self._lobes[0].degree else [self._even()] * len(self._media)
         if is_endless(scene):
@@ -83,19 +91,25 @@ class LaterOrders:
         light, emitted = np.zeros((2, *self.lattice.size, 3))
         for arrives in self._lights:
             light += self._brought(arrives) / (4 * np.pi)
+        surfaces = self._surfaces
         if self._emits:
-            ways = orders.directions(orders.DIRECTIONS_OF_EMISSION, 0)
-            emitted = np.mean([self._unscattered(direction)[0] for direction in ways], axis=0)
-        return emitted + scattered_again(light + emitted, self._matter, self.lattice, orders_of(self._scene))
+            emitted = np.mean([one for one, _ in self._unscattered()], axis=0)
+        surfaces.light(surfaces.reached_by(self._lights))
+        again = scattered_again(light + emitted, self._matter, self.lattice, self._ways, surfaces)
+        return emitted + again
 
-    def _unscattered(self, direction: Floats) -> tuple[Floats, Floats]:
-        """Of what is emitted, as `swept`."""
-        return swept_emission(self._emitted, self._matter.extinction, direction, self.lattice.spacing)
+    def _unscattered(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield, of what is emitted, as `swept`, of all directions."""
+        for number, direction in enumerate(self._ways[0][0]):
+            wall = self._surfaces.of(0, number)
+            extinction, spacing = self._matter.extinction, self.lattice.spacing
+            yield swept_emission(self._emitted, extinction, direction, spacing, wall)
+        self._surfaces.reflect(0)
 
     def _of_lobe(self) -> list[Floats]:
         """Of each medium, what of the light it would scatter to the camera, over what it scatters."""
         spacing, matter, shares = self.lattice.spacing, self._matter, self._matter.shares()
-        ways, weights = quadrature()
+        ways, weights = self._ways[0]
         centres = self._centres()
         to_camera = np.subtract(self._scene.camera.from_, centres)
         to_camera /= np.maximum(np.linalg.norm(to_camera, axis=-1, keepdims=True), DARK)
@@ -112,9 +126,12 @@ class LaterOrders:
             for medium, lobe in zip(self._media, self._lobes, strict=True)
         }
         if self._emits:
-            for number, direction in enumerate(ways):
-                radiance[number], rays[number] = self._unscattered(direction)
-                self._see(total, weights[number] * radiance[number], to_camera @ direction)
+            for number, found in enumerate(self._unscattered()):
+                radiance[number], rays[number] = found
+                self._see(total, weights[number] * radiance[number], to_camera @ ways[number])
+        surfaces = self._surfaces
+        on_walls = surfaces.reached_by(self._lights)
+        surfaces.light(on_walls)
         for order in range(1, last + 1):
             sources = np.sum(
                 [
@@ -125,13 +142,20 @@ class LaterOrders:
             )
             for number, direction in enumerate(ways):
                 radiance[number], rays[number] = swept(
-                    sources[number], matter, direction, spacing, before=rays[number]
+                    sources[number],
+                    matter,
+                    direction,
+                    spacing,
+                    before=rays[number],
+                    wall=surfaces.of(0, number),
                 )
                 self._see(total, weights[number] * radiance[number], to_camera @ direction)
+            surfaces.reflect(0)
             if order > times:
                 left = [np.zeros_like(one) for one in left]
             else:
                 left = [_straight_on(one, straight, order, centres.shape) for one in at_centres]
+                surfaces.light(on_walls, straight, order)
             for travel, one in zip(travels, left, strict=True):
                 self._see(total, one, (to_camera * travel).sum(axis=-1))
         scattered = {medium: np.asarray(medium.sigma_s) for medium in self._media}
@@ -304,33 +328,117 @@ def _outermost(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return ends
 
 
-def scattered_again(light: Floats, matter: _Matter, lattice: Lattice, count: int) -> Floats:
+class Wall(NamedTuple):
+    """What the rays of a direction meet of solids."""
+
+    met: Met
+    reflected: Floats
+    """RGB of all patches, ``[patches, 3]``."""
+    arriving: Floats
+    """RGB that arrives at each of what is met, ``[n, 3]``: written to."""
+
+
+class Surfaces:
+    """Solids among the points: what their patches reflect.
+
+    Parameters
+    ----------
+    walls
+        As the product traces them; None without any.
+    """
+
+    def __init__(self, walls: Walls | None) -> None:
+        self._walls = walls
+        self._reflected = np.zeros((0, 3)) if walls is None else np.zeros_like(walls.albedo)
+        self._met = {} if walls is None else walls.met
+        self._arriving = {
+            order: [np.zeros((len(met.plane), 3)) for met in some] for order, some in self._met.items()
+        }
+
+    def of(self, order: int, number: int) -> Wall | None:
+        """Return those that the rays of a direction meet; None without solids."""
+        if self._walls is None:
+            return None
+        return Wall(self._met[order][number], self._reflected, self._arriving[order][number])
+
+    def reached_by(self, lights: Sequence[Arrives]) -> list[Brought]:
+        """Return what of lights arrives at the patches; nothing without solids."""
+        return [] if self._walls is None else [arrives(self._walls.points) for arrives in lights]
+
+    def light(self, lights: Sequence[Brought], straight: Coefficients | None = None, times: int = 0) -> None:
+        """Add what is reflected of lights that arrive, after being scattered straight on so many times."""
+        if self._walls is None:
+            return
+        for one in lights:
+            cosine = np.maximum(-(one.direction * self._walls.normals).sum(axis=1), 0)
+            arrives = one.radiance * one.transmittance
+            if straight is not None:
+                arrives = _straight_on(one, straight, times, arrives.shape)
+            self._reflected += self._walls.albedo / np.pi * cosine[:, None] * arrives
+
+    def reflect(self, order: int) -> None:
+        """Replace what is reflected by what is of all that arrived."""
+        if self._walls is None:
+            return
+        self._reflected[:] = 0
+        for met, arriving in zip(self._met[order], self._arriving[order], strict=True):
+            known = met.arrives != NO_PATCH
+            shares = met.share[known, None] * arriving[known]
+            np.add.at(self._reflected, met.arrives[known], shares)
+        self._reflected *= self._walls.albedo
+
+
+def scattered_again(
+    light: Floats,
+    matter: _Matter,
+    lattice: Lattice,
+    ways: dict[int, tuple[Floats, Floats]],
+    surfaces: Surfaces,
+) -> Floats:
     """Sum of what arrives at points ``[x, y, z, RGB]`` after each scattering but the last.
 
     Parameters
     ----------
     light
         That arrives unscattered: mean over all directions.
-    count
-        Orders.
+    ways
+        Directions of each order from the first on, and their solid angles.
+    surfaces
+        Of solids, with what they reflect of lights.
     """
     total = np.zeros_like(light)
-    for order in range(1, count):
-        directions = orders.directions(orders.DIRECTIONS, order)
-        arriving = [swept(light, matter, direction, lattice.spacing)[0] for direction in directions]
+    for order in sorted(set(ways) - {0}):
+        arriving = [
+            swept(
+                light,
+                matter,
+                direction,
+                lattice.spacing,
+                wall=surfaces.of(order, number),
+            )[0]
+            for number, direction in enumerate(ways[order][0])
+        ]
+        surfaces.reflect(order)
         light = np.mean(arriving, axis=0)
         total += light
     return total
 
 
 def swept(
-    light: Floats, matter: _Matter, direction: Floats, spacing: float, *, before: Floats | None = None
+    light: Floats,
+    matter: _Matter,
+    direction: Floats,
+    spacing: float,
+    *,
+    before: Floats | None = None,
+    wall: Wall | None = None,
 ) -> tuple[Floats, Floats]:
     """Radiance ``[x, y, z, RGB]`` that goes in a direction, plane by plane.
 
     Between the rays, which pass through each plane in the same distances as its points, it is linear, as are
     the light that is scattered and what scatters it between the points. The second result is of the rays: of
-    ``before``, that of the last order, a part goes straight on.
+    ``before``, that of the last order, a part goes straight on. On either side of a wall what is scattered is
+    as at the step's end there.
     """
     planes = _Planes.of(direction)
     lights, extinctions = planes.ordered(light), planes.ordered(matter.extinction)
@@ -351,15 +459,18 @@ def swept(
             share, on = matter.albedo, matter.straight
         here = share * arrives + on * passes
         last = np.where(dense > 0, source, share * arrived + on * passed) if is_mixed else source
-        through, mean = _through(spacing / planes.along * (dense + thick) / 2)
+        depth = spacing / planes.along * (dense + thick) / 2
+        through, mean = _through(depth)
+        step = _Step(radiance, depth, depth * source, depth * here)
         radiance = radiance * through + last * (mean - through) + here * (1 - mean)
+        radiance = step.ended(radiance, wall, m, len(lights) + 1)
         source, dense, rays[m], arrived, passed = here, thick, radiance, arrives, passes
         found[m] = _shifted(radiance, shift)
     return planes.restored(found), rays
 
 
 def swept_emission(
-    emitted: Floats, extinction: Floats, direction: Floats, spacing: float
+    emitted: Floats, extinction: Floats, direction: Floats, spacing: float, wall: Wall | None = None
 ) -> tuple[Floats, Floats]:
     """As `swept`, of what is emitted per world unit: along a step both are as on average."""
     planes = _Planes.of(direction)
@@ -370,11 +481,51 @@ def swept_emission(
     for m in range(len(emits)):
         shift = planes.slope * m
         here, thick = _shifted(emits[m], -shift), _shifted(extinctions[m], -shift)
-        through, mean = _through(length * (dense + thick) / 2)
+        depth = length * (dense + thick) / 2
+        through, mean = _through(depth)
+        step = _Step(radiance, depth, length * before, length * here)
         radiance = radiance * through + length * (before + here) / 2 * mean
+        radiance = step.ended(radiance, wall, m, len(emits) + 1)
         before, dense, rays[m] = here, thick, radiance
         found[m] = _shifted(radiance, shift)
     return planes.restored(found), rays
+
+
+class _Step(NamedTuple):
+    """A step of rays up to a plane, ``[columns, rows, RGB]``."""
+
+    radiance: Floats
+    """At its beginning."""
+    depth: Floats
+    gain: Floats
+    """What it adds where nothing is extinguished, as at its beginning."""
+    gain_after: Floats
+    """As at its end."""
+
+    def ended(self, radiance: Floats, wall: Wall | None, plane: int, first: int) -> Floats:
+        """Radiance at its end, which is given for where there is no wall; ``first``: ray 0 among the rays."""
+        if wall is None:
+            return radiance
+        met, found = wall.met, radiance.copy()
+        gone: dict[tuple[int, int], tuple[float, Floats]] = {}
+        here = np.flatnonzero(met.plane == plane)
+        for n in here[np.argsort(met.part[here], kind="stable")].tolist():
+            ray = int(met.column[n]) + first, int(met.row[n]) + first
+            begun, light = gone.get(ray, (0.0, self.radiance[ray]))
+            gain = self.gain_after[ray] if ray in gone else self.gain[ray]
+            part = float(met.part[n])
+            wall.arriving[n] = _after_part(light, gain, self.depth[ray], part - begun)
+            if met.departs[n] != NO_PATCH:
+                gone[ray] = part, wall.reflected[met.departs[n]].copy()
+        for ray, (begun, light) in gone.items():
+            found[ray] = _after_part(light, self.gain_after[ray], self.depth[ray], 1 - begun)
+        return found
+
+
+def _after_part(light: Floats, gain: Floats, depth: Floats, part: float) -> Floats:
+    through, mean = _through(part * depth)
+    after: Floats = light * through + gain * part * mean
+    return after
 
 
 def _through(depth: Floats) -> tuple[Floats, Floats]:

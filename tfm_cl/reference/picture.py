@@ -138,7 +138,9 @@ def render_with_aovs(
     ]
     later = None
     if scatters_again(scene):
-        later = LaterOrders(scene, [partial(_arrives, one, obstacles, scene) for one in lit])
+        later = LaterOrders(
+            scene, [partial(_arrives, one, obstacles, scene) for one in lit], obstacles.tracer
+        )
     at_samples, emitted_light = lit, None
     lattice = emission.lattice_of(scene).lattice if scene.emission_lights else None
     if lattice is not None:

@@ -85,6 +85,11 @@ class Obstacles:
 
             self._tracer = Tracer(scene.solids)
 
+    @property
+    def tracer(self) -> Tracer | None:
+        """Of the solids; None without any."""
+        return self._tracer
+
     def surfaces(self, rays: Rays) -> Surfaces:
         """Of the nearest visible solids; distances are infinite without."""
         count = len(rays.origins)

@@ -160,6 +160,7 @@ class Antialiasing:
             of_orders=made.get("orders"),
             of_emission_light=made.get("emission_light"),
             added=None if sums.added is None else _layers(made["added"]),
+            of_orders_up_to=None if sums.of_orders_up_to is None else _layers(made["up to orders"]),
             shows_through=made["shows_through"],
         )
 
@@ -260,8 +261,9 @@ def _parts(sums: Sums) -> dict[str, Floats]:
         "orders": sums.of_orders,
         "emission_light": sums.of_emission_light,
     }
-    if sums.added is not None:
-        others["added"] = np.moveaxis(sums.added, 0, -2).reshape(*opacity.shape[:-1], -1)
+    for name, several in (("added", sums.added), ("up to orders", sums.of_orders_up_to)):
+        if several is not None:
+            others[name] = np.moveaxis(several, 0, -2).reshape(*opacity.shape[:-1], -1)
     return parts | {name: part for name, part in others.items() if part is not None}
 
 

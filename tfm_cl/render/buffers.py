@@ -29,6 +29,8 @@ SUMS: dict[str, tuple[type[np.generic], int]] = {
 """Name, as kernels take it -> type and numbers per pixel."""
 EMISSION: dict[str, tuple[type[np.generic], int]] = {"emission": (np.float32, 4)}
 """Likewise, where media emit light."""
+SEVERAL = ("added", "of_orders_up_to")
+"""Of `Sums`: several of each pixel."""
 MOST_LAYER_BYTES = 4 << 30
 """Of the layers of lights together."""
 
@@ -46,6 +48,8 @@ class FrameBuffers:
     """float4: its RGB albedo, and 1 on holdouts."""
     later: Output | None = None
     """float4: RGB of the later orders of scattering, where there are any."""
+    up_to_orders: tuple[Output, ...] = ()
+    """As ``later``, of the orders up to each but the last, where these are asked for."""
     emission_light: Output | None = None
     """float4: RGB that media scatter and solids reflect of what media emit, where that lights anything."""
     deep: dict[str, cl.Buffer] = field(default_factory=dict)
@@ -82,6 +86,10 @@ class FrameBuffers:
         """Return the same for kernels whose media emit nothing."""
         return replace(self, sums={name: sum_ for name, sum_ in self.sums.items() if name not in EMISSION})
 
+    def up_to_order(self, number: int) -> FrameBuffers:
+        """Return the same for kernels that add orders up to one, from 1 on: by themselves."""
+        return replace(self, later=self.up_to_orders[number - 1], deep={})
+
     def of_emission_light(self) -> FrameBuffers:
         """Return the same for kernels that add light of what media emit: by itself, whichever they add."""
         own = self.emission_light
@@ -106,6 +114,8 @@ class Sums:
     added: NDArray[np.float32] | None
     of_orders: NDArray[np.float32] | None
     of_emission_light: NDArray[np.float32] | None = None
+    of_orders_up_to: NDArray[np.float32] | None = None
+    """[orders - 1, h, w, 4]."""
     shows_through: NDArray[np.float32] | None = None
     """[h, w, 3], of what lies behind everything; None: the transmittance where no solid is shown."""
 
@@ -149,6 +159,12 @@ class Sums:
         return np.zeros((0, *self.radiance.shape), np.float32) if self.added is None else self.added[1:]
 
     @property
+    def up_to_orders(self) -> NDArray[np.float32]:
+        """Of the orders up to each but the last RGB, and 0."""
+        none = np.zeros((0, *self.radiance.shape), np.float32)
+        return none if self.of_orders_up_to is None else self.of_orders_up_to
+
+    @property
     def errors(self) -> NDArray[np.float32]:
         """As ``light_seen``."""
         return np.zeros_like(self.radiance) if self.of_errors is None else self.of_errors
@@ -169,10 +185,11 @@ class Sums:
     def _each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Sums:
         held = {one.name: getattr(self, one.name) for one in fields(self)}
         changed = {
-            name: change(array) for name, array in held.items() if array is not None and name != "added"
+            name: change(array) for name, array in held.items() if array is not None and name not in SEVERAL
         }
-        if self.added is not None:
-            changed["added"] = np.moveaxis(change(np.moveaxis(self.added, 0, 2)), 2, 0)
+        for name in SEVERAL:
+            if held[name] is not None:
+                changed[name] = np.moveaxis(change(np.moveaxis(held[name], 0, 2)), 2, 0)
         return replace(self, **changed)
 
 
@@ -185,6 +202,7 @@ def allocate(
     clear: bool = False,
     layers: int = 0,
     later: bool = False,
+    up_to_orders: int = 0,
     emission_light: bool = False,
 ) -> FrameBuffers:
     """Make buffers for the rays of a frame, with the solids that they show.
@@ -199,6 +217,8 @@ def allocate(
         That hold what ambient light and each light add; 0 where that is not asked for.
     later
         Whether later orders of scattering are added.
+    up_to_orders
+        How many orders are the last of those that are also added by themselves.
     emission_light
         Whether what media emit lights anything.
 
@@ -220,12 +240,14 @@ def allocate(
         launcher.output("the image", (*shape, 4), np.float32) if wanted else None
         for wanted in (later, emission_light)
     )
-    zero += [output for output in (of_orders, of_emission) if output is not None]
+    up_to = tuple(launcher.output("the image", (*shape, 4), np.float32) for _ in range(up_to_orders))
+    zero += [output for output in (of_orders, of_emission, *up_to) if output is not None]
     for output in zero:
         launcher.clear(output.buffer, output.nbytes)
     return FrameBuffers(
         sums,
         later=of_orders,
+        up_to_orders=up_to,
         emission_light=of_emission,
         places=launcher.upload("where rays pass", raster.places),
         solid=launcher.upload("the solids' pixels", none if gbuffer is None else gbuffer.solid),
@@ -277,4 +299,7 @@ def read(
         added=sums.get("added"),
         of_orders=of_orders,
         of_emission_light=of_emission_light,
+        of_orders_up_to=np.stack([launcher.read(one) for one in frame.up_to_orders])
+        if frame.up_to_orders
+        else None,
     )

@@ -20,7 +20,14 @@ from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
 from tfm_cl.plan import emission
 from tfm_cl.plan.lattice import smooth_lights
-from tfm_cl.plan.orders import lattice_of, media_of, scatters_again, sweeps_emission, swept_media
+from tfm_cl.plan.orders import (
+    lattice_of,
+    media_of,
+    orders_of,
+    scatters_again,
+    sweeps_emission,
+    swept_media,
+)
 from tfm_cl.render import buffers
 from tfm_cl.render.batches import Batches
 from tfm_cl.render.camera import see
@@ -112,7 +119,7 @@ class _Shared:
     batches: Batches | None = None
     lattice: Lattice | None = None
     emitted: EmissionLattice | None = None
-    orders: tuple[Orders, TowardsCamera] | None = None
+    orders: tuple[Orders, TowardsCamera, list[TowardsCamera]] | None = None
     deep: DeepBuffers | None = None
 
 
@@ -244,6 +251,7 @@ class Frame:
             frame=allocate(
                 layers=count,
                 later=scatters_again(scene),
+                up_to_orders=orders_of(scene) - 1 if self._has_orders_apart(asked) else 0,
                 emission_light=bool(emission.numbers_of(scene.lights)),
             ),
             errors=allocate(clear=True) if "map_error" in asked else None,
@@ -404,18 +412,31 @@ class Frame:
         """Add the later orders of scattering."""
         if shared.orders is None:
             shared.orders = self._orders(work)
-        orders, towards_camera = shared.orders
+        orders, towards_camera, up_to = shared.orders
         done = _reporter(self.progress, "view pass, later orders")
         met, bounds = work.met.arguments, work.raster.bounds
         work.seconds += orders.see(work.view, met, towards_camera, bounds, work.frame, done)
+        for order, found in enumerate(up_to, 1):
+            frame = work.frame.up_to_order(order)
+            work.seconds += orders.see(work.view, met, found, bounds, frame, done)
 
-    def _orders(self, work: _Work) -> tuple[Orders, TowardsCamera]:
+    def _has_orders_apart(self, asked: Collection[str]) -> bool:
+        return "orders" in asked and scatters_again(self.scene)
+
+    def _orders(self, work: _Work) -> tuple[Orders, TowardsCamera, list[TowardsCamera]]:
         """Find the later orders of scattering on a lattice; those of the last frames are there."""
         struct = view_struct(
             self.scene, self.media.fields, work.raster.bounds, is_listed=work.raster.is_listed
         )
         orders = Orders(
-            self.launcher, self.scene, self.media, work.met.arguments, struct, lattice_of(self.scene)
+            self.launcher,
+            self.scene,
+            self.media,
+            work.met.arguments,
+            struct,
+            lattice_of(self.scene),
+            self.visibility.tracer(self.scene),
+            apart=bool(work.frame.up_to_orders),
         )
         told: set[int] = set()
 
@@ -427,8 +448,9 @@ class Frame:
         tell = _reporter(self.progress, "later orders")
         found = self._kept(work, orders, lambda: orders.scatter(arrive, tell))
         towards_camera = orders.towards_camera(found, arrive)
+        up_to = [orders.towards_camera(one, arrive) for one in found.up_to]
         self.stats.seconds["orders"] = orders.seconds
-        return orders, towards_camera
+        return orders, towards_camera, up_to
 
     def _kept(self, work: _Work, orders: Orders, make: Callable[[], Scattered]) -> Scattered:
         """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
@@ -442,6 +464,7 @@ class Frame:
             tuple((one.sigma_s, one.sigma_a, one.orders, one.phase, one.phase.content) for one in media),
             tuple(media.index(scene.medium_of(body)) for body in scene.bodies),
             orders.lattice,
+            orders.apart,
             tuple(body.density_key for body in scene.marched),
             tuple(body.with_medium(None) for body in scene.homogeneous),
             light_structs(scene, scene.lights).tobytes(),

@@ -21,6 +21,9 @@ For each of a few directions that are evenly spread, light is swept through the 
 (``kernels/order_sweep.cl``). This is the method of discrete ordinates (Chandrasekhar, "Radiative Transfer",
 1950), by successive orders. Directions are turned from order to order where none goes straight on.
 
+Solids end what is swept, and what they reflect of it, and of lights, is swept with the next order: see
+`tfm_cl.render.walls`.
+
 Several media make a point's extinction, what is scattered there, and the moments of its phase function, each
 weighed by how much of light it scatters. Sources are then per world unit, over the extinction between the
 points. How much of a light went straight on follows what each medium on its way leaves so: known of bodies of
@@ -31,7 +34,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,14 +45,13 @@ from tfm_cl.constants import MOST_DEGREE
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.structs.declared import ORDERS, SWEEP
 from tfm_cl.device.structs.medium import medium_structs
+from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
 from tfm_cl.plan.deposits import deposited
-from tfm_cl.plan.lobes import harmonics, quadrature
+from tfm_cl.plan.lobes import harmonics
 from tfm_cl.plan.orders import (
     DIRECTIONS,
-    DIRECTIONS_OF_EMISSION,
     beyond_of_media,
-    directions,
     is_endless,
     lobes,
     media_of,
@@ -57,12 +59,16 @@ from tfm_cl.plan.orders import (
     orders_of,
     sweeps_emission,
     swept_media,
+    ways_of,
 )
 from tfm_cl.render.lattice_points import TowardsCamera, see_points
 from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.walls import NO_PATCH, Met, Sweep, walls_of
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pyopencl as cl
 
     from tfm_cl.device.launch import Launcher
@@ -73,9 +79,12 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
+MOST_BYTES_APART = 2 << 30
+"""Of lattices that hold orders by themselves."""
 RADIANCE_BYTES = 256 << 20
 """Of the radiances of the directions that are swept together."""
 POINTS_AT_ONCE = 1 << 24
@@ -111,10 +120,13 @@ def media_variant(
     }
 
 
-def lights_variant(batch: Batch, media: MediaOnDevice, colours: int, degree: int, mixed: int) -> Variant:
-    """Return those of the kernels that look lights up, as `media_variant`."""
+def lights_variant(
+    batch: Batch, media: MediaOnDevice, colours: int, degree: int, mixed: int, *, walls: bool = False
+) -> Variant:
+    """Return those of the kernels that look lights up, as `media_variant`; ``walls``: whether solids do."""
     headers, defines = batch.variant(media)
-    return headers, defines | media_variant(media, colours, degree, mixed)[1]
+    defines |= media_variant(media, colours, degree, mixed)[1]
+    return headers, defines | {"TFM_ORDER_WALLS": int(walls)}
 
 
 def channels_of(media: MediaOnDevice) -> int:
@@ -132,13 +144,14 @@ def moments_variant(colours: int, degree: int, mixed: int) -> Variant:
     }
 
 
-def sweep_variant(channels: int, colours: int, degree: int, mixed: int) -> Variant:
-    """Return those of the kernels that sweep light through the lattice."""
+def sweep_variant(channels: int, colours: int, degree: int, mixed: int, *, walls: bool = False) -> Variant:
+    """Return those of the kernels that sweep light through the lattice; ``walls``: past solids."""
     return (), {
         "TFM_CHANNELS": channels,
         "TFM_ORDER_COLOURS": colours,
         "TFM_ORDER_LOBE": int(degree > 0),
         "TFM_ORDER_MEDIA": mixed,
+        "TFM_ORDER_WALLS": int(walls),
     }
 
 
@@ -227,6 +240,8 @@ class Scattered:
         In that case, the tables of what the moments leave out.
     colour
         RGB that it is a multiple of, where a point has one number for three.
+    up_to
+        The same of the orders up to each but the last, from 1 on, where these are asked for.
     """
 
     numbers: cl.Buffer
@@ -234,6 +249,7 @@ class Scattered:
     nbytes: int
     colours: int
     colour: tuple[float, float, float]
+    up_to: tuple[Scattered, ...] = ()
 
 
 Arrive = Callable[[Callable[["Batch"], None]], None]
@@ -293,6 +309,103 @@ class _Ways(NamedTuple):
     radiance: cl.Buffer
 
 
+def met_of(
+    sweeps: Sequence[tuple[Sweep, Met]], size: tuple[int, int, int], lanes: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], int, Met]:
+    """Return what the rays of some directions meet as kernels know it.
+
+    Returns
+    -------
+    Walls, four numbers each; where those of each direction and work-item begin, and the end; work-items of a
+    direction; and the same walls in this order.
+    """
+    items, of_lanes = [], []
+    for sweep, met in sweeps:
+        (first, count), (low, rows) = (sweep.rays_along(number, size) for number in (0, 1))
+        chunks = -(-count // lanes)
+        chunk, lane = np.divmod(met.column - first, lanes)
+        items.append((chunk + chunks * (met.row - low), chunks * rows))
+        of_lanes.append(lane)
+    most = max(count for _, count in items)
+    item = np.concatenate([number * most + one for number, (one, _) in enumerate(items)])
+    lane = np.concatenate(of_lanes)
+    joined: list[NDArray[Any]] = [
+        np.concatenate(values) for values in zip(*(met for _, met in sweeps), strict=True)
+    ]
+    by_way = np.lexsort((joined[Met._fields.index("part")], joined[Met._fields.index("plane")], item))
+    sorted_met = Met(*(values[by_way] for values in joined))
+    walls = np.empty((len(item), 4), np.int32)
+    walls[:, 0], walls[:, 1], walls[:, 2] = sorted_met.plane, lane[by_way], sorted_met.departs
+    walls[:, 3] = sorted_met.part.astype(np.float32).view(np.int32)
+    starts = np.searchsorted(item[by_way], np.arange(most * len(sweeps) + 1)).astype(np.int32)
+    return walls, starts, most, sorted_met
+
+
+class _Surfaces:
+    """Solids on the device, as rays of one set of directions meet them.
+
+    Parameters
+    ----------
+    ways
+        Directions ``[n, 3]``.
+    reflected
+        What all patches reflect.
+    """
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        lattice: Lattice,
+        ways: Floats,
+        met: Sequence[Met],
+        patches: Patches,
+    ) -> None:
+        sweeps = [(Sweep.of(way), one) for way, one in zip(ways, met, strict=True)]
+        # As `sweeps_of` has them: those along x come last.
+        sweeps.sort(key=lambda one: one[0].axis == 0)
+        walls, starts, items, known = met_of(sweeps, lattice.size, launcher.lanes)
+        self.along = sum(sweep.axis != 0 for sweep, _ in sweeps)
+        """Directions before those along x."""
+        arriving = np.flatnonzero(known.arrives != NO_PATCH)
+        arriving = arriving[np.argsort(known.arrives[arriving], kind="stable")]
+        of_patches = np.searchsorted(known.arrives[arriving], np.arange(patches.number + 1))
+        upload, self._launcher = partial(launcher.upload, WHAT), launcher
+        self._patches = patches
+        self.arguments = {
+            "walls": upload(walls),
+            "wall_starts": upload(starts),
+            "reflected": patches.reflected,
+            "arriving": launcher.zeros(WHAT, 4 * RGB * len(walls)),
+            "wall_items": items,
+            "patches": patches.number,
+            "wall_count": len(walls),
+        }
+        self._of_patches = {
+            "starts": upload(of_patches.astype(np.int32)),
+            "of_patches": upload(arriving.astype(np.int32)),
+            "shares": upload(known.share[arriving].astype(np.float32)),
+            "albedo": patches.albedo,
+            "arriving": self.arguments["arriving"],
+            "reflected": patches.reflected,
+            "patches": patches.number,
+            "count": len(walls),
+        }
+
+    def reflect(self, kernel: Kernel) -> float:
+        """Replace what patches reflect by what they do of what arrived; returns device seconds."""
+        return self._launcher.run(kernel, (self._patches.number,), self._of_patches)
+
+
+class Patches(NamedTuple):
+    """Patches of solids on the device."""
+
+    number: int
+    known: cl.Buffer
+    """As ``order_walls`` has it."""
+    albedo: cl.Buffer
+    reflected: cl.Buffer
+
+
 @dataclass
 class Orders:
     """The later orders of a frame.
@@ -315,7 +428,12 @@ class Orders:
     met: dict[str, Any]
     struct: NDArray[Any]
     lattice: Lattice
+    tracer: Tracer | None = None
+    """Of solids."""
+    apart: bool = False
+    """Whether orders are asked for by themselves."""
     seconds: float = 0.0
+    _up_to: list[cl.Buffer] = field(default_factory=list)
 
     @cached_property
     def lobes(self) -> list[Lobe]:
@@ -364,6 +482,7 @@ class Orders:
         """The colour of all that is scattered, at most 1; None where lights or orders differ in theirs."""
         lights, albedo = self.scene.lights, media_of(self.scene)[0].albedo
         is_grey = not self._mixed and channels_of(self.media) == 1 and np.ptp(albedo) == 0
+        is_grey = is_grey and self.tracer is None
         if not is_grey or any(light.is_textured for light in lights):
             return None
         emitted = [medium.emission for medium in swept_media(self.scene) if medium.emits]
@@ -409,6 +528,44 @@ class Orders:
         """`_of_way`, of what goes straight on."""
         return self._of_way([lobe.straight for lobe in self.lobes])
 
+    @cached_property
+    def _ways(self) -> dict[int, tuple[Floats, Floats]]:
+        """Directions that are swept of each order, with the solid angles that they stand for; 0: of emission.
+
+        Where scattering has a lobe they are always the same.
+        """
+        return ways_of(self.scene)
+
+    @cached_property
+    def _walls(self) -> tuple[Patches, dict[int, _Surfaces]] | None:
+        """Solids, as rays of each of the sets meet them."""
+        found = None if self.tracer is None else walls_of(self.tracer, self.scene, self.lattice, self._ways)
+        if found is None:
+            return None
+        upload, count = partial(self.launcher.upload, WHAT), len(found.points)
+        places = found.points - world_from_device(self.scene)[:3, 3]
+        known = np.concatenate([places, found.normals, found.albedo], axis=1).astype(np.float32)
+        albedo = known[:, -RGB:].T
+        zeros = self.launcher.zeros(WHAT, 4 * RGB * count)
+        patches = Patches(count, upload(known.T), upload(albedo), zeros)
+        made: dict[int, _Surfaces] = {}
+        for order, met in found.met.items():
+            same = next((other for other in made if found.met[other] is met), None)
+            made[order] = (
+                _Surfaces(self.launcher, self.lattice, self._ways[order][0], met, patches)
+                if same is None
+                else made[same]
+            )
+        return patches, made
+
+    def _met_by(self, order: int) -> _Surfaces | None:
+        """Return the solids as rays of an order meet them, 0: of emission; None where they meet none."""
+        return None if self._walls is None else self._walls[1][order]
+
+    def _reflect(self, met: _Surfaces | None) -> None:
+        if met is not None:
+            self.seconds += met.reflect(self._kernel("order_reflect"))
+
     def scatter(self, arrive: Arrive, done: Callable[[float], None]) -> Scattered:
         """Find all later orders; ``done`` is called with the part that is done."""
         lattice, channels = self.lattice, channels_of(self.media)
@@ -445,14 +602,40 @@ class Orders:
                 self._run(self._of_moments("order_shares"), (self._items,), known)
         density = _Density(extinction, scattering, shares, emission)
         colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
-        found = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
-        total, nbytes = found(density, arrive, done)
+        find = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
+        self._up_to.clear()
+        total, nbytes = find(density, arrive, done)
+        buffers, first = [*self._up_to, total], orders_of(self.scene) - len(self._up_to)
+        found = [
+            self._scattered(numbers, nbytes, colour, order) for order, numbers in enumerate(buffers, first)
+        ]
+        together = sum(one.nbytes for one in found)
+        return replace(found[-1], up_to=tuple(found[:-1]), nbytes=together)
+
+    def _scattered(
+        self, numbers: cl.Buffer, nbytes: int, colour: tuple[float, float, float], order: int
+    ) -> Scattered:
+        """Return what points hold of the orders up to one."""
         table = None
         if self.lobe.degree:
-            of_lobe = beyond_of_media(self.scene, self.scene.spreads)
+            of_lobe = beyond_of_media(self.scene, self.scene.spreads, order)
             table = self.launcher.upload(WHAT, of_lobe)
             nbytes += of_lobe.nbytes
-        return Scattered(total, table, nbytes, self._colours, colour)
+        return Scattered(numbers, table, nbytes, self._colours, colour)
+
+    def _keep(self, total: cl.Buffer, nbytes: int) -> None:
+        """Keep what there is so far, where orders are asked for by themselves."""
+        if not self.apart:
+            return
+        orders = orders_of(self.scene)
+        if nbytes * orders > MOST_BYTES_APART:
+            raise SceneError(
+                f"image.aov: {orders} layers of orders need {nbytes * orders / 2**30:.1f} GiB of points, "
+                f"more than {MOST_BYTES_APART / 2**30:g}; use fewer medium.orders, or leave out orders"
+            )
+        kept = self.launcher.empty(WHAT, nbytes, reuse=True)
+        self.launcher.copy(total, kept, nbytes, first=0, to=0)
+        self._up_to.append(kept)
 
     def _scatter_evenly(
         self, density: _Density, arrive: Arrive, done: Callable[[float], None]
@@ -463,17 +646,21 @@ class Orders:
             self._numbers(self._colours), self.launcher.empty(WHAT, self._radiance_bytes, reuse=True)
         )
         if density.emission is not None:
-            self._sweep(directions(DIRECTIONS_OF_EMISSION, 0), density.emission, room, light[0], total)
+            self._sweep(0, density.emission, room, light[0], total)
+        self._keep(total, nbytes)
         arrive(lambda batch: self._add_lights(batch, light[0]))
         # What the last order needs is where light is scattered last but once.
         last = orders_of(self.scene) - 1
         for order in range(1, last + 1):
             self._turn(light, self._colours)
             source = density.scattered(self._struct, light)
-            self._sweep(directions(DIRECTIONS, order), source, room, light[0], total)
+            self._sweep(order, source, room, light[0], total)
+            if order < last:
+                self._keep(total, nbytes)
             done(order / last)
         if is_endless(self.scene):
-            self._end(total, self._colours)
+            for numbers in (*self._up_to, total):
+                self._end(numbers, self._colours)
         return total, nbytes
 
     def _end(self, scattered: cl.Buffer, count: int) -> None:
@@ -487,9 +674,9 @@ class Orders:
         count = self.lobe.harmonics * self._colours
         nbytes = 4 * count * self._rows[0].numbers
         light, total = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
-        along_x, along_y = sweeps_of(self.lattice, *quadrature(), self._pad)
+        along_x, along_y = sweeps_of(self.lattice, *self._ways[0], self._pad)
         # All that arrives is summed in rows along x.
-        ways = self._ways(np.concatenate([along_x, along_y]), 0), self._ways(along_y, 1)
+        ways = self._of_rows(np.concatenate([along_x, along_y]), 0), self._of_rows(along_y, 1)
         counts = len(along_x), len(along_y)
         scattered = density.scattered(self._struct, (ways[0].source, ways[1].source))
         if density.emission is not None:
@@ -501,6 +688,7 @@ class Orders:
         most = max(lobe.times_straight(last) for lobe in self.lobes)
         for order in range(1, last + 1):
             self._scatter_moments(ways, light, total, density, arrives=order > 1, scatters=True)
+            self._keep(total, nbytes)
             self._cross(ways[0].source, ways[1].source, ways, of_x=True)
             self._sweep_ways(ways, counts, scattered)
             if order <= most:
@@ -509,7 +697,7 @@ class Orders:
         self._scatter_moments(ways, light, total, density, arrives=True, scatters=False)
         return total, nbytes
 
-    def _ways(self, sweeps: NDArray[Any], turned: int) -> _Ways:
+    def _of_rows(self, sweeps: NDArray[Any], turned: int) -> _Ways:
         nbytes = 4 * self._colours * len(sweeps) * self._rows[turned].numbers
         source, radiance = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
         return _Ways(sweeps, self.launcher.upload("the directions", sweeps), source, radiance)
@@ -564,15 +752,21 @@ class Orders:
 
         ``counts``: of the directions whose rows are along x, and along y.
         """
-        kernel = self._kernel(source.kernel)
-        for some, count, rows, swept in zip(ways, counts, self._rows, source.arguments, strict=True):
+        kernel, met = self._kernel(source.kernel), self._met_by(0)
+        bases = 0, counts[0]
+        for some, count, rows, swept, base in zip(
+            ways, counts, self._rows, source.arguments, bases, strict=True
+        ):
             known = swept | {"sweeps": some.uploaded, "radiance": some.radiance, "size": rows.numbers}
+            if met is not None:
+                known |= met.arguments | {"wall_base": base}
             together = max(1, POINTS_AT_ONCE // rows.numbers)
             for first in range(0, count, together):
                 end = min(first + together, count)
                 rays = rays_of(some.sweeps[first:end], self.launcher.lanes)
                 self._run(kernel, (rays, end - first), known | {"first": first, "end": end})
         self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
+        self._reflect(met)
 
     @property
     def _pad(self) -> int:
@@ -616,18 +810,34 @@ class Orders:
         points, samples = (self._of_middles, 1) if times else (self._struct, self.lattice.samples)
         of_lights = {
             "orders": points,
-            "light": light,
             "times": times,
             "log_factorial": math.lgamma(times + 1),
-            **self._deposited,
             **self._straight,
         }
-        self._over_lights("order_lights", batch, of_lights, samples**3)
+        at_points = {"light": light, **self._deposited}
+        self._over_lights("order_lights", batch, of_lights | at_points, samples**3)
+        if self._walls is not None:
+            self._light_walls(batch, self._walls[0], of_lights)
+
+    def _light_walls(self, batch: Batch, patches: Patches, of_lights: dict[str, Any]) -> None:
+        """Add what solids reflect of lights."""
+        kernel, steps = self._of_lights("order_walls", batch)
+        known = self._known | batch.arguments | of_lights
+        known |= {"patches": patches.known, "reflected": patches.reflected, "count": patches.number}
+        for number in range(len(batch.indices)):
+            items = -(-patches.number // self.launcher.lanes)
+            self._over_points(kernel, known | {"number": number}, steps, items)
+
+    def _of_lights(self, name: str, batch: Batch) -> tuple[Kernel, int]:
+        """Return a kernel that looks lights up, and the steps that each look-up takes."""
+        headers, defines = lights_variant(
+            batch, self.media, self._colours, self.lobe.degree, self._mixed, walls=self._walls is not None
+        )
+        kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
+        return kernel, decided(self.scene.map.steps) if batch.is_dual else 1
 
     def _over_lights(self, name: str, batch: Batch, arguments: dict[str, Any], cost: int) -> None:
-        headers, defines = lights_variant(batch, self.media, self._colours, self.lobe.degree, self._mixed)
-        kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
-        steps = decided(self.scene.map.steps) if batch.is_dual else 1
+        kernel, steps = self._of_lights(name, batch)
         known = self._known | batch.arguments | arguments
         boxes = reached_points(self.lattice, LitRegions.of([self.scene.lights[i] for i in batch.indices]))
         for number, (low, (x, y, z)) in enumerate(boxes):
@@ -636,7 +846,11 @@ class Orders:
 
     def _kernel(self, name: str) -> Kernel:
         headers, defines = sweep_variant(
-            channels_of(self.media), self._colours, self.lobe.degree, self._mixed
+            channels_of(self.media),
+            self._colours,
+            self.lobe.degree,
+            self._mixed,
+            walls=self._walls is not None,
         )
         return self.launcher.kernels.kernel(name, "order_sweep.cl", headers, defines)
 
@@ -658,9 +872,10 @@ class Orders:
         known = {"orders": self._struct, "numbers": along_x, "turned": along_y, "count": count}
         self._run(self._kernel("order_turn"), (self._items,), known)
 
-    def _sweep(self, ways: Floats, source: _Source, room: _Room, light: cl.Buffer, total: cl.Buffer) -> None:
-        """Let what is swept in some directions arrive at all points, as light, and add it to the total."""
+    def _sweep(self, order: int, source: _Source, room: _Room, light: cl.Buffer, total: cl.Buffer) -> None:
+        """Let what is swept in an order's directions arrive at all points, as light; add it to the total."""
         lanes, together, kernel = self.launcher.lanes, self._together, self._kernel(source.kernel)
+        ways, met = self._ways[order][0], self._met_by(order)
         weights = np.full(len(ways), 1 / len(ways))
         for turned, sweeps in enumerate(sweeps_of(self.lattice, ways, weights, self._pad)):
             rows = self._rows[turned]
@@ -673,6 +888,8 @@ class Orders:
                     "size": rows.numbers,
                 }
                 of_points = source.arguments[turned] | {"first": 0, "end": len(some)}
+                if met is not None:
+                    of_points |= met.arguments | {"wall_base": first + turned * met.along}
                 self._run(kernel, (rays_of(some, lanes), len(some)), known | of_points)
                 adds = {"next": room.following[turned], "begins": int(first == 0), "count": len(some)}
                 self._run(self._kernel("order_gather"), (-(-x // lanes) * y * z,), known | adds)
@@ -681,6 +898,7 @@ class Orders:
         means = {"orders": self._struct, "light": light, "total": total, "share": 1 / len(ways)}
         means |= {"next": room.following[0], "turned_next": room.following[1]}
         self._run(self._kernel("order_mean"), (self._items,), means)
+        self._reflect(met)
 
     def see(
         self,

@@ -32,11 +32,21 @@ from tfm_cl.plan.orders import orders_of
 from tfm_cl.plan.plan import plan, with_lookup
 from tfm_cl.render import diagnosis
 from tfm_cl.render.antialiasing import PLAIN, Antialiasing
+from tfm_cl.render.checks import (
+    Crop,
+    checked_aovs,
+    checked_crop,
+    checked_maps,
+    checked_method,
+    checked_moment,
+    checked_progress,
+    checked_scene,
+)
 from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
 from tfm_cl.render.motion import Moments, Mover
-from tfm_cl.render.result import RenderResult, RenderStats
+from tfm_cl.render.result import RenderResult, RenderStats, members_of
 from tfm_cl.render.visibility import Visibility
 from tfm_cl.scene.background import check_surrounded
 from tfm_cl.scene.bodies.base import around
@@ -51,10 +61,9 @@ if TYPE_CHECKING:
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
+    from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene
-
-Crop = tuple[int, int, int, int]
 
 
 class _Asked(NamedTuple):
@@ -92,6 +101,9 @@ class Renderer:
         Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
     cache_bytes
         Bytes of voxels, maps, shadow maps and G-buffers, at most, that are kept for the next frames.
+    launch_seconds
+        That the device works at a stretch, at most, as far as the renderer can foresee: `cancel` is heard in
+        between. None: about a tenth of a second, at times more. Pictures are the same.
 
     Raises
     ------
@@ -110,6 +122,7 @@ class Renderer:
         largest_buffer: int | None = None,
         work_group: tuple[int, int] | Literal["auto"] | None = "auto",
         cache_bytes: int = BUDGET,
+        launch_seconds: float | None = None,
     ) -> None:
         self._launcher = Launcher(
             choose_device(device),
@@ -117,6 +130,7 @@ class Renderer:
             lanes=lanes,
             largest_buffer=largest_buffer,
             work_group=work_group,
+            launch_seconds=launch_seconds,
         )
         self._cache = Cache(cache_bytes)
         self._visibility = Visibility(self._cache)
@@ -182,9 +196,9 @@ class Renderer:
         DeviceError
             Memory or compilation, or the renderer is closed.
         """
+        scene, progress = checked_scene(scene), checked_progress(progress) or _silent
         with self._in_turn():
             scene.read_files()
-            progress = progress or _silent
             if scene.map.max_error is not None:
                 scene, _ = self._chosen(scene, "tfm", None, None, progress)
             scene = _single_lights(plan(scene, method="tfm").scene)
@@ -220,7 +234,7 @@ class Renderer:
         progress = progress or _silent
         found: list[tuple[ResolvedMap, list[Curves]]] = []
         with self._in_turn():
-            for scene in scenes:
+            for scene in map(checked_scene, scenes):
                 scene.read_files()
                 if scene.map.max_error is not None:
                     scene, _ = self._chosen(scene, "tfm", None, None, progress)  # noqa: PLW2901
@@ -232,6 +246,47 @@ class Renderer:
                 if media.fields.count:
                     found += self._maps.curves(single, media)
         return functions_for_all(found)
+
+    def maps_of(
+        self, scene: Scene, light: int, part: int = 0, progress: Progress | None = None
+    ) -> list[TransmittanceMap]:
+        """Return the maps that pictures of a scene have of one light; those of the last frames are there.
+
+        Parameters
+        ----------
+        light
+            Its number, from 0.
+        part
+            Of a light that is the sum of several, which of `Light.parts`.
+        progress
+            As of `render`.
+
+        Returns
+        -------
+        list of TransmittanceMap
+            One for each field, as of `build_maps`; none without grids or primitives.
+
+        Raises
+        ------
+        SceneError
+            No such light or part.
+        DeviceError
+            Memory or compilation, or the renderer is closed.
+        """
+        parts = [len(one.parts()) for one in scene.lights]
+        if not (0 <= light < len(parts) and 0 <= part < parts[light]):
+            raise SceneError(f"light {light}, part {part}: the scene's lights have {parts} parts, from 0")
+        with self._in_turn():
+            scene.read_files()
+            progress = progress or _silent
+            if scene.map.max_error is not None:
+                scene, _ = self._chosen(scene, "tfm", None, None, progress)
+            scene = _single_lights(plan(scene, method="tfm").scene)
+            media = self._media(scene, None)
+            if not media.fields.count:
+                return []
+            sources = self._maps.sources(scene, media, None)
+            return self._maps.of(sources, [sum(parts[:light]) + part], progress)
 
     def light_at(self, scene: Scene, points: ArrayLike, *, progress: Progress | None = None) -> LightAtPoints:
         """Look each light of a scene up at any points, through its map and past all solids.
@@ -258,11 +313,26 @@ class Renderer:
         DeviceError
             Memory or compilation, or the renderer is closed.
         """
+        scene, progress = checked_scene(scene), checked_progress(progress)
         world = np.asarray(points, dtype=np.float64)
         if world.shape[-1:] != (3,) or not np.isfinite(world).all():
             raise SceneError(f"points are finite positions of shape (..., 3); got the shape {world.shape}")
         with self._in_turn():
             return self._light_at(scene, world, progress or _silent)
+
+    def tracer(self, scene: Scene) -> Tracer | None:
+        """Return the solids of a scene, ready for rays; None without any.
+
+        Raises
+        ------
+        SceneError
+            A mesh file that cannot be used.
+        DeviceError
+            The renderer is closed.
+        """
+        with self._in_turn():
+            scene.read_files()
+            return self._visibility.tracer(scene)
 
     def _light_at(self, scene: Scene, world: NDArray[np.float64], progress: Progress) -> LightAtPoints:
         """As `light_at`, of points that are some."""
@@ -372,7 +442,7 @@ class Renderer:
         self,
         scene: Scene,
         *,
-        maps: list[TransmittanceMap] | None = None,
+        maps: Sequence[TransmittanceMap] | None = None,
         method: str | None = None,
         crop: Crop | None = None,
         aovs: Collection[str] = (),
@@ -433,11 +503,13 @@ class Renderer:
             For each of the result's ``warnings``.
         """
         # Before anything is rendered.
-        image = ImageSettings(background=background, samples=samples, filter=filter)
+        scene, maps, progress = checked_scene(scene), checked_maps(maps), checked_progress(progress)
+        aovs = checked_aovs(aovs)
+        image = ImageSettings(background=background, samples=samples, filter=filter, aov=aovs)
         deep_settings = None
         if deep is not None:
-            tolerance = image.replace(deep_tolerance=deep).deep_tolerance
-            deep_settings = DeepSettings.of(scene, tolerance, colour=deep_colour)
+            of_deep = image.replace(deep_tolerance=deep, deep_colour=deep_colour)
+            deep_settings = DeepSettings.of(scene, of_deep.deep_tolerance, colour=of_deep.deep_colour)
         if image.shows_environment:
             check_surrounded(scene.lights)
         with self._in_turn():
@@ -501,10 +573,11 @@ class Renderer:
         TfmWarning
             For each of the result's ``warnings``, also where nothing moves.
         """
-        image = ImageSettings(background=background, samples=samples, filter=filter)
+        moments, progress, aovs = checked_moment(scene), checked_progress(progress), checked_aovs(aovs)
+        image = ImageSettings(background=background, samples=samples, filter=filter, aov=aovs)
         image = image.replace(shutter=shutter, motion_samples=motion_samples)
         with self._in_turn():
-            result = self._blurred(scene, method, crop, aovs, image, progress or _silent)
+            result = self._blurred(moments, method, crop, aovs, image, progress or _silent)
         for line in result.warnings:
             warnings.warn(line, TfmWarning, stacklevel=2)
         return result
@@ -527,7 +600,7 @@ class Renderer:
         asked = self._asked(middle, method, crop, None, progress)
         decided = asked.scene
         if asked.error is None:
-            decided = plan(middle, method=_checked_method(method, middle)).scene
+            decided = plan(middle, method=checked_method(method, middle)).scene
 
         def render(moment: Scene, progress: Progress) -> RenderResult:
             result = self._render(
@@ -546,7 +619,7 @@ class Renderer:
     def _rendered(
         self,
         scene: Scene,
-        maps: list[TransmittanceMap] | None,
+        maps: Sequence[TransmittanceMap] | None,
         method: str | None,
         crop: Crop | None,
         aovs: Collection[str],
@@ -575,12 +648,12 @@ class Renderer:
         scene: Scene,
         method: str | None,
         crop: Crop | None,
-        maps: list[TransmittanceMap] | None,
+        maps: Sequence[TransmittanceMap] | None,
         progress: Progress,
     ) -> _Asked:
         """Read the files of a scene, and choose its numbers where an error is asked for."""
         scene.read_files()
-        for_lattice = scene.map.lookup == "lattice" and _checked_method(method, scene) == "tfm"
+        for_lattice = scene.map.lookup == "lattice" and checked_method(method, scene) == "tfm"
         if scene.map.max_error is None:
             return _Asked(scene, None, resolution.limited(scene), for_lattice)
         return _Asked(*self._chosen(scene, method, crop, maps, progress), (), for_lattice)
@@ -604,14 +677,14 @@ class Renderer:
         scene: Scene,
         method: str | None,
         crop: Crop | None,
-        maps: list[TransmittanceMap] | None,
+        maps: Sequence[TransmittanceMap] | None,
         progress: Progress,
     ) -> tuple[Scene, float]:
         """Choose numbers for ``map.max_error``; returns the scene with them, and the error.
 
         The last choice is kept for the next frame of the same scene.
         """
-        method, crop = _checked_method(method, scene), _checked_crop(crop, scene.camera.res)
+        method, crop = checked_method(method, scene), checked_crop(crop, scene.camera.res)
         if maps and method == "tfm":
             built = maps[0].requested
             numbers: dict[str, Any] = {"res": built.res, "steps": built.steps, "coeffs": built.coeffs}
@@ -635,7 +708,7 @@ class Renderer:
         self,
         scene: Scene,
         *,
-        maps: list[TransmittanceMap] | None,
+        maps: Sequence[TransmittanceMap] | None,
         method: str | None,
         crop: Crop | None,
         aovs: Collection[str],
@@ -645,7 +718,7 @@ class Renderer:
     ) -> RenderResult:
         """Render a scene, and ask nothing of the picture."""
         progress = progress or _silent
-        method = _checked_method(method, scene)
+        method = checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
         started, launched = time.perf_counter(), self._launcher.seconds
@@ -653,14 +726,13 @@ class Renderer:
         planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
         planned.log()
         scene = planned.scene
-        crop = _checked_crop(crop, scene.camera.res)
+        crop = checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         made = self._cache.made.copy()
         traced = self._visibility.seconds
         points = _single_lights(scene)
         around = antialiasing.around(crop, scene.camera.res)
         frame = self._frame(points, maps, around, stats, progress, antialiasing)
-        names = names_of(scene.lights) if GROUPS.keys() & set(aovs) else []
         layers_of_lights = _layers_of_lights(scene, aovs)
         sums, samples, told = frame.render(method, maps, aovs, crop, layers_of_lights, deep)
         made_here = {
@@ -672,7 +744,7 @@ class Renderer:
             "asked": False,
         }
         listed = [name for name, layer in LAYERS.items() if made_here[layer.made] or name in aovs]
-        layers = Layers([*listed, *(name for name in GROUPS if name in aovs)], sums, names)
+        layers = Layers([*listed, *(name for name in GROUPS if name in aovs)], sums, members_of(scene, aovs))
         stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         told += take_notes()
@@ -712,7 +784,8 @@ def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:
     if "lights" in asked:
         return [number for number, light in enumerate(scene.lights, 1) for _ in light.parts()]
     # One for all keeps the lights out of the ambient light's.
-    return [1 for light in scene.lights for _ in light.parts()] if "ambient" in asked else None
+    apart = "ambient" in asked or ("orders" in asked and any(scene.ambient.radiance))
+    return [1 for light in scene.lights for _ in light.parts()] if apart else None
 
 
 def _what(grids: Sequence[Volume]) -> str:
@@ -754,26 +827,6 @@ def _single_lights(scene: Scene) -> Scene:
     found = fitted(0.0)
     margin = light_margin(found)
     return fitted(margin) if margin else found
-
-
-def _checked_method(method: str | None, scene: Scene) -> str:
-    method = method or scene.march.method
-    if method not in ("tfm", "dual"):
-        raise SceneError(f"method '{method}' is unknown; known: tfm, dual")
-    return method
-
-
-def _checked_crop(crop: Crop | None, res: tuple[int, int]) -> Crop:
-    width, height = res
-    if crop is None:
-        return 0, 0, width, height
-    x0, y0, x1, y1 = crop
-    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
-        raise SceneError(
-            f"crop {x0},{y0},{x1},{y1} does not lie in the image of {width}×{height}; "
-            "it is x0,y0,x1,y1 in pixels, end excluded"
-        )
-    return x0, y0, x1, y1
 
 
 def _silent(stage: str, fraction: float) -> None:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import DeepSamples, Image, Metadata
+from tfm_cl.plan.orders import orders_of
 from tfm_cl.scene.background import check_surrounded, radiance_behind
-from tfm_cl.scene.layers import GROUPS, members
+from tfm_cl.scene.layers import GROUPS, Members, members
 from tfm_cl.scene.lights.base import names_of
 from tfm_cl.scene.settings import Background, ImageSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -80,6 +81,15 @@ class RenderStats:
             "map_bytes": self.map_bytes,
             "error_estimate": self.error_estimate,
         }
+
+
+def members_of(scene: Scene, asked: Collection[str]) -> Members:
+    """Return the members of the groups of layers that are among those asked for."""
+    known: dict[str, Callable[[], Sequence[str]]] = {
+        "lights": lambda: names_of(scene.lights),
+        "orders": lambda: [str(order) for order in range(1, orders_of(scene) + 1)],
+    }
+    return {name: known[name]() for name in GROUPS if name in asked}
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +206,12 @@ class RenderResult:
             written.
         """
         camera = self.scene.camera
-        lights = names_of(self.scene.lights) if GROUPS.keys() & set(aovs) else []
+        of_groups = members_of(self.scene, aovs)
         camera_from_world = np.linalg.inv(camera.world_from_camera).astype(np.float64)
         picture = Image(
             rgba=self.image,
             foreground=self.foreground,
-            aovs={name: self.aovs[name] for asked in aovs for name in members(asked, lights)},
+            aovs={name: self.aovs[name] for asked in aovs for name in members(asked, of_groups)},
             display_window=camera.res,
             crop=self.crop,
             deep=self.deep,
@@ -221,3 +231,9 @@ class RenderResult:
 
         picture = self.picture(transparent=png.get("transparent", False))
         return png_bytes(picture, exposure, corner=self.crop[:2], **png)
+
+    def _repr_html_(self) -> str:
+        """Show the picture and a row of its layers in a notebook."""
+        from tfm_cl.render.html import html_of  # noqa: PLC0415 - only notebooks need it
+
+        return html_of(self, repr(self))

@@ -11,6 +11,7 @@ distances from its centroid: its radius is √(5/3) σ. Near the cluster, and in
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
@@ -118,6 +119,34 @@ def emission_lights_of(body: Body, medium: Medium, flame: Volume | None) -> tupl
     if isinstance(body, Homogeneous):
         return _lights_of_shape(body.with_medium(None), medium)
     return ()
+
+
+def radius_of_emission(body: Body, medium: Medium, flame: Volume | None) -> float:
+    """Return the radius of a ball that spreads as far as what a body's medium and its flame emit.
+
+    0 where these emit nothing, and of bodies that have no end or are no volumes, boxes or spheres.
+    """
+    if not (medium.emits or medium.temperature is not None) or not np.isfinite(body.bounds).all():
+        return 0.0
+    if isinstance(body, Homogeneous):
+        return _radius(_cells_of_shape(body, medium.emission))
+    if not isinstance(body, Volume):
+        return 0.0
+    asked = medium.temperature, medium.temperature_offset, medium.temperature_scale, medium.Le_scale
+    key, kept = (medium.emission, asked, body.density_key), body.kept.get("radius of emission")
+    if kept is None or kept[0] != key:
+        kept = body.kept["radius of emission"] = key, _radius(_cells_of_volume(body, medium, flame))
+    return float(kept[1])
+
+
+def _radius(cells: Cells) -> float:
+    weights = cells.weights
+    total = float(weights.sum())
+    if not 0 < total < math.inf:
+        return 0.0
+    middle = weights @ cells.places / total
+    squares = ((cells.places - middle) ** 2).sum(axis=1) + cells.squares
+    return math.sqrt(BALL * float(weights @ squares) / total)
 
 
 @lru_cache(maxsize=16)

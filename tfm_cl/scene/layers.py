@@ -1,7 +1,7 @@
 """Layers of a picture: one row each.
 
 A layer is made of what the passes sum (`Seen`). A new one is a row here, and where it needs a sum that is not
-there yet, a store in a pass. A group (`GROUPS`) stands for a layer of each light.
+there yet, a store in a pass. A group (`GROUPS`) stands for a layer of each light, or order of scattering.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float32]
+Holds = Literal["light", "share", "direction", "number", "error"]
+"""What a layer is to those who show it: radiance, colours from 0 to 1, unit vectors, numbers of any size, 0
+where there is nothing, or errors, 0 where there are none."""
 
 
 class Seen(Protocol):
@@ -67,6 +70,10 @@ class Seen(Protocol):
         """[lights, …, 4]: RGB that media scatter and solids reflect of each, the first order, and 0."""
 
     @property
+    def up_to_orders(self) -> Array:
+        """[orders - 1, …, 4]: as ``later``, of the orders up to each but the last, and 0."""
+
+    @property
     def errors(self) -> Array:
         """[…, 4]: as ``light_seen``, with the maps' errors in the place of the light."""
 
@@ -87,16 +94,18 @@ class Layer:
     surroundings, or later orders of scattering, or it is asked for, or only where it is asked for."""
     blurred: Literal["mean", "sum", "middle"] = "mean"
     """Over the time that a shutter is open: its mean or sum, or that of the moment in the middle, sharp."""
+    holds: Holds = "light"
+    """How it is shown."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """A layer for each light: all are asked for together."""
+    """A layer for each light, or order: all are asked for together."""
 
     prefix: str
-    """Before the light's name."""
+    """Before the light's name, or the order's number."""
     layer: Callable[[int], Layer]
-    """Of a light's number, from 0."""
+    """Of a number, from 0."""
 
 
 def _mean_by_opacity(sums: Array) -> Array:
@@ -118,23 +127,27 @@ LAYERS = {
         "opacity-weighted mean distance from the camera, world units; 0 where there is no medium",
         lambda seen: seen.transmittance[..., 3].copy(),
         blurred="middle",
+        holds="number",
     ),
     "transmittance": Layer(
         3,
         "RGB transmittance of the medium along the camera ray",
         lambda seen: seen.transmittance[..., :3].copy(),
+        holds="share",
     ),
     "light_transmittance": Layer(
         3,
         "RGB mean over lights and ray of the light's transmittance, weighted by what the camera sees; 0 "
         "where nothing is lit",
         lambda seen: _mean_by_opacity(seen.light_seen),
+        holds="share",
     ),
     "samples": Layer(
         1,
         "density samples taken for the pixel by the passes of the camera",
         lambda seen: seen.samples.astype(np.float32),
         blurred="sum",
+        holds="number",
     ),
     "solid_distance": Layer(
         1,
@@ -145,6 +158,7 @@ LAYERS = {
         ),
         "solids",
         blurred="middle",
+        holds="number",
     ),
     "normal": Layer(
         3,
@@ -152,12 +166,14 @@ LAYERS = {
         lambda seen: seen.solid[..., :3].copy(),
         "solids",
         blurred="middle",
+        holds="direction",
     ),
     "albedo": Layer(
         3,
         "RGB albedo of that solid, with its textures; 0 without, and on holdouts",
         lambda seen: seen.albedo[..., :3].copy(),
         "solids",
+        holds="share",
     ),
     "emission": Layer(
         3,
@@ -191,6 +207,7 @@ LAYERS = {
         "the camera sees; 0 for the dual march",
         lambda seen: _mean_by_opacity(seen.errors).mean(axis=-1),
         "asked",
+        holds="error",
     ),
     "lattice_error": Layer(
         1,
@@ -198,6 +215,7 @@ LAYERS = {
         "to the brighter of them; 0 where no light is on a lattice",
         _lattice_error,
         "asked",
+        holds="error",
     ),
 }
 """Name -> layer, in the order in which they are listed."""
@@ -213,21 +231,55 @@ def _of_light(number: int) -> Layer:
     )
 
 
-GROUPS = {"lights": Group("light.", _of_light)}
-"""Name -> group."""
-NAMES = (*LAYERS, *GROUPS)
+def _of_order(number: int) -> Layer:
+    def resolve(seen: Seen) -> Array:
+        ends = [np.zeros_like(seen.later[..., :3]), *seen.up_to_orders[..., :3], seen.later[..., :3]]
+        if number + 1 >= len(ends):  # where nothing lights the points
+            return np.zeros_like(ends[0])
+        own: Array = ends[number + 1] - ends[number]
+        if number == 0:
+            own = seen.radiance[..., :3] - (ends[-1] - ends[1])
+            own -= seen.emission[..., :3] + seen.ambient[..., :3]
+        return own
+
+    return Layer(
+        3,
+        f"RGB radiance of light that was scattered or reflected {number + 1} times, part of the picture",
+        resolve,
+        "asked",
+    )
+
+
+GROUPS = {"lights": Group("light.", _of_light), "orders": Group("orders.", _of_order)}
+"""Name -> group; one that is a layer, too, is asked for with that."""
+NAMES = tuple(dict.fromkeys((*LAYERS, *GROUPS)))
 """All that can be asked for."""
+Members = Mapping[str, Sequence[str]]
+"""Of groups that were asked for: names of lights, and numbers of orders."""
 
 
-def members(name: str, lights: Sequence[str]) -> list[str]:
-    """Return the names of a group's layers, ``light.key`` for a light called ``key``; or the name itself."""
-    return [GROUPS[name].prefix + light for light in lights] if name in GROUPS else [name]
+def members(name: str, of_groups: Members) -> list[str]:
+    """Return the names of layers that one stands for, ``light.key`` for a light called ``key``."""
+    own = [name] if name in LAYERS else []
+    return own + [GROUPS[name].prefix + member for member in of_groups.get(name, ())]
 
 
-def _layers_of(name: str, lights: Sequence[str]) -> dict[str, Layer]:
-    if name not in GROUPS:
-        return {name: LAYERS[name]}
-    return {member: GROUPS[name].layer(number) for number, member in enumerate(members(name, lights))}
+def layer_of(name: str) -> Layer:
+    """Return the layer of a name in a picture, which may be a group's member.
+
+    Raises
+    ------
+    KeyError
+        No layer is called so.
+    """
+    groups = [group for group in GROUPS.values() if name.startswith(group.prefix)]
+    return groups[0].layer(0) if groups else LAYERS[name]
+
+
+def _layers_of(name: str, of_groups: Members) -> dict[str, Layer]:
+    own = [LAYERS[name]] if name in LAYERS else []
+    layers = [*own, *(GROUPS[name].layer(number) for number in range(len(of_groups.get(name, ()))))]
+    return dict(zip(members(name, of_groups), layers, strict=True))
 
 
 class Layers(Mapping[str, Array]):
@@ -239,14 +291,14 @@ class Layers(Mapping[str, Array]):
         Of `NAMES`.
     seen
         What the passes made.
-    lights
-        Names of the lights.
+    of_groups
+        Members of those groups that were asked for.
     """
 
-    def __init__(self, names: Iterable[str], seen: Seen, lights: Sequence[str] = ()) -> None:
+    def __init__(self, names: Iterable[str], seen: Seen, of_groups: Members | None = None) -> None:
         self._seen, self._layers = seen, dict[str, Layer]()
         for name in names:
-            self._layers |= _layers_of(name, lights)
+            self._layers |= _layers_of(name, of_groups or {})
         self._made: dict[str, Array | None] = dict.fromkeys(self._layers)
 
     def __getitem__(self, name: str) -> Array:

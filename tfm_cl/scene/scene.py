@@ -20,7 +20,7 @@ from tfm_cl.scene.bodies.flame import flame_of
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.emission_lights import emission_lights_of
+from tfm_cl.scene.emission_lights import emission_lights_of, radius_of_emission
 from tfm_cl.scene.medium import Medium
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.scene_file_writer import scene_table, scene_text
@@ -207,6 +207,15 @@ class Scene:
         """World box around all bodies, [2, 3]: low and high corner; may be infinite."""
         return around([body.bounds for body in self.bodies])
 
+    @cached_property
+    def finite_bounds(self) -> NDArray[np.float64] | None:
+        """World box around the bodies that have an end, [2, 3], read-only; None where there are none."""
+        boxes = [box for box in (body.bounds for body in self.bodies) if np.isfinite(box).all()]
+        found = around(boxes) if boxes else None
+        if found is not None:
+            found.flags.writeable = False
+        return found
+
     @property
     def occupied_bounds(self) -> NDArray[np.float64]:
         """World box around all that has density, [2, 3]; may be infinite."""
@@ -231,6 +240,16 @@ class Scene:
             if medium.emission_lights:
                 found += emission_lights_of(body, medium, flame_of(body, medium))
         return tuple(found)
+
+    @cached_property
+    def smallest_emission(self) -> float:
+        """Radius of the smallest thing that media emit from and that is not taken for lights; 0 without."""
+        radii = [
+            radius_of_emission(body, medium, flame_of(body, medium))
+            for body in self.bodies
+            if not (medium := self.medium_of(body)).emission_lights
+        ]
+        return min((radius for radius in radii if radius > 0), default=0.0)
 
     @property
     def dark(self) -> Scene:
