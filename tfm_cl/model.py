@@ -3,6 +3,7 @@
 import dataclasses
 import reprlib
 from collections.abc import Callable
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
@@ -90,6 +91,11 @@ class Model(DescribedModel):
 
     def __hash__(self) -> int:
         """Hash what of that is small."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Kept: a frame asks some dozens of times."""
         values = (getattr(self, name) for name in type(self).model_fields)
         return hash((type(self), *(value for value in values if isinstance(value, _PLAIN))))
 

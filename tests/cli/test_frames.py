@@ -31,9 +31,12 @@ def shot(folder):
     return folder / "shot.toml"
 
 
-def test_frames_are_what_single_renders_of_them_are(render, shot, folder):
-    render(shot, "--frames", "3-1x2", "-o", "out.####.png", "-o", "out.%d.npy", "--json", "out.json")
-    render(shot, "--frame", 3, "-o", "one.png", "-o", "one.npy")
+def test_frames_are_what_their_scene_files_make(render, shot, folder):
+    """Bit by bit: what was decided for all of them is in the files, with what the basis learnt."""
+    pictures = ("-o", "out.####.png", "-o", "out.%d.npy", "-o", "out.%d.toml")
+    render(shot, "--frames", "3-1x2", *pictures, "--json", "out.json")
+    assert "functions = " in (folder / "out.3.toml").read_text()
+    render("out.3.toml", "-o", "one.png", "-o", "one.npy")
 
     names = {path.name for path in folder.iterdir() if path.suffix in {".png", ".npy"}}
     outputs = {"out.0001.png", "out.0003.png", "out.1.npy", "out.3.npy", "one.png", "one.npy"}

@@ -19,18 +19,9 @@ SMALLEST_SIZE = 1e-6
 """World units, of what a millionth is the distance at which inverse-square falloff stops growing."""
 
 
-def finite_bounds(scene: Scene) -> NDArray[np.float64] | None:
-    """World box, [2, 3], around the bodies that have an end; None where there are none."""
-    boxes = [box for box in (body.bounds for body in scene.bodies) if np.isfinite(box).all()]
-    if not boxes:
-        return None
-    corners = np.stack(boxes)
-    return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-
-
 def world_from_device(scene: Scene) -> NDArray[np.float64]:
     """4×4: the device's origin is the middle of the media, or the camera where they have none."""
-    bounds = finite_bounds(scene)
+    bounds = scene.finite_bounds
     matrix = np.eye(4)
     matrix[:3, 3] = scene.camera.from_ if bounds is None else bounds.mean(axis=0)
     return matrix
@@ -44,7 +35,7 @@ def check_distances(scene: Scene) -> None:
     SceneError
         The camera, or a light that arrives, is more than `FARTHEST` sizes of the media away from them.
     """
-    bounds, lights = finite_bounds(scene), scene.lights
+    bounds, lights = scene.finite_bounds, scene.lights
     if bounds is None:
         return
     middle, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))

@@ -117,6 +117,7 @@ class LightPass:
     def __init__(self, launcher: Launcher) -> None:
         self._launcher, self.turn = launcher, launcher.turn
         self._prefilter = Prefilter(launcher)
+        self._last_tables: tuple[ResolvedMap, tuple[NDArray[np.float32], NDArray[np.int32]]] | None = None
 
     def room(self, settings: ResolvedMap, maps: int) -> list[Numbers]:
         """Allocate room for some maps, in as few buffers as the device allows."""
@@ -156,14 +157,7 @@ class LightPass:
         res = settings.res
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
-        basis, functions = BASES[settings.basis], plan.functions
-        tables = [
-            basis.table(functions, settings, steps)
-            if steps and functions is not None
-            else np.zeros(0, np.float32)
-            for steps in steps_of_tables(settings)
-        ]
-        starts = np.cumsum([0, *map(len, tables[:-1])], dtype=np.int32)
+        tables, starts = self._tables(plan)
         occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
         # Straight to where they stay, unless something is still done to them.
         is_last = settings.storage == "f32" and settings.blur == 0
@@ -181,7 +175,7 @@ class LightPass:
                 "light": of_light,
                 "map": launcher.upload("the map's parameters", struct),
                 "ranges": launcher.upload("the ranges of the rays", plan.field),
-                "tables": launcher.upload("the basis's tables", np.concatenate(tables)),
+                "tables": launcher.upload("the basis's tables", tables),
                 "table_starts": launcher.upload("their starts", starts),
                 "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
                 "coefficients": target,
@@ -199,6 +193,26 @@ class LightPass:
             limits, packing = self._pack(plan, light, medium, blurred, room)
             seconds += blurring + packing
         return MapBuffers(room, limits, seconds, seen.samples, seen.hits, occupied)
+
+    def _tables(self, plan: MapPlan) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Return the tables of the basis, one behind the other, and where each begins.
+
+        Those of functions that are not learnt are the same in the next frame.
+        """
+        if self._last_tables is not None and self._last_tables[0] == plan.settings:
+            return self._last_tables[1]
+        basis, functions = BASES[plan.settings.basis], plan.functions
+        tables = [
+            basis.table(functions, plan.settings, steps)
+            if steps and functions is not None
+            else np.zeros(0, np.float32)
+            for steps in steps_of_tables(plan.settings)
+        ]
+        starts = np.cumsum([0, *map(len, tables[:-1])], dtype=np.int32)
+        found = np.concatenate(tables), starts
+        if not plan.settings.learns:
+            self._last_tables = plan.settings, found
+        return found
 
     def _floats(self, settings: ResolvedMap) -> cl.Buffer:
         nbytes = 4 * NUMBERS_UNIT * numbers_size(settings)

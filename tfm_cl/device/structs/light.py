@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.device.frame import SMALLEST_SIZE, finite_bounds, world_from_device
+from tfm_cl.device.frame import SMALLEST_SIZE, world_from_device
 from tfm_cl.device.structs.declared import LIGHT
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
     for i, body in enumerate(scene.homogeneous):
         positions = np.stack([frame.world_from_light[:3, 3] for frame in frames])
         structs["inside_bodies"] |= (placed & body.contains(positions)).astype(np.int32) << i
-    bounds = finite_bounds(scene)
+    bounds = scene.finite_bounds
     if bounds is None:
         # Nothing else has a size where the media have none.
         sizes = np.linalg.norm(device_from_light[:, :3, 3], axis=1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,11 @@ def map_file(path: Path) -> memoryview:
         if path.stat().st_size == 0:
             return memoryview(b"")
         return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+@cache
+def _form(layout: str) -> struct.Struct:
+    return struct.Struct("<" + layout)
 
 
 class Cursor:
@@ -62,7 +68,8 @@ class Cursor:
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
         """Read numbers as `struct` describes them in ``layout``, without padding."""
-        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout), what))
+        form = _form(layout)
+        return form.unpack(self.take(form.size, what))
 
     def array(self, dtype: np.dtype[Any], count: int, what: str) -> NDArray[Any]:
         """Read ``count`` items of ``dtype``; a view, not a copy."""
@@ -87,12 +94,22 @@ _ZIP_STEP = 1 << 12
 """Bytes of a zlib stream that are unpacked at a time; they take some MiB at most, besides the output."""
 
 
-def unzip(packed: memoryview, size: int, source: Cursor) -> bytearray:
+def unzip(packed: memoryview, size: int, source: Cursor) -> bytes | bytearray:
     """Decompress a zlib stream that must hold exactly ``size`` bytes."""
     check_packing(packed, size, source)
-    plain = bytearray(size)
-    unzip_into(packed, memoryview(plain), source)
-    return plain
+    if len(packed) > _ZIP_STEP:
+        plain = bytearray(size)
+        unzip_into(packed, memoryview(plain), source)
+        return plain
+    # Of a leaf: a grid has tens of thousands.
+    stream = zlib.decompressobj()
+    try:
+        piece = stream.decompress(packed, size + 1)
+    except zlib.error as error:
+        raise source.damaged(f"a zlib block does not decompress ({error})") from error
+    if len(piece) != size or not stream.eof:
+        raise source.damaged(f"a zlib block should hold {size} bytes")
+    return piece
 
 
 def unzip_into(packed: memoryview, plain: memoryview, source: Cursor) -> None:
