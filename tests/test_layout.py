@@ -26,9 +26,11 @@ FLOORS = {
     "reference": 10,
     "render": 9,
     "jobs": 6,
+    "page": 1,
     "sweep": 9,
     "sequence": 9,
     "bake": 8,
+    "viewer": 10,
     "cli": 10,
 }
 """Most modules on top of each other down from one of the folder, each importing the next when it is loaded or

@@ -158,6 +158,9 @@ def test_the_wheel_renders_from_an_empty_directory(wheel, tmp_path):
     }
     assert {f"tfm_cl/{name}" for name in sources} <= set(names)
     assert {"tfm_cl/py.typed", "tfm_cl/files/hosek_wilkie.npz"} <= set(names)
+    assert {"tfm_cl/page/flip.js", "tfm_cl/viewer/page/index.html", "tfm_cl/viewer/page/widget.js"} <= set(
+        names
+    )
     assert [name for name in names if name.endswith("licenses/tfm_cl/files/hosek_wilkie.LICENSE")]
     assert not [name for name in names if name.startswith(("tests", "volumes", "scripts"))]
 

@@ -69,6 +69,7 @@ if TYPE_CHECKING:
         register_solid,
     )
     from tfm_cl.sequence.shot import Shot
+    from tfm_cl.viewer.widget import view
 
 _HOME = {
     "Ambient": "scene.ambient",
@@ -127,6 +128,7 @@ _HOME = {
     "register_phase": "scene.phases",
     "register_solid": "scene.solids",
     "register_volume_format": "files.volume_io",
+    "view": "viewer.widget",
 }
 """Public name -> module. Imported on first use: a program pays only for what it touches."""
 
@@ -187,6 +189,7 @@ __all__ = [
     "register_phase",
     "register_solid",
     "register_volume_format",
+    "view",
 ]
 
 

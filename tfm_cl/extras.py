@@ -9,10 +9,12 @@ EXTRAS = {
     "figures": {"matplotlib": "matplotlib"},
     "flip": {"flip_evaluator": "flip-evaluator"},
     "movie": {"imageio_ffmpeg": "imageio-ffmpeg"},
+    "notebook": {"anywidget": "anywidget", "scipy": "SciPy", "skimage": "scikit-image"},
     "points": {"scipy": "SciPy"},
     "solids": {"embreex": "embreex", "scipy": "SciPy", "trimesh": "trimesh"},
     "sweep": {"plotly": "plotly", "skimage": "scikit-image"},
     "usd": {"pxr": "usd-core"},
+    "view": {"skimage": "scikit-image", "tornado": "tornado"},
 }
 """Name -> the modules that it brings, and what their packages are called. See pyproject.toml."""
 

@@ -1,8 +1,9 @@
 """Keeping Ctrl-C, and SIGTERM, to the thread that can do something about it."""
 
 import signal
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -52,3 +53,72 @@ def interrupts_ours() -> Iterator[None]:
                 handler = signal.getsignal(number)
                 if handler is not None:
                     signal.signal(number, handler)
+
+
+@contextmanager
+def interrupts_to(end: Callable[[], None]) -> Iterator[None]:
+    """Call a function, in a thread of its own, when one of `SIGNALS` comes; what they raise is raised after.
+
+    So it ends what waits in other threads than Python's main one, whatever a compiler there does with the
+    signal. Where the system cannot keep signals waiting, they are raised as ever.
+
+    Parameters
+    ----------
+    end
+        Ends what is done inside the block.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    is_over, came = False, list[int]()
+
+    def hear(number: int) -> None:
+        if not is_over:
+            came.append(number)
+            end()
+
+    def wait() -> None:
+        hear(signal.sigwait(SIGNALS))
+
+    with interrupts_held(), _told_by_handlers(hear):
+        waiting = threading.Thread(target=wait, name="signals", daemon=True)
+        waiting.start()
+        try:
+            yield
+        finally:
+            is_over = True
+            if waiting.is_alive():
+                signal.pthread_kill(waiting.ident or 0, signal.SIGINT)
+            waiting.join()
+    if came:
+        raise TerminatedError if came[0] == signal.SIGTERM else KeyboardInterrupt
+
+
+@contextmanager
+def _told_by_handlers(hear: Callable[[int], None]) -> Iterator[None]:
+    """Call a function with `SIGNALS` that Python handles, at once and not when its main thread wakes up.
+
+    Threads that libraries began before do not keep signals waiting, and may be those that get them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def listen() -> None:
+        while numbers := ear.recv(64):
+            for number in numbers:
+                if number in SIGNALS:
+                    hear(number)
+
+    mouth, ear = socket.socketpair()
+    with mouth, ear:
+        mouth.settimeout(0)
+        listening = threading.Thread(target=listen, name="signals handled", daemon=True)
+        listening.start()
+        before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+            mouth.shutdown(socket.SHUT_WR)
+            listening.join()

@@ -481,6 +481,21 @@ def test_a_scratch_folder_goes_with_its_process(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_scratch_folder_goes_while_somebody_writes_there(tmp_path, monkeypatch):
+    remove, made = scratch.shutil.rmtree, Scratch(tmp_path)
+
+    def raced(path, **options):
+        remove(path, **options)
+        if not late:
+            late.append((path / "late").mkdir(parents=True))
+
+    late = []
+    monkeypatch.setattr(scratch.shutil, "rmtree", raced)
+    made.close()
+    assert late
+    assert not list(tmp_path.iterdir())
+
+
 def test_only_abandoned_folders_are_removed(tmp_path):
     names = ("scratch-1", "scratch-2", "scratch-3", "0.1.0", "scratch-without-a-lock")
     living, abandoned, fresh, other, unlocked = (tmp_path / f"tfm_cl-{name}" for name in names)

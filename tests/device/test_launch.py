@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tfm_cl.device.launch import Windows
 from tfm_cl.errors import DeviceMemoryError
 
 
@@ -43,3 +44,40 @@ def test_what_is_uploaded_is_as_large_as_a_buffer_at_most(launcher, monkeypatch)
     monkeypatch.setattr(launcher, "largest_buffer", 1 << 20)
     with pytest.raises(DeviceMemoryError, match=r"the voxels needs a buffer of 2 MiB; .* allows 1 MiB"):
         launcher.upload("the voxels", np.zeros(1 << 19, np.float32))
+
+
+def launches(windows, seconds):
+    """Areas and times of a pass's launches, of which an item of a row takes ``seconds(row)``."""
+    areas, times = [], []
+    for x0, y0, x1, y1 in windows:
+        areas.append((x1 - x0) * (y1 - y0))
+        times.append((x1 - x0) * sum(map(seconds, range(y0, y1))))
+        windows.took(times[-1])
+    return areas, times
+
+
+def test_launches_of_bounded_time_do_all_of_the_work():
+    """Half of the picture is empty: where it is not, the first frame is taken by surprise."""
+    pace = None
+    for _ in range(3):
+        windows = Windows(0, 0, 960, 540, 100, most_seconds=0.03, pace=pace)
+        areas, times = launches(windows, lambda row: 1e-9 if row < 200 else 5e-7)
+        assert sum(areas) == 960 * 540
+        pace = windows.pace
+
+    assert max(times) <= 0.031
+    assert len(areas) < 20
+
+
+def test_how_slow_the_slowest_launch_was_fades():
+    windows = Windows(0, 0, 4096, 4096, 1, most_seconds=0.03, pace=1e-5)
+
+    areas, _ = launches(windows, lambda _: 1e-7)
+
+    assert areas[-2] > 4 * areas[0]
+
+
+def test_launches_that_are_not_bounded_grow_as_they_may():
+    areas, _ = launches(Windows(0, 0, 960, 540, 100), lambda _: 1e-9)
+
+    assert areas == [960 * 320, 960 * 220]

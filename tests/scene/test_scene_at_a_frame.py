@@ -270,3 +270,31 @@ def test_whole_numbers_between_keyframes_say_how_to_stay_whole(shot):
     blur = [{"frame": 1, "value": -2}, {"frame": 4, "value": -1}]
     with pytest.raises(SceneError, match=r"should be greater than or equal to 0$"):
         SceneFile.read(path, [("map.res", 64), ("map.blur", blur)], frame=2)
+
+
+def test_frames_that_a_scene_tells_of(shot, tmp_path):
+    """Files 1 to 3, keyframes 1 to 3."""
+    path = shot()
+    assert Shot(path).frames() == (1, 3)
+    assert Shot(path, [("camera.fov", [{"frame": 7, "value": 20}])]).frames() == (1, 7)
+    assert Shot(path, turntable=9).frames() == (1, 9)
+    keyed = shot("fov = 30", "fov = [{ frame = 0.5, value = 1 }, { frame = -2, value = 1 }]")
+    assert Shot(keyed).frames() == (-2, 3)
+    assert Shot(tmp_path / "smoke.####.npy").frames() == (1, 3)
+    assert Shot(tmp_path / "smoke.0001.npy").frames() is None
+    assert Shot(tmp_path / "other.####.npy").frames() is None
+
+
+@pytest.mark.parametrize(
+    ("said", "frames"),
+    [("frame_step = 0.5", (2, 7)), ("frame_step = -1", (-3, -1)), ("frame_offset = 100", (-99, -97))],
+)
+def test_frames_of_files_numbered_otherwise(tmp_path, shot, said, frames):
+    shot()
+    (tmp_path / "plain.toml").write_text(f'[volume]\nfile = "smoke.####.npy"\n{said}\n')
+
+    found = Shot(tmp_path / "plain.toml").frames()
+
+    assert found == frames
+    for frame in frames:
+        assert Shot(tmp_path / "plain.toml").scene(frame)

@@ -23,7 +23,7 @@ from tfm_cl.scene.fields import fields_of
 from tfm_cl.scene.frame_numbers import KEYS as OF_FRAMES
 from tfm_cl.scene.movable import STEPS
 from tfm_cl.scene.optical_depth import density_scale_for
-from tfm_cl.scene.scene_file import SECTIONS, SceneFile
+from tfm_cl.scene.scene_file import SECTIONS, Made, SceneFile
 from tfm_cl.scene.scene_file_writer import to_toml
 from tfm_cl.scene.settings import ImageSettings
 
@@ -311,6 +311,64 @@ def test_what_is_left_out_is_placed_and_told(read):
     assert plan(again, file=again_file).told == {}
     assert again.camera == scene.camera
     assert again.lights == scene.lights
+
+
+def test_a_section_may_be_set_as_a_whole(read):
+    text = '[volume]\nfile = "cloud.npy"\n[camera]\nfov = 20\n[[light]]\nfrom = [1, 2, 3]\nto = [0, 0, 0]\n'
+    sun = {"type": "sun", "from": [1, 1, 1], "to": [0, 0, 0]}
+
+    # Whatever the order, single keys come after.
+    _, scene = read(text, ("light.1.intensity", 5), ("light", [sun, sun]), ("camera", {"from": [0, 0, 9]}))
+
+    assert [light.type for light in scene.lights] == ["sun", "sun"]
+    assert scene.lights[1].intensity == (5, 5, 5)
+    assert (scene.camera.from_, scene.camera.fov) == ((0, 0, 9), 40)
+    assert "intensity" not in sun
+    assert read(text, ("light", []))[1].lights == ()
+    assert read('[volume]\nfile = "cloud.npy"\n', ("light", [sun]))[1].lights[0].type == "sun"
+    solids = [{"shape": "sphere", "center": [0, 0, 0], "radius": 1}]
+    assert read(text, ("solid", solids))[1].solids[0].radius == 1
+    bodies = [{"file": "cloud.npy"}, {"shape": "box", "from": [0, 0, 0], "to": [1, 1, 1]}]
+    assert len(read(text, ("volume", bodies))[1].bodies) == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        (("light", {"type": "sun"}), r"light should be \[\[light\]\] tables"),
+        (("camera", [1]), r"camera should be a table \[camera\]"),
+        (("camera", 1), "camera: should be SECTION.KEY"),
+        (("cameras", {}), "cameras: should be SECTION.KEY"),
+        (("light", [{"cone": 500}]), "light 0: light.cone = 500"),
+        (("light", [3]), "light 0: light should be a table"),
+    ],
+)
+def test_a_whole_section_is_checked(read, override, line):
+    with pytest.raises(SceneError, match=line):
+        read('[volume]\nfile = "cloud.npy"\n', override)
+
+
+def test_of_another_scene_only_what_is_read_alike_is_taken(folder):
+    """What is chosen by a grid's values is chosen as if the file were read anew."""
+
+    def made(*overrides, like=None):
+        file = SceneFile.read(folder / "cloud.npy", overrides)
+        return Made(file, file.make(tfm.Scene, like).bodies, is_moment=False)
+
+    first = made()
+    assert made(("camera.fov", 30.0), like=first).bodies[0] is first.bodies[0]
+    for overrides in (
+        [("medium.preset", "fog")],
+        [("volume.transform", np.diag([2.0, 1.0, 1.0, 1.0]).ravel().tolist())],
+        [("volume.density_scale", 3.0)],
+        [("volume.medium.preset", "fog"), ("volume.window", [0.2, 0.9])],
+    ):
+        alike, anew = made(*overrides, like=first).bodies[0], made(*overrides).bodies[0]
+        assert alike.density_scale == anew.density_scale
+        assert alike.equals(anew)
+        assert made(*overrides, like=made(*overrides)).bodies[0].equals(anew)
+    two = made(("volume", [{"file": "cloud.npy"}, {"file": "cloud.npy"}]), like=first)
+    assert len(two.bodies) == 2
 
 
 def test_a_bare_volume_is_a_scene(folder):

@@ -98,6 +98,13 @@ def render(path: Path) -> tfm.Comparison:
     return tfm.compare(result.image * float(lit.shape[0] > 0), reference.image)
 
 
+def look(path: Path) -> tfm.Scene:
+    """Return a scene as it was changed in a notebook."""
+    with tfm.view(path, height="600px") as viewer:
+        changed: tfm.Scene = viewer.scene
+    return changed
+
+
 if __name__ == "__main__":
     try:
         psnr = render(Path("picture.exr")).psnr

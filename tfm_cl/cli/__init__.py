@@ -16,7 +16,7 @@ from tfm_cl.cli.streams import guarded_streams, one_line
 from tfm_cl.errors import TfmError, TfmWarning
 from tfm_cl.interrupts import TerminatedError, end_on_sigterm, interrupts_held
 
-COMMANDS = ("render", "info", "compare", "sweep", "bake", "movie", "schema", "devices", "warm")
+COMMANDS = ("render", "view", "info", "compare", "sweep", "bake", "movie", "schema", "devices", "warm")
 """Modules of this package, each with a click command called ``command``; imported when used."""
 
 COLLECTED_AFTER = 50_000, 10, 10
@@ -156,11 +156,15 @@ def _run(arguments: Sequence[str] | None) -> int:
         # Python ends by the signal, whatever we return, if Ctrl-C came where text was executed, as libraries
         # do while they are imported; executing text again makes it forget that.
         exec("")  # noqa: S102
-        if isinstance(error.__cause__ or error, TerminatedError):
-            code = _fail("terminated", EXIT_TERMINATED)
-        else:
-            code = _fail("interrupted", EXIT_INTERRUPTED)
+        code = interrupted(error.__cause__ or error)
     return code if isinstance(code, int) else 0
+
+
+def interrupted(error: BaseException) -> int:
+    """Say what ended a command, Ctrl-C or SIGTERM, and return the exit code."""
+    if isinstance(error, TerminatedError):
+        return _fail("terminated", EXIT_TERMINATED)
+    return _fail("interrupted", EXIT_INTERRUPTED)
 
 
 def _said(error: click.ClickException) -> str:

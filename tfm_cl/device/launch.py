@@ -28,6 +28,9 @@ FIRST_SAMPLES = 1 << 25
 MOST_SAMPLES = 1 << 28
 """Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
 
+PACE_KEPT = 0.98
+"""Of how slow the slowest launch was, from one launch to the next."""
+
 WORK_GROUPS: dict[int, tuple[int, ...]] = {1: (64,), 2: (4, 4), 3: (4, 4, 4)}
 """Dimensions -> work-group size. Always the same: CPU drivers compile a kernel anew for every size; kernels
 check their bounds."""
@@ -83,6 +86,9 @@ class Launcher:
         Bytes; by default the device's limit.
     work_group
         Work-items (x, y) of a work-group in maps and images; None leaves it to the driver.
+    launch_seconds
+        That a launch takes at most, as far as earlier ones of its kernel tell: what is cancelled ends so
+        soon. None: about `LAUNCH_SECONDS`.
 
     Raises
     ------
@@ -98,6 +104,7 @@ class Launcher:
         lanes: int | None = None,
         largest_buffer: int | None = None,
         work_group: tuple[int, int] | Literal["auto"] | None = "auto",
+        launch_seconds: float | None = None,
     ) -> None:
         self.device = device
         self._context = cl.Context([device])
@@ -116,6 +123,9 @@ class Launcher:
             **WORK_GROUPS,
             2: tiles if work_group == "auto" else work_group,
         }
+        self._launch_seconds = launch_seconds
+        self._paces: dict[str, float] = {}
+        """Kernel -> seconds of a density sample that an item may need, where that took longest."""
         self._cancelled = threading.Event()
         self.turn = threading.RLock()
         """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
@@ -200,10 +210,13 @@ class Launcher:
         -------
         Seconds on the device.
         """
-        seconds = 0.0
-        windows = Windows(*bounds, samples_per_item)
+        seconds, name = 0.0, kernel.function_name
+        windows = Windows(
+            *bounds, samples_per_item, most_seconds=self._launch_seconds, pace=self._paces.get(name)
+        )
         for window in windows:
             seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
+            self._paces[name] = windows.pace
             if after is not None:
                 after(window)
             if done is not None:
@@ -356,17 +369,39 @@ class Windows:
         The rectangle.
     samples_per_item
         Density samples that one texel or pixel may need.
+    most_seconds
+        That a launch takes at most, where all of it is as slow as the slowest so far; None: they are about
+        as long as the last one tells.
+    pace
+        Seconds of a sample in the slowest of earlier launches; None: there was none.
     """
 
     EDGE = 32
     """Windows end at multiples of it: a multiple of every tile and work-group."""
 
-    def __init__(self, x0: int, y0: int, x1: int, y1: int, samples_per_item: int) -> None:
+    def __init__(
+        self,
+        x0: int,
+        y0: int,
+        x1: int,
+        y1: int,
+        samples_per_item: int,
+        *,
+        most_seconds: float | None = None,
+        pace: float | None = None,
+    ) -> None:
         self._bounds = x0, y0, x1, y1
+        self._samples_per_item, self._most_seconds = samples_per_item, most_seconds
+        self._seconds = LAUNCH_SECONDS if most_seconds is None else most_seconds
+        shorter = min(self._seconds / LAUNCH_SECONDS, 1.0)
         self._most = max(self.EDGE**2, MOST_SAMPLES // samples_per_item)
-        self._items = max(self.EDGE**2, FIRST_SAMPLES // samples_per_item)
+        self._items = max(self.EDGE**2, int(shorter * FIRST_SAMPLES) // samples_per_item)
         self._area = 0
         self._done = 0
+        self.pace = pace or 0.0
+        """Seconds of a sample in the slowest launch so far; it fades, as a device may be busy at times."""
+        if pace is not None and most_seconds is not None:
+            self._items = self._bounded(self._most)
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
         """Yield windows, row by row."""
@@ -391,9 +426,17 @@ class Windows:
 
     def took(self, seconds: float) -> float:
         """Choose the next window's size by the seconds that the last one took; returns them."""
-        wanted = self._area * LAUNCH_SECONDS / max(seconds, 1e-6)
-        self._items = int(min(max(wanted, self._items / 4), 8 * self._items, self._most))
+        wanted = self._area * self._seconds / max(seconds, 1e-6)
+        self.pace = max(seconds / (self._area * self._samples_per_item), PACE_KEPT * self.pace)
+        self._items = self._bounded(int(min(max(wanted, self._items / 4), 8 * self._items, self._most)))
         return seconds
+
+    def _bounded(self, items: int) -> int:
+        """Return how many items, at most, do not take too long even where they are slowest."""
+        if self._most_seconds is None or self.pace == 0:
+            return items
+        slowest = int(self._most_seconds / (self.pace * self._samples_per_item))
+        return max(min(items, slowest), self.EDGE**2)
 
     @property
     def done(self) -> float:

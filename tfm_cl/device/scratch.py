@@ -16,6 +16,9 @@ PREFIX = "tfm_cl-scratch-"
 ROOM = 32 << 20
 """Bytes of room required: what is compiled between two checks takes a few MiB at most."""
 
+ATTEMPTS, PAUSE = 20, 0.01
+"""To remove a folder, and seconds between two of them."""
+
 LOCKED_BY = 60.0
 """Seconds after which a live process has certainly locked its folder."""
 
@@ -114,6 +117,10 @@ def _remove_abandoned(parent: Path) -> None:
 
 def _remove(path: Path, held: int, process: int) -> None:
     if os.getpid() == process:  # a forked process has a copy of this, but not the folder
-        shutil.rmtree(path, ignore_errors=True)
+        for _ in range(ATTEMPTS):  # a compiler that nobody waits for may write meanwhile
+            shutil.rmtree(path, ignore_errors=True)
+            if not path.exists():
+                break
+            time.sleep(PAUSE)
         with contextlib.suppress(OSError):
             os.close(held)

@@ -252,10 +252,8 @@ class TransmittanceMap:
         edges = np.linspace(begin, end, count + 1)
         distance = (edges[:-1] + edges[1:]) / 2
         points = origins[0] + distance[:, None] * directions[0]
-        depth = np.zeros(count)
-        for body, weights in zip(self.bodies, self.fields.weights[:, :, self.field_index], strict=True):
-            channels = body.depths_along(origins[0], directions[0], edges)
-            depth += self.extinction * (channels @ weights[: channels.shape[1]])
+        fields = self.fields.depths_along(self.bodies, origins[0], directions[0], edges)
+        depth = self.extinction * fields[:, self.field_index]
         exact = np.exp(-(np.cumsum(depth) - 0.5 * depth))
         return distance, exact, self.evaluate(points, self.extinction).astype(np.float64)
 

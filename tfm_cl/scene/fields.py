@@ -21,6 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from tfm_cl.scene.bodies.base import MarchedBody
     from tfm_cl.scene.scene import Scene
 
 MOST_FIELDS = 3
@@ -58,6 +61,35 @@ class Fields:
         seen = np.where(self.rgb_from_field > 0, self.rgb_from_field, np.inf).min(axis=0)
         extinctions: NDArray[np.float64] = np.where(np.isfinite(seen), seen, 1.0)
         return extinctions
+
+    def depths_along(
+        self,
+        bodies: Iterable[MarchedBody],
+        origin: NDArray[np.floating],
+        direction: NDArray[np.floating],
+        edges: NDArray[np.floating],
+    ) -> NDArray[np.float64]:
+        """Integrate each field between distances along a ray.
+
+        Parameters
+        ----------
+        bodies
+            The scene's marched ones.
+        origin, direction
+            [3], world; the direction has unit length.
+        edges
+            [n + 1], ascending distances from the origin.
+
+        Returns
+        -------
+        NDArray
+            float64 [n, K].
+        """
+        depths = np.zeros((len(edges) - 1, self.count))
+        for body, weights in zip(bodies, self.weights, strict=True):
+            channels = body.depths_along(origin, direction, edges)
+            depths += channels @ weights[: channels.shape[1]]
+        return depths
 
     def first_change(self, other: Fields) -> int | None:
         """Return the number of the first body whose part in fields is another; None where all are the same.

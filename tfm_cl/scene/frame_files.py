@@ -45,6 +45,22 @@ def at_frame(values: Values, frame: float | None, folder: Path, faults: Faults) 
     return found
 
 
+def frames_there(values: Values, folder: Path) -> list[int]:
+    """Return the first and last frames that files of each pattern are there for."""
+    found = list[int]()
+    for key, pattern, _ in _changing(values, folder):
+        table: Any = values
+        for part in key[:-1]:
+            table = table[part]
+        try:
+            numbers = FrameNumbers(**{name: table[name] for name in KEYS if name in table})
+        except SceneError:
+            continue  # said when a frame is read
+        if files := pattern.frames_in(folder):
+            found += numbers.frames(files[0], files[-1])
+    return found
+
+
 def _changing(values: Values, folder: Path) -> Iterator[Changing]:
     names = {
         "volume": [*(key for key in BODIES if key != "shape"), *BESIDE],

@@ -57,6 +57,15 @@ class FrameNumbers(Model):
         """Return the number of a frame's file; between whole frames it is that of the frame before."""
         return math.floor(self.frame_offset + self.frame_step * math.floor(frame))
 
+    def frames(self, first: int, last: int) -> tuple[int, ...]:
+        """Return the first and the last whole frame of files numbered so; none where all frames have one."""
+        if self.frame_step == 0:
+            return ()
+        ends = [(number - self.frame_offset) / self.frame_step for number in (first, last + 1)]
+        if self.frame_step > 0:
+            return math.ceil(ends[0]), math.ceil(ends[1]) - 1
+        return math.floor(ends[1]) + 1, math.floor(ends[0])
+
 
 KEYS = tuple(FrameNumbers.model_fields)
 

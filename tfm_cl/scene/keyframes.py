@@ -104,6 +104,17 @@ def _is_whole(value: Any) -> bool:
     return all(map(_is_whole, value)) if isinstance(value, list) else type(value) is int
 
 
+def frames_told(values: Values) -> list[float]:
+    """Return the frames of all keyframes, in order; those that are none tell nothing."""
+    found = set[float]()
+    for key in evaluated(values, None, Faults())[1]:
+        tables: Any = values
+        for part in key:
+            tables = tables[part]
+        found |= {table["frame"] for table in tables if not _wrong_with(table)}
+    return sorted(found)
+
+
 def _has_keyframes(value: Any) -> bool:
     """Tell whether a value is meant as keyframes: no other tables have such keys."""
     return (

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import os
 import re
 import tomllib
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
@@ -353,6 +355,9 @@ class Made(NamedTuple):
 
     file: SceneFile
     bodies: tuple[Body, ...]
+    is_moment: bool = True
+    """Whether it is the same at another moment: what was chosen by a grid's values stays. Else it is chosen
+    anew, and only what is read alike is taken from there."""
 
 
 @dataclass(frozen=True)
@@ -408,6 +413,7 @@ class SceneFile:
         overrides
             Pairs of a dotted key and a value that win over the file: ``("camera.fov", 30.0)``.
             ``light.KEY`` means the first light, ``light.1.KEY`` the second; likewise solids and volumes.
+            A section alone, as ``light``, is replaced by the value, a table or an array of them.
         look
             ``plain``, ``auto`` or one of `tfm_cl.scene.looks.LOOKS`: what is chosen where the file and the
             overrides say nothing.
@@ -431,8 +437,8 @@ class SceneFile:
         asked, moment = (path, overrides, look, frame, decided), None if frame is None else frame + after
         (values, source), placed_light = _values_at(path, dict(overrides), frame), Values()
         path = source.path
-        # A medium by name comes first, so that what is said of it besides changes its numbers.
-        overrides, faults = sorted(overrides, key=lambda pair: not pair[0].endswith(".preset")), Faults()
+        # What a section is as a whole comes first, then a medium by name: what is said besides changes them.
+        overrides, faults = sorted(overrides, key=_order), Faults()
         _make_way(values, {key for key, _ in overrides})
         _change_kinds(values, overrides)
         holds = None if path.suffix.lower() == ".toml" else next(iter(values["volume"]))
@@ -529,14 +535,15 @@ class SceneFile:
         scene_class
             `tfm_cl.scene.scene.Scene`, which builds on this module.
         like
-            The same at another moment, and what it was made: grids that are the same are taken from there.
+            The same at another moment or with other settings, and what it was made: grids that are the same
+            are taken from there.
 
         Raises
         ------
         SceneError, VolumeError
             Impossible camera or light, or a volume that cannot be used.
         """
-        if like is None:
+        if like is None or not like.is_moment:
             self.check_files("volume")
         bodies = self._bodies(like)
         try:
@@ -566,8 +573,22 @@ class SceneFile:
 
     def _bodies(self, like: Made | None) -> tuple[Body, ...]:
         same = like is not None and len(like.file.volumes) == len(self.volumes)
-        others = zip(like.file.volumes, like.bodies, strict=True) if like is not None and same else ()
+        others: Iterable[tuple[BodySettings, Body] | None] = ()
+        if like is not None and same:
+            others = zip(like.file.volumes, like.bodies, strict=True)
+            if not like.is_moment:
+                others = map(partial(self._chosen_anew, like.file), self.volumes, others)
         return tuple(map(self._body, self.volumes, chain(others, repeat(None))))
+
+    def _chosen_anew(
+        self, file: SceneFile, settings: BodySettings, like: tuple[BodySettings, Body]
+    ) -> tuple[BodySettings, Body] | None:
+        """Return what a body takes from that of another file: not what other settings had chosen there."""
+        other, body = like
+        depth = (other.medium or file.medium).typical_depth
+        if settings == other and depth == (settings.medium or self.medium).typical_depth:
+            return like
+        return (other.replace(density_scale=1.0), body) if isinstance(other, VolumeSettings) else None
 
     def _body(self, settings: BodySettings, like: tuple[BodySettings, Body] | None) -> Body:
         if like is not None and settings == like[0]:
@@ -726,6 +747,38 @@ def _with_steps(error: SceneError, between: Collection[Key]) -> SceneError:
     )
 
 
+def frames_of(path: Path, overrides: Iterable[tuple[str, Any]] = ()) -> tuple[float, float] | None:
+    """Return the first and the last frame that a scene tells of: by keyframes, and by files that are there.
+
+    Parameters
+    ----------
+    path, overrides
+        As of `SceneFile.read`.
+
+    Returns
+    -------
+    tuple of float, or None
+        Where nothing changes from frame to frame, None.
+
+    Raises
+    ------
+    SceneError
+        It is neither a scene nor a volume.
+    """
+    given, found = dict(overrides), list[float]()
+    if (pattern := FilePattern.of(path)) is not None:
+        files = pattern.frames_in()
+        if not files:
+            return None
+        kept = {key: given[f"volume.{key}"] for key in FrameNumbers.model_fields if f"volume.{key}" in given}
+        found += FrameNumbers(**({} if path.suffix.lower() == ".toml" else kept)).frames(files[0], files[-1])
+        path = Path(pattern.at(files[0]))
+    values, _ = _values_of(path)
+    found += keyframes.frames_told(values) + keyframes.frames_told({"set": given})
+    found += frame_files.frames_there(values, path.parent)
+    return (min(found), max(found)) if found else None
+
+
 SAY_FRAME = "--frame 1, or --frames 1-24"
 """How a frame is said."""
 
@@ -835,6 +888,12 @@ def _form(name: str, table: Any) -> tuple[str, bool]:
     return f"a table [{name}]", isinstance(table, dict)
 
 
+def _order(override: tuple[str, Any]) -> tuple[bool, bool]:
+    """Tell what of several overrides comes first."""
+    key, _ = override
+    return "." in key, not key.endswith(".preset")
+
+
 def _override(values: Values, placed_light: Values, key: str, value: Any) -> Key:
     """Set a dotted key; what is said of a light that the scene does not have goes to ``placed_light``.
 
@@ -842,6 +901,12 @@ def _override(values: Values, placed_light: Values, key: str, value: Any) -> Key
     """
     section, _, rest = key.partition(".")
     place: Key = (section,)
+    if key in {*SECTIONS, *ARRAYS} and isinstance(value, dict | list):
+        form, is_one = _form(key, value)
+        if not is_one:
+            raise SceneError(f"{key} should be {form}")
+        values[key] = copy.deepcopy(value)
+        return place
     if section not in ARRAYS and not isinstance(values.get(section), list):
         table = values.setdefault(section, {})
     else:

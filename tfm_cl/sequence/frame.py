@@ -141,15 +141,20 @@ class RenderedFrame:
         return report if self.read.number is None else {"frame": self.read.number} | report
 
 
-def read(file: SceneFile, number: float | None) -> ReadFrame:
+def read(file: SceneFile, number: float | None, like: ReadFrame | None = None) -> ReadFrame:
     """Read the volumes of a frame's scene file, and plan it; solids and textures are read later.
+
+    Parameters
+    ----------
+    like
+        The same with other settings, or another frame: what is the same is taken from there.
 
     Raises
     ------
     SceneError, VolumeError
         As `SceneFile.make`.
     """
-    scene = file.make(Scene)
+    scene = file.make(Scene, None if like is None else Made(like.file, like.scene.bodies, is_moment=False))
     planned = plan(scene, file=file)
     return ReadFrame(number, file, scene, planned, options.table(file, planned.scene))
 

@@ -14,7 +14,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.paths import source_of
 from tfm_cl.scene import looks
 from tfm_cl.scene.scene import Scene
-from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.scene_file import SceneFile, frames_of
 from tfm_cl.sequence.ranges import LARGEST_FRAME
 from tfm_cl.sequence.turntable import FULL_TURN, angle_of
 
@@ -70,6 +70,22 @@ class Shot:
         if self.turntable is None or frame is None:
             return found
         return replace(found, turn=angle_of(frame, self.turntable), turn_a_frame=FULL_TURN / self.turntable)
+
+    def frames(self) -> tuple[float, float] | None:
+        """Return the first and the last frame that files, keyframes and the turntable tell of.
+
+        None where nothing changes from frame to frame.
+
+        Raises
+        ------
+        SceneError
+            As `tfm_cl.scene.scene_file.frames_of`.
+        """
+        found = frames_of(Path(self.path), self.overrides)
+        if self.turntable is None:
+            return found
+        first, last = found or (1, self.turntable)
+        return min(first, 1), max(last, self.turntable)
 
     def scene(self, frame: float | None = None) -> Scene:
         """Read the scene of a frame with its volumes, ready for `tfm_cl.render.renderer.Renderer.render`.

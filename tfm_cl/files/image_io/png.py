@@ -9,7 +9,6 @@ the view like those of an opaque picture. With the view ``standard``, where noth
 black, in linear light, the same as the picture without alpha. Light where alpha is 0 has no place in it.
 """
 
-import io
 import struct
 import warnings
 import zlib
@@ -19,7 +18,6 @@ from typing import Any, Unpack
 import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
-from PIL.PngImagePlugin import PngInfo
 
 from tfm_cl.errors import ImageError
 from tfm_cl.files.image_io import MAX_PIXELS, Exposure, PngOptions, WriteOptions
@@ -27,11 +25,10 @@ from tfm_cl.files.image_io.channels import Bits, codes_of
 from tfm_cl.files.image_io.display import automatic_exposure, shown, straight
 from tfm_cl.files.image_io.dither import thresholds
 from tfm_cl.files.image_io.image import Image, Picture, check_finite
+from tfm_cl.files.image_io.inline import SRGB, png_of
 from tfm_cl.files.srgb import linear_from_srgb, srgb_from_linear
 
 HOLDS_LAYERS = False
-SRGB = b"\x00"
-"""Declares the colour space; 0: perceptual intent."""
 BAND = 1 << 16
 """Pixels that are encoded at once: what is made of them stays in the cache."""
 
@@ -58,7 +55,7 @@ def write_channels(path: Path, channels: NDArray[np.float32], bits: Bits) -> Non
     """Write numbers [H, W, 4] from 0 to 1, which are no colours; nothing says that they are sRGB."""
     codes = codes_of(channels, (1 << bits) - 1)
     if bits == 8:  # noqa: PLR2004 - a byte
-        path.write_bytes(_file_of_8_bits(codes.astype(np.uint8), is_srgb=False))
+        path.write_bytes(png_of(codes.astype(np.uint8), level=_LEVEL, is_srgb=False))
     else:
         path.write_bytes(_file_of_16_bits(codes.astype(np.uint16), is_srgb=False))
 
@@ -102,7 +99,7 @@ def _encoded(picture: NDArray[np.float32], options: WriteOptions, corner: tuple[
     codes = codes_shown(picture, options, corner)
     if options.png_bits > 8:  # noqa: PLR2004 - a byte
         return _file_of_16_bits(codes.astype(np.uint16))
-    return _file_of_8_bits(codes.astype(np.uint8))
+    return png_of(codes.astype(np.uint8), level=_LEVEL)
 
 
 def codes_shown(
@@ -141,15 +138,6 @@ def _thresholds(shape: tuple[int, ...], x: int, y: int) -> NDArray[np.floating[A
     noise = thresholds(np.arange(x, x + shape[1]), np.arange(y, y + shape[0])[:, np.newaxis])
     channels = [noise] * _RGB + [1 - noise] * (shape[2] - _RGB)
     return np.stack(channels, axis=2)
-
-
-def _file_of_8_bits(codes: NDArray[np.uint8], *, is_srgb: bool = True) -> bytes:
-    tagged = PngInfo()
-    if is_srgb:
-        tagged.add(b"sRGB", SRGB)
-    stream = io.BytesIO()
-    PIL.Image.fromarray(codes).save(stream, format="PNG", pnginfo=tagged, compress_level=_LEVEL)
-    return stream.getvalue()
 
 
 def _file_of_16_bits(codes: NDArray[np.uint16], *, is_srgb: bool = True) -> bytes:

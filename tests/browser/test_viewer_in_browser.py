@@ -1,0 +1,701 @@
+"""The viewer's page in a real browser: what an artist sees, drags and types, and what the session hears."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browser_pages import SECONDS, until
+
+from tfm_cl.scene.scene_file import SceneFile
+from tfm_cl.scene.schema import scene_schema
+from tfm_cl.sequence import frame as sequence_frame
+from tfm_cl.viewer.page import script, style
+
+HOSTILE = '<img src=x onerror="window.owned=1"><b>smoke</b>'
+PIXEL = 1.5
+"""By which a handle may miss the pointer that drags it: numbers are rounded to six digits."""
+
+SCENE = """
+[volume]
+shape = "box"
+from = [-1.0, -1.0, -1.0]
+to = [1.0, 1.0, 1.0]
+
+[camera]
+from = [0.5, 1.0, 6.0]
+to = [0.0, 0.0, 0.0]
+res = [320, 180]
+
+[[light]]
+type = "spot"
+from = [-1.5, 1.2, 1.0]
+to = [0.0, 0.0, 0.0]
+cone = 20.0
+intensity = [8.0, 6.0, 4.0]
+
+[[light]]
+type = "point"
+from = [1.2, 0.8, 0.5]
+
+[[solid]]
+shape = "sphere"
+centre = [0.5, -0.5, 0.5]
+radius = 0.3
+"""
+
+SESSION = """
+window.said = [];
+window.hear = {};
+window.view = mount(document.getElementById("viewer"), {
+  send: (message) => said.push(message),
+  sendBinary: (name, bytes) => said.push({ type: "upload", name, bytes: bytes.byteLength }),
+  onMessage: (callback) => { hear.message = callback; },
+  onBinary: (callback) => { hear.binary = callback; },
+  onState: (callback) => { hear.state = callback; },
+});
+window.picture = async (header, [red, green, blue]) => {
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { width: header.width, height: header.height });
+  const context = canvas.getContext("2d");
+  context.fillStyle = `rgb(${red}, ${green}, ${blue})`;
+  context.fillRect(0, 0, header.width, header.height);
+  const blob = await new Promise((done) => canvas.toBlob(done, "image/png"));
+  const bytes = new Uint8Array(await blob.arrayBuffer());
+  const told = JSON.stringify({ type: "picture", mime: "image/png", gain: 1, ...header });
+  const said = new TextEncoder().encode(told);
+  const message = new Uint8Array(4 + said.length + bytes.length);
+  new DataView(message.buffer).setUint32(0, said.length, true);
+  message.set(said, 4);
+  message.set(bytes, 4 + said.length);
+  hear.binary(message.buffer);
+};
+hear.state({ connected: true, line: "" });
+"""
+"""Stands for a session: what the page says is in ``said``; ``hear`` and ``picture`` talk to the page."""
+
+DRAWN = """(() => {
+  const [layers, handles] = [".layers", ".gizmos"].map((name) => document.querySelector(name));
+  return handles.viewBox.baseVal.width === layers.clientWidth && handles.querySelector(".handle") !== null;
+})()"""
+"""Whether handles lie where the picture has them."""
+
+WELCOME = {
+    "type": "welcome",
+    "version": "0",
+    "layers": [{"name": "beauty", "meaning": HOSTILE}, {"name": "depth", "meaning": "how far away"}],
+    "views": [{"name": "standard", "summary": "a clip"}, {"name": "filmic", "summary": "a curve"}],
+    "presets": [],
+    "folder": HOSTILE,
+    "most_upload": 1000,
+    "shared": False,
+    "can": {"open": True, "save": True},
+}
+SHOW = {"layer": "beauty", "exposure": 0.0, "stops": 0.0, "view": "standard", "light": 0}
+
+
+@pytest.fixture(scope="module")
+def options(tmp_path_factory):
+    """All options of the scene, as a session says them."""
+    path = tmp_path_factory.mktemp("viewer") / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    file = SceneFile.read(path)
+    return json.loads(json.dumps(sequence_frame.read(file, None).options))
+
+
+class Viewer:
+    """A page with a session that only the test answers for."""
+
+    def __init__(self, page, options):
+        self.page, self.options, self.revision = page, options, 0
+        self.edits = {}
+        page.set_content(
+            f"<!doctype html><html lang=en><style>{style()}</style><body><main id=viewer></main>"
+            f"<script>{script()}{SESSION}</script>"
+        )
+        self.hear(WELCOME | {"schema": scene_schema()})
+        self.state()
+
+    def hear(self, message):
+        self.page.evaluate("(message) => hear.message(message)", message)
+
+    def state(self, **changes):
+        self.revision += 1
+        state = {
+            "type": "state",
+            "revision": self.revision,
+            "source": f"/folder/{HOSTILE}",
+            "options": self.options,
+            "edits": self.edits,
+            "frame": None,
+            "frames": None,
+            "changing": [],
+            "undo": False,
+            "redo": False,
+            "bounds": [[-1, -1, -1], [1, 1, 1]],
+            "show": SHOW,
+            "warnings": [],
+        }
+        self.hear(state | changes)
+
+    def picture(self, number, colour, *, which="a", revision=1, quality="full"):
+        header = {"picture": number, "which": which, "revision": revision, "quality": quality}
+        self.page.evaluate(
+            "([header, colour]) => picture(header, colour)", [header | {"width": 320, "height": 180}, colour]
+        )
+        until(self.page, "(n) => said.some(({ type, picture }) => type === 'seen' && picture === n)", number)
+
+    def said(self, kind):
+        found = self.page.evaluate("(kind) => said.filter(({ type }) => type === kind)", kind)
+        self.page.evaluate("(kind) => { window.said = said.filter(({ type }) => type !== kind); }", kind)
+        return found
+
+    def edited(self):
+        """Return what the edits since the last call set together; the last one ends a drag."""
+        edits = self.said("edit")
+        assert edits
+        assert edits[-1]["drag"] is False
+        assert all(edit["drag"] for edit in edits[:-1])
+        return {key: value for edit in edits for key, value in edit["changes"].items()}
+
+    @property
+    def box(self):
+        return SimpleNamespace(**self.page.locator(".layers").bounding_box())
+
+    def place(self, point, camera=None):
+        """Return where a point of the world is on the screen."""
+        camera = camera or self.options["camera"]
+        origin, to, up = (np.array(camera[key], dtype=float) for key in ("from", "to", "up"))
+        forward = (to - origin) / np.linalg.norm(to - origin)
+        right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+        above = np.cross(right, forward)
+        arm = np.array(point) - origin
+        reach = np.tan(np.radians(camera["fov"]) / 2) * (arm @ forward)
+        x = 0.5 + (arm @ right) / (2 * reach * 16 / 9)
+        y = 0.5 - (arm @ above) / (2 * reach)
+        return self.box.x + x * self.box.width, self.box.y + y * self.box.height
+
+    def drag(self, start, *, by, button="left"):
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down(button=button)
+        mouse.move(start[0] + by[0] / 2, start[1] + by[1] / 2, steps=4)
+        mouse.move(start[0] + by[0], start[1] + by[1], steps=4)
+        mouse.up(button=button)
+
+    def centre(self, dx=0.25, dy=0.35):
+        """Return a place of the picture where no handle is."""
+        return self.box.x + dx * self.box.width, self.box.y + (0.5 + dy) * self.box.height
+
+    def colour(self):
+        """Return the colour that the stage shows, of a corner where nothing lies over it."""
+        return self.page.evaluate(
+            """() => {
+              const [shown] = document.querySelectorAll(".layer.shown");
+              const context = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
+              context.drawImage(shown, -5, -5);
+              return [...context.getImageData(0, 0, 1, 1).data].slice(0, 3);
+            }"""
+        )
+
+
+@pytest.fixture
+def view(browser, options):
+    """``view(**context)`` opens a page; at the end, nothing was fetched and nothing complained."""
+    opened = []
+
+    def view(**context):
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}} | context)
+        page = context.new_page()
+        page.set_default_timeout(1000 * SECONDS)
+        seen = SimpleNamespace(context=context, page=page, requests=[], complaints=[])
+        page.on("request", lambda request: seen.requests.append(request.url))
+        page.on("console", lambda message: seen.complaints.append(message.text))
+        page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+        opened.append(seen)
+        viewer = Viewer(page, options)
+        viewer.picture(1, [200, 0, 0])
+        until(page, DRAWN)
+        viewer.said("seen")
+        return viewer
+
+    yield view
+    for seen in opened:
+        assert seen.page.evaluate("window.owned") is None
+        assert seen.page.locator("b").count() == 0
+        seen.context.close()
+        assert seen.requests == []
+        assert seen.complaints == []
+
+
+@pytest.fixture
+def viewer(view):
+    return view()
+
+
+@pytest.mark.slow
+def test_pictures_only_get_better(viewer):
+    viewer.picture(2, [0, 200, 0], quality="low")
+    assert viewer.colour() == [200, 0, 0]  # of the same revision, and finished
+    viewer.picture(3, [0, 0, 200], revision=2, quality="low")
+    assert viewer.colour() == [0, 0, 200]
+    viewer.picture(4, [0, 200, 0], revision=1)
+    assert viewer.colour() == [0, 0, 200]  # older
+    viewer.picture(5, [200, 200, 0], revision=2)
+    assert viewer.colour() == [200, 200, 0]
+    assert [seen["picture"] for seen in viewer.said("seen")] == [2, 3, 4, 5]
+
+
+@pytest.mark.slow
+def test_a_new_connection_begins_anew(viewer):
+    viewer.picture(2, [0, 0, 200], revision=9)
+    viewer.page.evaluate("hear.state({ connected: false, line: 'gone <b>away</b>' })")
+    assert viewer.page.locator(".alert").text_content() == "gone <b>away</b>"
+    viewer.page.evaluate("hear.state({ connected: true, line: '' })")
+    assert viewer.page.locator(".alert").is_hidden()
+    viewer.picture(3, [0, 200, 0], revision=1, quality="low")
+    assert viewer.colour() == [0, 200, 0]
+
+
+@pytest.mark.slow
+def test_the_camera_turns_about_its_target(viewer):
+    before = viewer.options["camera"]
+    viewer.drag(viewer.centre(), by=(120, 40))
+    changes = viewer.edited()
+    assert set(changes) == {"camera.from", "camera.to"}
+    assert np.allclose(changes["camera.to"], before["to"], atol=1e-6)
+    arms = [np.subtract(camera, before["to"]) for camera in (changes["camera.from"], before["from"])]
+    assert np.linalg.norm(arms[0]) == pytest.approx(np.linalg.norm(arms[1]), rel=1e-5)
+    assert arms[0][0] < arms[1][0]  # the scene follows the pointer to the right
+    assert arms[0][1] > arms[1][1]  # and down
+
+
+@pytest.mark.slow
+def test_a_camera_of_a_matrix_turns_too(viewer):
+    matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 6], [0, 0, 0, 1]]
+    camera = viewer.options["camera"] | {"from": None, "to": None, "up": None, "matrix": matrix}
+    viewer.state(options=viewer.options | {"camera": camera})
+    viewer.drag(viewer.centre(), by=(120, 0))
+    changes = viewer.edited()
+    assert set(changes) == {"camera.from", "camera.to", "camera.up"}
+    assert np.allclose(changes["camera.to"], 0, atol=1e-5)  # the middle of what there is
+    assert np.linalg.norm(changes["camera.from"]) == pytest.approx(6, rel=1e-4)
+    turned = np.degrees(np.arctan2(-changes["camera.from"][0], changes["camera.from"][2]))
+    assert turned == pytest.approx(180 * 120 / viewer.box.height, rel=0.05)
+
+
+@pytest.mark.slow
+def test_the_picture_never_turns_over(viewer):
+    for by in (2000, -4000):
+        viewer.drag(viewer.centre(), by=(0, by))
+        origin = np.array(viewer.edited()["camera.from"])
+        assert 0 < np.degrees(np.arccos(abs(origin[1]) / np.linalg.norm(origin))) < 3
+        assert origin[1] * by > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["middle", "shift"])
+def test_a_shift_follows_the_pointer(viewer, way):
+    start = viewer.place([0, 0, 0])
+    if way == "shift":
+        viewer.page.keyboard.down("Shift")
+    viewer.drag(viewer.centre(), by=(60, -30), button="middle" if way == "middle" else "left")
+    changes = viewer.edited()
+    camera = viewer.options["camera"] | {"from": changes["camera.from"], "to": changes["camera.to"]}
+    assert np.allclose(viewer.place([0, 0, 0], camera), np.add(start, [60, -30]), atol=PIXEL)
+
+
+@pytest.mark.slow
+def test_wheel_right_button_and_f_go_nearer_and_away(viewer):
+    far = np.linalg.norm(viewer.options["camera"]["from"])
+    viewer.page.mouse.move(*viewer.centre())
+    viewer.page.mouse.wheel(0, -240)
+    until(viewer.page, "said.some(({ type, drag }) => type === 'edit' && !drag)")
+    nearer = np.linalg.norm(viewer.edited()["camera.from"])
+    assert nearer < 0.9 * far
+    viewer.drag(viewer.centre(), by=(0, 80), button="right")
+    assert np.linalg.norm(viewer.edited()["camera.from"]) > 1.1 * nearer
+    viewer.page.keyboard.press("f")
+    camera = viewer.options["camera"] | {"from": viewer.edited()["camera.from"]}
+    corners = np.stack(np.meshgrid(*[[-1, 1]] * 3), -1).reshape(-1, 3)
+    places = np.array([viewer.place(corner, camera) for corner in corners])
+    inside = places - [viewer.box.x, viewer.box.y]
+    assert (inside > 0).all()
+    assert (inside < [viewer.box.width, viewer.box.height]).all()
+    assert np.ptp(inside[:, 1]) > 0.5 * viewer.box.height
+
+
+@pytest.mark.slow
+def test_a_light_is_dragged_by_its_handle(viewer):
+    light = viewer.options["light"][0]
+    start = viewer.place(light["from"])
+    viewer.drag(start, by=(50, 30))
+    changes = viewer.edited()
+    assert set(changes) == {"light.0.from"}
+    assert np.allclose(viewer.place(changes["light.0.from"]), np.add(start, [50, 30]), atol=PIXEL)
+    assert viewer.page.locator('details[data-path="light.0"]').get_attribute("class") == "item chosen"
+
+
+@pytest.mark.slow
+def test_an_axis_moves_along_itself(viewer):
+    viewer.page.locator('[data-handle="solid.0:from"]').click()
+    handle = viewer.page.locator('[data-handle="solid.0/move-x"] .hit')
+    x, y = handle.evaluate(
+        """(path) => {
+          const [at, matrix] = [path.getPointAtLength(0.8 * path.getTotalLength()), path.getScreenCTM()];
+          return [at.x * matrix.a + matrix.e, at.y * matrix.d + matrix.f];
+        }"""
+    )
+    viewer.drag((x, y), by=(40, 0))
+    changes = viewer.edited()
+    assert set(changes) == {"solid.0.translate"}
+    moved, *others = changes["solid.0.translate"]
+    assert moved > 0
+    assert others == [0, 0]
+
+
+@pytest.mark.slow
+def test_handles_by_keyboard(viewer):
+    aim = viewer.page.locator('[data-handle="light.0:from"]')
+    aim.focus()
+    viewer.page.keyboard.press("ArrowUp")
+    changes = viewer.edited()
+    assert changes["light.0.from"][1] > viewer.options["light"][0]["from"][1]
+    viewer.page.keyboard.press("Enter")
+    cone = viewer.page.locator('[data-handle="light.0/cone-handle"]')
+    assert cone.get_attribute("role") == "slider"
+    cone.focus()
+    viewer.page.keyboard.press("Shift+ArrowRight")
+    assert viewer.edited() == {"light.0.cone": 30}
+    viewer.page.keyboard.press("g")
+    assert viewer.page.locator(".handle").count() == 0
+    viewer.page.keyboard.press("g")
+    assert viewer.page.locator(".handle").count() > 3
+
+
+@pytest.mark.slow
+def test_every_handle_can_be_hit(viewer):
+    viewer.page.locator('[data-handle="light.0:from"]').click()
+    sizes = viewer.page.evaluate(
+        """() => [...document.querySelectorAll(".handle .hit")].map((hit) => {
+          const box = hit.getBBox();
+          const width = hit.classList.contains("line") ? Number(hit.getAttribute("stroke-width")) : 0;
+          return Math.min(box.width, box.height) + width;
+        })"""
+    )
+    assert len(sizes) > 8
+    assert min(sizes) >= 22  # 24 where text has the browser's usual size
+
+
+@pytest.mark.slow
+def test_numbers_choices_and_colours(viewer):
+    page = viewer.page
+    light = page.locator('details[data-path="light.0"]')
+    red = light.locator('[data-key="intensity"] [data-axis="r"]')
+    red.fill("12.5")
+    red.press("Enter")
+    assert viewer.edited() == {"light.0.intensity": [12.5, 6, 4]}
+    red.press("ArrowUp")
+    assert viewer.edited()["light.0.intensity"][0] > 12.5
+    basis = page.locator('[data-section="map"] [data-key="basis"] select')
+    basis.select_option("dct")
+    assert viewer.edited() == {"map.basis": "dct"}
+    page.locator('[data-section="map"] [data-key="res"] button.small').click()
+    assert viewer.edited() == {"map.res": "auto"}
+    page.locator('[data-section="medium"] [data-key="phase"] select').select_option("hg")
+    assert viewer.edited() == {"medium.phase": {"type": "hg", "g": 0.0}}
+    slider = light.locator('[data-key="cone"] input[type="range"]')
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    assert 20 < viewer.edited()["light.0.cone"] < 22
+    page.locator('[data-section="medium"] [data-key="octaves"] input[type="range"]').focus()
+    page.keyboard.press("ArrowRight")
+    assert viewer.edited() == {"medium.octaves": 2}
+
+
+@pytest.mark.slow
+def test_a_slider_is_one_step_however_it_is_left(viewer):
+    slider = viewer.page.locator('details[data-path="light.0"] [data-key="cone"] input[type="range"]')
+    box = slider.bounding_box()
+    at = box["x"] + 0.5 * box["width"], box["y"] + box["height"] / 2
+    viewer.drag(at, by=(15, 0))
+    assert viewer.edited()["light.0.cone"] > 45
+    mouse = viewer.page.mouse
+    mouse.move(at[0] + 15, at[1])
+    mouse.down()
+    mouse.move(at[0] + 25, at[1], steps=3)
+    mouse.move(at[0] + 15, at[1], steps=3)  # back to where it was
+    mouse.up()
+    until(viewer.page, "said.filter(({ type }) => type === 'edit').at(-1)?.drag === false")
+    assert viewer.edited()["light.0.cone"] > 45
+
+
+@pytest.mark.slow
+def test_what_is_out_of_range_is_said_by_the_session(viewer):
+    cone = viewer.page.locator('details[data-path="light.0"] [data-key="cone"] .number')
+    cone.fill("95")
+    cone.press("Enter")
+    assert viewer.edited() == {"light.0.cone": 95}
+    viewer.hear({"type": "failed", "line": "light.0.cone = 95: should be less than 90"})
+    assert viewer.page.locator(".alert").text_content() == "light.0.cone = 95: should be less than 90"
+    viewer.hear({"type": "cleared"})
+    assert viewer.page.locator(".alert").is_hidden()
+    cone.blur()
+    viewer.state()
+    until(
+        viewer.page,
+        "document.querySelector('[data-path=\"light.0\"] [data-key=cone] .number').value === '20'",
+    )
+
+
+@pytest.mark.slow
+def test_what_was_changed_is_marked_and_taken_back(viewer):
+    row = viewer.page.locator('[data-section="map"] [data-key="steps"]')
+    assert "edited" not in row.get_attribute("class")
+    viewer.edits = {"map.steps": 50, "camera.fov": 30.0}
+    viewer.state()
+    until(viewer.page, "document.querySelector('[data-section=map] [data-key=steps]').matches('.edited')")
+    row.locator(".back").click()
+    assert viewer.edited() == {"map.steps": None}
+    viewer.page.keyboard.press("Escape")
+    viewer.page.get_by_role("button", name="Take all changes back").click()
+    assert viewer.said("reset") == [{"type": "reset"}]
+
+
+@pytest.mark.slow
+def test_the_search_finds_keys(viewer):
+    page = viewer.page
+    page.locator(".view .stage").focus()
+    page.keyboard.press("/")
+    page.keyboard.type("sigma")
+    names = page.locator(".row:visible .name").all_text_contents()
+    assert {"sigma s", "sigma a"} <= set(names)
+    assert "cone" not in names
+    page.keyboard.press("Escape")
+    assert "cone" in page.locator(".row:visible .name").all_text_contents()
+
+
+@pytest.mark.slow
+def test_lights_are_added_and_removed_whole(viewer):
+    page = viewer.page
+    page.locator(".adder").first.select_option("sun")
+    changes = viewer.edited()
+    assert list(changes) == ["light"]
+    assert [light["type"] for light in changes["light"]] == ["spot", "point", "sun"]
+    assert len(changes["light"][2]["from"]) == len(changes["light"][2]["to"]) == 3
+    assert None not in changes["light"][0].values()
+    page.locator('details[data-path="light.1"] > summary .icon-button').click()
+    assert [light["type"] for light in viewer.edited()["light"]] == ["spot", "sun"]
+
+
+@pytest.mark.slow
+def test_comparing(viewer):
+    page = viewer.page
+    page.locator(".view .stage").focus()
+    assert page.get_by_role("button", name="B", exact=True).first.is_disabled()
+    page.keyboard.press("k")
+    assert viewer.said("keep") == [{"type": "keep"}]
+    page.keyboard.press("d")
+    assert viewer.said("compare") == [{"type": "compare", "with": "dual"}]
+    viewer.picture(2, [0, 200, 0], which="b")
+    viewer.picture(3, [0, 0, 200], which="error")
+    viewer.hear({"type": "compared", "with": "dual", "ssim": 0.99, "psnr": None, "rmse": 0.01})
+    assert page.locator(".figures").text_content() == "SSIM 0.9900 · RMSE 0.01"
+    divider = page.locator(".divider")
+    assert divider.get_attribute("aria-valuenow") == "50"
+    divider.focus()
+    page.keyboard.press("End")
+    assert divider.get_attribute("aria-valuenow") == "100"
+    page.locator(".view .stage").focus()
+    page.keyboard.press("1")
+    assert viewer.colour() == [200, 0, 0]
+    page.keyboard.down(" ")
+    assert viewer.colour() == [0, 200, 0]
+    page.keyboard.up(" ")
+    assert viewer.colour() == [200, 0, 0]
+    page.keyboard.press("3")
+    assert viewer.colour() == [0, 0, 200]
+    page.keyboard.press("d")
+    assert viewer.said("compare") == [{"type": "compare", "with": "nothing"}]
+    assert viewer.colour() == [200, 0, 0]
+
+
+@pytest.mark.slow
+def test_a_curve_is_picked_and_read(viewer):
+    page = viewer.page
+    page.keyboard.down("Control")
+    page.mouse.click(*viewer.centre(0.25, 0.25))
+    page.keyboard.up("Control")
+    (picked,) = viewer.said("pick")
+    assert picked == {
+        "type": "pick",
+        "x": pytest.approx(0.25, abs=0.01),
+        "y": pytest.approx(0.75, abs=0.01),
+        "light": 0,
+    }
+    z = np.linspace(1, 3, 50)
+    lines = [np.exp(-k * z).tolist() for k in (1, 1, 1)]
+    curve = {
+        "type": "curve",
+        "light": 0,
+        "point": [0, 0, 0],
+        "z": z.tolist(),
+        "z_point": 2.0,
+        "lines": [HOSTILE],
+    }
+    viewer.hear(curve | {"map": lines, "marched": lines})
+    plot = page.locator(".plot")
+    assert plot.locator("path.map").count() == plot.locator("path.marched").count() == 1
+    box = plot.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert "marched 0.1" in page.locator(".reading").text_content()
+    viewer.hear(curve | {"map": [lines[0], (0.5 * z).tolist(), lines[2]], "marched": lines})
+    assert plot.locator("path.map").count() == 3
+    page.get_by_role("button", name="Close the curve").click()
+    assert page.locator(".curve").is_hidden()
+
+
+@pytest.mark.slow
+def test_what_a_picture_cost_is_told(viewer):
+    cost = {
+        "type": "cost",
+        "revision": 1,
+        "quality": "low",
+        "resolution": [320, 180],
+        "rate": 12.3,
+        "latency": 0.052,
+    }
+    viewer.hear(cost | {"seconds": {"view_pass": 0.021, "total": 0.03}, "made": {}})
+    chips = viewer.page.locator(".costs").text_content()
+    for text in ("320 × 180", "view pass 21 ms", "no new map", "12.3 frames/s", "52 ms after input"):
+        assert text in chips
+    viewer.hear(cost | {"seconds": {}, "made": {"map": 2}})
+    assert "2 new maps" in viewer.page.locator(".costs").text_content()
+    viewer.hear({"type": "work", "stage": "light pass", "fraction": 0.5})
+    assert viewer.page.locator(".status progress").evaluate("(bar) => bar.value") == 0.5
+    viewer.hear({"type": "work", "stage": "", "fraction": 1})
+    assert viewer.page.locator(".status progress").is_hidden()
+
+
+@pytest.mark.slow
+def test_frames_are_scrubbed_and_played(viewer):
+    page = viewer.page
+    assert page.locator(".timeline").is_hidden()
+    viewer.state(frame=3, frames=[1, 5])
+    page.locator(".view .stage").focus()
+    page.keyboard.press(".")
+    assert viewer.said("frame") == [{"type": "frame", "frame": 4, "drag": False}]
+    page.keyboard.press("p")
+    until(page, "said.some(({ type }) => type === 'frame')")
+    assert viewer.said("frame") == [{"type": "frame", "frame": 5, "drag": True}]
+    viewer.state(frame=5, frames=[1, 5])
+    viewer.picture(2, [0, 0, 9], revision=viewer.revision, quality="low")
+    until(page, "said.some(({ type }) => type === 'frame')")
+    assert viewer.said("frame") == [{"type": "frame", "frame": 1, "drag": True}]
+    page.keyboard.press("p")
+    assert viewer.said("frame") == [{"type": "frame", "frame": 1, "drag": False}]
+
+
+@pytest.mark.slow
+def test_undo_save_and_open(viewer):
+    page = viewer.page
+    page.locator(".view .stage").focus()
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+Shift+z")
+    assert [viewer.said("undo"), viewer.said("redo")] == [[{"type": "undo"}], [{"type": "redo"}]]
+    viewer.state(show=SHOW | {"exposure": 1.5})
+    page.keyboard.press("Control+s")
+    page.locator("dialog[open] .text").fill("mine")
+    page.keyboard.press("Enter")
+    assert viewer.edited() == {"image.exposure": 1.5}  # what is seen is what is saved
+    assert viewer.said("save") == [{"type": "save", "what": "scene", "name": "mine"}]
+    page.keyboard.press("Control+o")
+    assert viewer.said("list") == [{"type": "list", "path": ""}]
+    viewer.hear({"type": "listing", "path": "clouds", "folders": [HOSTILE], "files": ["a.vdb"]})
+    page.get_by_role("button", name="a.vdb").click()
+    assert viewer.said("open") == [{"type": "open", "path": "clouds/a.vdb"}]
+
+
+@pytest.mark.slow
+def test_a_dropped_file_is_sent_unless_it_is_too_large(viewer):
+    drop = """(size) => {
+      const data = new DataTransfer();
+      data.items.add(new File([new Uint8Array(size)], "cloud.vdb"));
+      const drop = new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true });
+      document.querySelector(".stage").dispatchEvent(drop);
+    }"""
+    viewer.page.evaluate(drop, 10)
+    until(viewer.page, "said.some(({ type }) => type === 'upload')")
+    assert viewer.said("upload") == [{"type": "upload", "name": "cloud.vdb", "bytes": 10}]
+    viewer.page.evaluate(drop, 2000)
+    assert "at most 1 kB" in viewer.page.locator(".alert").text_content()
+    assert viewer.said("upload") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080), (3840, 2160)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_and_can_be_read(view, size, scheme):
+    width, height = size
+    page = view(viewport={"width": width, "height": height}, color_scheme=scheme).page
+    assert page.locator("#viewer").get_attribute("data-theme") == scheme
+    found = page.evaluate(
+        """() => {
+          const all = (selector) => [...document.querySelectorAll(selector)];
+          const seen = (selector) => all(selector).filter((one) => one.offsetParent);
+          const texts = seen(".row .name, .legend, .chip, button").filter((one) => one.textContent.trim());
+          const sizes = texts.map((one) => parseFloat(getComputedStyle(one).fontSize));
+          return {
+            page: [document.documentElement.scrollWidth, document.documentElement.scrollHeight],
+            text: Math.min(...sizes.filter((size) => size > 0)), // a button of a sign has none
+            beyond: seen(".row").filter((row) => row.scrollWidth > row.clientWidth + 1).length,
+          };
+        }"""
+    )
+    assert found["page"] == [width, height]
+    assert found["text"] >= max(11, width / 240)
+    assert found["beyond"] == 0
+    stage = page.locator(".layers").bounding_box()
+    assert stage["width"] * stage["height"] > 0.3 * width * height
+    page.get_by_role("button", name=f"Use {'dark' if scheme == 'light' else 'light'} colours").click()
+    assert page.locator("#viewer").get_attribute("data-theme") != scheme
+
+
+@pytest.mark.slow
+def test_everything_has_a_name(viewer):
+    viewer.page.locator('[data-handle="light.0:from"]').click()
+    nameless = viewer.page.evaluate(
+        """() => {
+          const text = (one) => one.getAttribute("aria-label") || one.textContent.trim();
+          const named = (one) => text(one) || one.labels?.length;
+          return [...document.querySelectorAll("button, input, select, summary, [tabindex='0']")]
+            .filter((one) => one.offsetParent !== null || one instanceof SVGElement)
+            .filter((one) => !named(one))
+            .map((one) => one.outerHTML.slice(0, 120));
+        }"""
+    )
+    assert nameless == []
+
+
+@pytest.mark.slow
+def test_a_viewer_in_a_notebook_keeps_to_itself(viewer):
+    page = viewer.page
+    page.evaluate(
+        """() => {
+          view.close();
+          document.getElementById("viewer").remove();
+          document.body.innerHTML = "<div><div id=cell></div><textarea id=other></textarea></div>";
+        }"""
+    )
+    page.add_script_tag(content=SESSION.replace('"viewer"', '"cell"'))
+    viewer.hear(WELCOME | {"schema": scene_schema()})
+    viewer.state()
+    page.evaluate("window.said = []")
+    page.locator("#other").focus()
+    page.keyboard.press("f")
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("f")
+    assert viewer.said("edit") == []
+    page.locator(".view .stage").focus()
+    page.keyboard.press("f")
+    assert "camera.from" in viewer.edited()

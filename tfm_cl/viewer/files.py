@@ -1,0 +1,335 @@
+"""The folder that a page may see: what is in it, what is saved there, and what is dropped onto the page."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tfm_cl.errors import InputError
+from tfm_cl.files import curves_io, points_io, volume_io
+from tfm_cl.files.paths import is_file, name_of, real_path, reason_of, replacing
+
+MOST_UPLOAD = 2 << 30
+"""Bytes of a file that is dropped onto the page."""
+MOST_NAME = 200
+"""Bytes of a new file's name; file systems take 255, and what is written has a name of its own at first."""
+MOST_CHARACTERS = 4096
+"""Of a path."""
+MOST_LISTED = 5000
+"""Folders and files of a listing."""
+MOST_ENTRIES = 100_000
+"""Of a folder, that are looked at."""
+MOST_OF_A_NAME = 1000
+"""Files called alike, but for a number."""
+_FORBIDDEN = frozenset('<>:"|?*\\')
+"""What no name on Windows holds: there ``a:b`` is a stream of a file, or on another drive."""
+_DEVICE = re.compile(
+    r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE | re.DOTALL
+)
+"""Names of devices there, with any extension."""
+
+
+class Files:
+    """What a page may see, open and write: one folder. Any thread may use it.
+
+    A name is relative to the folder, with ``/`` between folders. What leads out of it is refused, by ``..``,
+    as an absolute path or through a link, and so are hidden files and names that mean something else on
+    Windows. Nothing is replaced but what was saved from
+    the page.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    most_upload
+        Bytes of a file that is dropped onto the page, at most.
+
+    Raises
+    ------
+    InputError
+        It is no folder.
+    """
+
+    def __init__(self, folder: Path, *, most_upload: int = MOST_UPLOAD) -> None:
+        self.folder = real_path(folder)
+        self.most_upload = most_upload
+        if not self.folder.is_dir():
+            raise InputError(f"{folder}: is not a folder; the viewer opens and saves files in one")
+        self._trusted: frozenset[Path] = frozenset()
+        self._also: tuple[Callable[[Path], bool], ...] = ()
+        self._saved: set[Path] = set()
+        self._arriving: set[Path] = set()
+        self._lock = threading.Lock()
+
+    @property
+    def may_save(self) -> bool:
+        """Whether files can be written there."""
+        return os.access(self.folder, os.W_OK)
+
+    def inside(self, name: str) -> Path:
+        """Return the real path of something in the folder, there or not.
+
+        Raises
+        ------
+        InputError
+            A name that leads elsewhere, or means something else elsewhere.
+        """
+        path = self.folder.joinpath(*_parts(name))
+        try:
+            real = real_path(path)
+        except OSError as problem:
+            raise InputError(f"{_shown(name)}: cannot be read ({reason_of(problem)})") from None
+        if not real.is_relative_to(self.folder):
+            raise InputError(f"{_shown(name)}: leads out of the viewer's folder; name a file in it")
+        return real
+
+    def trust(self, paths: Iterable[Path], also: Callable[[Path], bool] | None = None) -> None:
+        """Let scenes read files wherever they are: those of the scene that the command line named.
+
+        Parameters
+        ----------
+        paths
+            The files.
+        also
+            Tells of further ones, as of other frames.
+        """
+        with self._lock:
+            self._trusted |= {real_path(path) for path in paths}
+            self._also += () if also is None else (also,)
+
+    def check(self, paths: Iterable[Path]) -> None:
+        """Refuse files of a scene that lie outside the folder, unless they are trusted.
+
+        Raises
+        ------
+        InputError
+            The first of them.
+        """
+        for path in paths:
+            real = real_path(path)
+            known = real.is_relative_to(self.folder) or real in self._trusted
+            if not (known or any(trusts(path) for trusts in self._also)):
+                raise InputError(f"{path.name}: lies outside the viewer's folder; copy it there first")
+
+    def listing(self, name: str) -> dict[str, Any]:
+        """List a folder: what can be opened, and further folders.
+
+        Parameters
+        ----------
+        name
+            Empty for the folder itself.
+
+        Returns
+        -------
+        dict
+            The page's message: ``path``, and the names of ``folders`` and ``files`` in it.
+
+        Raises
+        ------
+        InputError
+            As `inside`; nothing there, no folder, or it cannot be read.
+        """
+        folder = self.inside(name) if name.strip("/") else self.folder
+        folders, files, kinds = [], [], openable()
+        try:
+            with os.scandir(folder) as entries:
+                for seen, entry in enumerate(entries):
+                    if seen == MOST_ENTRIES:
+                        break
+                    if entry.name.startswith(".") or not self._is_inside(entry):
+                        continue
+                    path = Path(entry.path)
+                    if path.is_dir():
+                        folders.append(entry.name)
+                    elif _suffix(entry.name) in kinds and is_file(path):
+                        files.append(entry.name)
+        except OSError as problem:
+            raise InputError(f"{_shown(name)}: cannot be listed ({reason_of(problem)})") from None
+        shown = folder.relative_to(self.folder).as_posix()
+        return {
+            "type": "listing",
+            "path": "" if shown == "." else shown,
+            "folders": sorted(folders, key=_order)[:MOST_LISTED],
+            "files": sorted(files, key=_order)[:MOST_LISTED],
+        }
+
+    def opened(self, name: str) -> Path:
+        """Return the path of a file that can be opened: a scene or something to show.
+
+        Raises
+        ------
+        InputError
+            As `inside`; of an unknown kind, or not there.
+        """
+        path = self.inside(name)
+        if _suffix(path.name) not in openable():
+            raise InputError(f"{_shown(name)}: is no scene and no volume; known: {_known()}")
+        if not is_file(path):
+            raise InputError(f"{_shown(name)}: no such file in the viewer's folder")
+        return path
+
+    def saved(self, name: str, suffix: str) -> Path:
+        """Return where something may be written: where nothing is, or what the viewer wrote before.
+
+        Parameters
+        ----------
+        name
+            With the suffix or without.
+        suffix
+            As ``.exr``.
+
+        Raises
+        ------
+        InputError
+            As `inside`; its folder is not there, or the name is taken.
+        """
+        text = name if _suffix(name) == suffix else name + suffix
+        parts = _parts(text)
+        _check_length(parts[-1])
+        folder = self.inside("/".join(parts[:-1])) if parts[:-1] else self.folder
+        if not folder.is_dir():
+            raise InputError(f"{_shown(text)}: its folder is not there; save it in one that is")
+        path = folder / parts[-1]
+        with self._lock:
+            if path in self._arriving or (os.path.lexists(path) and path not in self._saved):
+                raise InputError(f"{_shown(text)}: is there already; choose another name")
+            self._saved.add(path)
+        return path
+
+    @contextlib.contextmanager
+    def upload(self, name: str) -> Iterator[Upload]:
+        """Take a file that is dropped onto the page: it is there when it is whole, or not at all.
+
+        Parameters
+        ----------
+        name
+            A plain name of something that can be opened; where it is taken, the file gets a number.
+
+        Raises
+        ------
+        InputError
+            As `inside`; a name that is no plain one or of an unknown kind; too many bytes, or none; or it
+            cannot be written.
+        """
+        parts = _parts(name)
+        if len(parts) != 1:
+            raise InputError(f"{_shown(name)}: should be a plain name, without folders")
+        _check_length(name)
+        if _suffix(name) not in openable():
+            raise InputError(f"{_shown(name)}: is no scene and no volume; known: {_known()}")
+        path = self._free(name)
+        try:
+            with replacing(path) as temporary, temporary.open("wb") as stream:
+                upload = Upload(path.name, stream, self.most_upload)
+                yield upload
+                if not upload.size:
+                    raise InputError(f"{_shown(name)}: is empty")
+        finally:
+            with self._lock:
+                self._arriving.discard(path)
+
+    def _free(self, name: str) -> Path:
+        """Take a name for a new file."""
+        stem, suffix = name[: -len(_suffix(name))], name[-len(_suffix(name)) :]
+        with self._lock:
+            for number in range(1, MOST_OF_A_NAME + 1):
+                path = self.folder / (name if number == 1 else f"{stem}-{number}{suffix}")
+                if not os.path.lexists(path) and path not in self._arriving | self._saved:
+                    self._arriving.add(path)
+                    return path
+        raise InputError(f"{_shown(name)}: is there {MOST_OF_A_NAME:,} times already; choose another name")
+
+    def _is_inside(self, entry: os.DirEntry[str]) -> bool:
+        return not entry.is_symlink() or real_path(Path(entry.path)).is_relative_to(self.folder)
+
+
+@dataclass
+class Upload:
+    """A file that arrives in parts."""
+
+    name: str
+    """What it will be called in the folder."""
+    stream: BinaryIO
+    most: int
+    """Bytes."""
+    size: int = 0
+    """Bytes so far."""
+
+    def write(self, chunk: bytes) -> None:
+        """Add a part.
+
+        Raises
+        ------
+        InputError
+            There are too many bytes, or no room for them.
+        """
+        self.size += len(chunk)
+        if self.size > self.most:
+            raise too_large(self.name, self.most)
+        try:
+            self.stream.write(chunk)
+        except OSError as problem:
+            full = problem.errno in {errno.ENOSPC, errno.EDQUOT}
+            reason = "no room on the server's disk" if full else reason_of(problem)
+            raise InputError(f"{self.name}: cannot be written ({reason})") from None
+
+
+def too_large(name: str, most: int) -> InputError:
+    """Return what is said of a file with too many bytes."""
+    return InputError(f"{_shown(name)}: larger than {most:,} bytes; copy it into the viewer's folder instead")
+
+
+def openable() -> set[str]:
+    """Return the extensions of what the viewer opens: scenes, volumes, particles and curves."""
+    return {".toml", *volume_io.FORMATS, *points_io.FORMATS, *curves_io.FORMATS}
+
+
+def _known() -> str:
+    return " ".join(sorted(openable()))
+
+
+def _suffix(name: str) -> str:
+    return Path(name).suffix.lower()
+
+
+def _order(name: str) -> tuple[str, str]:
+    return name.casefold(), name
+
+
+def _check_length(name: str) -> None:
+    if len(os.fsencode(name)) > MOST_NAME:
+        raise InputError(f"{_shown(name)}: the name is longer than {MOST_NAME} bytes; shorten it")
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    """Split a name from a page into those of folders and of what is in the last."""
+    try:
+        text = name_of(name)
+        text.encode()
+    except ValueError:
+        wanted = "should be the name of a file, without control characters"
+        raise InputError(f"{_shown(name)}: {wanted}") from None
+    parts = tuple(text.removesuffix("/").split("/"))
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(f"{_shown(name)}: longer than {MOST_CHARACTERS:,} characters")
+    for part in parts:
+        if part in {"", ".", ".."}:
+            raise InputError(f"{_shown(name)}: leads out of the viewer's folder; name a file in it")
+        if part.startswith("."):
+            raise InputError(f"{_shown(name)}: is hidden; the viewer leaves hidden files alone")
+        if _FORBIDDEN & set(part) or part.endswith((".", " ")) or _DEVICE.fullmatch(part):
+            raise InputError(f"{_shown(name)}: not every system has files called so; choose another name")
+    return parts
+
+
+def _shown(name: str) -> str:
+    """Return a name as a message shows it: on one line, and not too long."""
+    text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in name)
+    return text if len(text) <= MOST_NAME else f"{text[:MOST_NAME]}…"

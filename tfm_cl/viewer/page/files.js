@@ -1,0 +1,144 @@
+// Opening, dropping and saving files.
+
+class FilesDialog {
+  constructor(app) {
+    Object.assign(this, { app, path: "" });
+    this.where = make("span", { className: "where" });
+    this.list = make("ul", { className: "files", "aria-label": "Files" });
+    this.path = make("input", { type: "text", className: "text", placeholder: "or a path within the folder", "aria-label": "Path within the folder", spellcheck: false });
+    this.chosen = make("input", { type: "file", hidden: true });
+    const upload = make("button", { type: "button", textContent: "Upload a file …" });
+    upload.addEventListener("click", () => this.chosen.click());
+    this.chosen.addEventListener("change", () => {
+      if (this.chosen.files.length > 0) this.upload(this.chosen.files[0]);
+      this.chosen.value = "";
+    });
+    this.dialog = dialog("Open", make("p", { className: "note" }, "In ", this.where), this.list, this.path, make("div", { className: "buttons" }, upload, this.chosen));
+    this.path.addEventListener("keydown", (event) => { if (event.key === "Enter" && this.path.value) this.open(this.path.value); });
+    app.model.on("listing", (listing) => this.#show(listing));
+  }
+
+  ask() {
+    if (this.app.model.welcome?.can.open === false) return;
+    this.app.model.send({ type: "list", path: "" });
+    this.list.replaceChildren(make("li", { className: "note", textContent: "Reading the folder …" }));
+    this.dialog.showModal();
+  }
+
+  open(path) {
+    this.dialog.close();
+    this.app.model.send({ type: "open", path });
+    this.app.say(`Opening ${path} …`);
+  }
+
+  #show({ path, folders, files }) {
+    this.where.textContent = [this.app.model.welcome?.folder, path].filter(Boolean).join("/");
+    const within = (name) => (path ? `${path}/${name}` : name);
+    const entry = (kind, name, does) => {
+      const button = make("button", { type: "button" }, icon(kind), make("span", { textContent: name }));
+      button.addEventListener("click", does);
+      return make("li", {}, button);
+    };
+    const list = (to) => () => this.app.model.send({ type: "list", path: to });
+    const up = path ? [entry("folder", "..", list(path.split("/").slice(0, -1).join("/")))] : [];
+    this.list.replaceChildren(...up, ...folders.map((name) => entry("folder", name, list(within(name)))), ...files.map((name) => entry("file", name, () => this.open(within(name)))));
+    if (this.list.childElementCount === 0) this.list.append(make("li", { className: "note", textContent: "There is no scene and no volume here." }));
+    if (this.dialog.open) this.list.querySelector("button")?.focus();
+  }
+
+  /** Send a file of the reader's, and open it. */
+  async upload(file) {
+    const { welcome, transport } = this.app.model;
+    if (this.dialog.open) this.dialog.close();
+    if (welcome?.most_upload && file.size > welcome.most_upload) {
+      this.app.complain(`${file.name}: ${megabytes(file.size)}; at most ${megabytes(welcome.most_upload)} can be sent`);
+      return;
+    }
+    const tell = (part) => this.app.say(`Sending ${file.name}, ${megabytes(file.size)}${part > 0 ? `: ${Math.floor(100 * part)} %` : ""} …`);
+    tell(0);
+    try {
+      if (transport.upload) this.open(await transport.upload(file, tell));
+      else transport.sendBinary(file.name, await file.arrayBuffer());
+    } catch (error) {
+      this.app.complain(error.message || `${file.name}: could not be sent`);
+    }
+  }
+
+  /** Take files that are dropped onto an element. */
+  listen(element) {
+    const hasFiles = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
+    element.addEventListener("dragover", (event) => {
+      if (!hasFiles(event)) return;
+      event.preventDefault();
+      element.classList.add("dropping");
+    });
+    for (const end of ["dragleave", "drop"]) element.addEventListener(end, (event) => { if (end === "drop" || event.target === element || !element.contains(event.relatedTarget)) element.classList.remove("dropping"); });
+    element.addEventListener("drop", (event) => {
+      if (!hasFiles(event)) return;
+      event.preventDefault();
+      if (event.dataTransfer.files.length > 0) this.upload(event.dataTransfer.files[0]);
+    });
+  }
+}
+
+class SaveDialog {
+  constructor(app) {
+    this.app = app;
+    this.what = choiceButtons("What to save", [
+      { value: "scene", text: "Scene", title: "A .toml that renders this view to the same bytes" },
+      { value: "exr", text: "EXR", title: "The picture, scene-linear" },
+      { value: "png", text: "PNG", title: "The picture, as it is shown" },
+    ], (value) => this.choose(value));
+    this.name = make("input", { type: "text", className: "text", "aria-label": "Name of the file", spellcheck: false });
+    this.suffix = make("span", { className: "suffix" });
+    this.where = make("p", { className: "note" });
+    this.button = make("button", { type: "submit", className: "primary", textContent: "Save" });
+    const form = make("form", { method: "dialog" }, this.what, make("label", { className: "save-name" }, this.name, this.suffix), this.where, make("div", { className: "buttons" }, this.button));
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.save();
+    });
+    this.dialog = dialog("Save", form);
+    app.model.on("saved", ({ what, path }) => app.say(`Saved ${what === "scene" ? "the scene" : "the picture"}: ${path}`));
+  }
+
+  ask(what = "scene") {
+    if (this.app.model.welcome?.can.save === false || this.app.model.state === null) return;
+    this.name.value ||= this.app.model.state.source.split(/[\\/]/).pop().replace(/\.[^.]*$/, "").replace(/#+/g, "frame") + "_view";
+    this.where.textContent = `Into ${this.app.model.welcome?.folder ?? "the viewer's folder"}`;
+    this.choose(what);
+    this.dialog.showModal();
+    this.name.select();
+  }
+
+  choose(what) {
+    this.chosen = what;
+    this.what.set(what);
+    this.suffix.textContent = what === "scene" ? ".toml" : `.${what}`;
+  }
+
+  /** What is seen is what is saved: the stage's exposure and view go into the scene. */
+  save() {
+    const name = this.name.value.trim();
+    if (!name) return;
+    const { model } = this.app;
+    const { exposure, view } = model.state.show;
+    const { image } = model.options;
+    const changes = { ...(same(exposure, image.exposure) ? {} : { "image.exposure": exposure }), ...(view === image.view ? {} : { "image.view": view }) };
+    if (this.chosen !== "exr" && Object.keys(changes).length > 0) model.edit(changes);
+    model.send({ type: "save", what: this.chosen, name });
+    this.dialog.close();
+  }
+}
+
+function dialog(title, ...children) {
+  const close = iconButton("remove", "Close", "Escape");
+  const element = make("dialog", { "aria-label": title }, make("div", { className: "dialog-head" }, make("h2", { textContent: title }), close), ...children);
+  close.addEventListener("click", () => element.close());
+  element.addEventListener("click", (event) => { if (event.target === element) element.close(); });
+  return element;
+}
+
+function megabytes(size) {
+  return size >= 1e9 ? `${number(size / 1e9, 3)} GB` : size >= 1e6 ? `${number(size / 1e6, 3)} MB` : `${number(size / 1e3, 3)} kB`;
+}

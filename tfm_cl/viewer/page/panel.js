@@ -1,0 +1,292 @@
+// The panel: every key of the scene file, those first that are used most.
+
+const ORDER = ["light", "medium", "volume", "map", "march", "solid", "camera", "image", "ambient", "shadow"];
+const TITLES = { light: "Lights", medium: "Medium", volume: "Volume", map: "Light map", march: "March", solid: "Solids", camera: "Camera", image: "Image", ambient: "Ambient light", shadow: "Shadows of solids" };
+const OPEN = new Set(["light", "medium", "volume", "map"]);
+/** Keys that are seen at once, in this order; the others are under "more". */
+const FIRST = {
+  light: ["type", "intensity", "cone", "blend", "elevation", "azimuth", "turbidity", "from", "to", "falloff", "reach", "radius", "samples", "sun"],
+  medium: ["preset", "sigma_s", "sigma_a", "phase", "emission", "orders", "octaves"],
+  volume: ["density_scale", "density", "opacity", "centre", "radius", "from", "to", "translate", "rotate", "scale"],
+  map: ["basis", "coeffs", "density_weighting", "range", "lookup", "res", "steps"],
+  march: ["method", "steps", "sampling"],
+  solid: ["albedo", "translate", "rotate", "scale", "centre", "radius", "point", "normal", "from", "to", "height", "visible"],
+  camera: ["from", "to", "fov", "focal_length", "res"],
+  image: ["exposure", "view", "samples", "background", "transparent"],
+  ambient: ["radiance"],
+  shadow: ["res", "filter"],
+};
+const MOST_OPEN = 3; // items of a list that are opened by themselves
+const MOST_SEARCHED = 40; // items of a list that a search looks into
+
+class Panel {
+  constructor(app, element) {
+    Object.assign(this, { app, element, sections: new Map(), words: "" });
+    this.search = make("input", { type: "search", placeholder: "Search settings", "aria-label": "Search settings", spellcheck: false, autocomplete: "off" });
+    this.search.addEventListener("input", () => this.filter());
+    this.search.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      event.stopPropagation();
+      this.search.value = "";
+      this.filter();
+      app.stage.flip.stage.focus();
+    });
+    this.resetAll = iconButton("reset", "Take all changes back", "", () => app.model.send({ type: "reset" }));
+    this.nothing = make("p", { className: "none", textContent: "No setting has these words.", hidden: true });
+    this.body = make("div", { className: "sections" });
+    element.append(make("div", { className: "panel-head" }, this.search, this.resetAll), this.nothing, this.body);
+    // Once for each frame of the screen, however much is said.
+    app.model.on("options", () => { this.drawing ??= requestAnimationFrame(() => this.draw()); });
+  }
+
+  draw() {
+    this.drawing = null;
+    const { model, schema } = this.app;
+    if (model.options === null || schema === null) return;
+    for (const name of ORDER) {
+      if (!this.sections.has(name) && name in schema.sections) this.#add(name);
+      this.sections.get(name)?.draw();
+    }
+    this.resetAll.disabled = Object.keys(model.state.edits).length === 0;
+  }
+
+  #add(name) {
+    const section = new Section(this.app, name);
+    this.sections.set(name, section);
+    this.body.append(section.element);
+  }
+
+  filter() {
+    this.words = this.search.value.trim().toLowerCase();
+    let found = 0;
+    for (const section of this.sections.values()) found += section.filter(this.words);
+    this.nothing.hidden = found > 0 || this.words === "";
+  }
+
+  /** Show the item whose handles are on the stage. */
+  mark(path) {
+    for (const section of this.sections.values()) section.mark(path);
+  }
+}
+
+/** A section: one table, or a list of them. */
+class Section {
+  constructor(app, name) {
+    Object.assign(this, { app, name, tables: new Map(), words: "" });
+    this.count = make("span", { className: "count" });
+    this.dot = make("span", { className: "dot", title: "changed since the file was opened" });
+    const head = make("summary", { title: app.schema.sections[name].description ?? "" }, make("span", { className: "title", textContent: TITLES[name] }), this.count, this.dot);
+    this.body = make("div", { className: "section-body" });
+    this.element = make("details", { className: "section", open: OPEN.has(name) }, head, this.body);
+    this.element.dataset.section = name;
+    this.element.addEventListener("toggle", () => this.draw());
+    if (name === "light" || name === "solid") this.#addAdder();
+    this.element.addEventListener("keydown", (event) => event.target === head && event.key === "Delete" && event.preventDefault());
+  }
+
+  #addAdder() {
+    const kinds = this.app.schema.named(this.name);
+    const select = make("select", { className: "adder", "aria-label": `Add a ${this.name}` }, make("option", { value: "", textContent: `+ Add a ${this.name} …` }), ...kinds.map(({ name, one }) => make("option", { value: name, textContent: name, title: one.description ?? "" })));
+    select.addEventListener("change", () => {
+      if (select.value) this.app.addItem(this.name, select.value);
+      select.value = "";
+    });
+    this.body.append(select);
+    this.adder = select;
+  }
+
+  draw() {
+    const { model } = this.app;
+    const found = items(model.options, this.name);
+    this.count.textContent = this.name === "light" || this.name === "solid" || found.length > 1 ? found.length : "";
+    this.element.classList.toggle("many", found.length > MOST_SEARCHED);
+    const isEdited = model.isEdited(this.name);
+    this.dot.classList.toggle("on", isEdited);
+    this.dot.hidden = !isEdited;
+    if (!this.element.open && this.words === "") return;
+    for (const item of found) {
+      if (!this.tables.has(item.path)) this.#addTable(item, found.length);
+      this.tables.get(item.path).draw(item);
+    }
+    for (const [path, table] of this.tables) {
+      if (found.some((item) => item.path === path)) continue;
+      table.element.remove();
+      this.tables.delete(path);
+    }
+  }
+
+  #addTable(item, count) {
+    const isList = this.name === "light" || this.name === "solid" || count > 1;
+    const table = new Table(this.app, item, isList, count <= MOST_OPEN && this.name !== "solid");
+    this.tables.set(item.path, table);
+    if (this.adder) this.adder.before(table.element);
+    else this.body.append(table.element);
+  }
+
+  filter(words) {
+    this.words = words;
+    this.element.classList.toggle("searched", words !== "");
+    if (words !== "") this.draw();
+    const isTitle = words !== "" && TITLES[this.name].toLowerCase().includes(words);
+    let found = 0;
+    [...this.tables.values()].forEach((table, index) => { found += index < MOST_SEARCHED ? table.filter(isTitle ? "" : words, words !== "") : 0; });
+    if (this.adder) this.adder.hidden = words !== "" && !isTitle;
+    this.element.hidden = words !== "" && found === 0;
+    if (words !== "" && found > 0) this.element.open = true;
+    return found;
+  }
+
+  mark(path) {
+    const isHere = path !== null && path.split(".")[0] === this.name;
+    if (isHere && !this.element.open) this.element.open = true;
+    if (isHere) this.draw();
+    for (const [one, table] of this.tables) table.mark(one === path);
+  }
+}
+
+/** Rows of the keys of one table. */
+class Table {
+  constructor(app, item, isList, isOpen) {
+    Object.assign(this, { app, item, isList, rows: new Map(), kind: null, words: "", isSearched: false });
+    this.body = make("div", { className: "rows" });
+    this.more = make("details", { className: "more" }, make("summary", { textContent: "More" }), make("div", { className: "rows" }));
+    if (!isList) this.element = make("div", { className: "table" }, this.body, this.more);
+    else {
+      this.title = make("span", { className: "title" });
+      const remove = iconButton("remove", "Remove", "", (event) => {
+        event.preventDefault();
+        app.removeItem(this.item);
+      });
+      remove.classList.add("tiny");
+      remove.hidden = item.section === "volume";
+      const head = make("summary", {}, this.title, remove);
+      this.element = make("details", { className: "item", open: isOpen }, head, this.body, this.more);
+      head.addEventListener("click", () => { if (!this.element.open) app.gizmos.select(this.item.path); });
+    }
+    this.element.addEventListener("toggle", () => this.draw(this.item), true);
+    this.element.dataset.path = item.path;
+  }
+
+  draw(item) {
+    this.item = item;
+    if (this.title) this.title.textContent = itemName(item.section, item.table, item.index, item.count);
+    if (this.isList && !this.element.open && !this.isSearched) return;
+    const kind = this.app.schema.of(item.section, item.table).title ?? "";
+    if (this.kind !== kind) this.#build(kind);
+    for (const row of this.rows.values()) row.draw();
+  }
+
+  #build(kind) {
+    this.kind = kind;
+    this.rows.clear();
+    const { section, table, path } = this.item;
+    const keys = this.app.schema.keys(section, table);
+    const first = FIRST[section];
+    const order = (key) => (first.includes(key) ? first.indexOf(key) : 100);
+    const rest = this.more.lastChild;
+    this.body.replaceChildren();
+    rest.replaceChildren();
+    for (const key of keys.toSorted((a, b) => order(a.key) - order(b.key))) {
+      if (key.kind === "fixed" && key.key !== "type") continue;
+      if (key.kind === "medium") {
+        this.#addMedium(rest, path, table);
+        continue;
+      }
+      const isTold = key.kind === "fixed";
+      if (isTold && section !== "light") continue;
+      const row = isTold ? new KindRow(this.app, this, key) : new Row(this.app, this, key);
+      this.rows.set(key.key, row);
+      (order(key.key) < 100 ? this.body : rest).append(row.element);
+    }
+    this.more.hidden = rest.childElementCount === 0;
+    if (this.isSearched) this.filter(this.words, true);
+  }
+
+  /** Keys of the medium of a body that has one of its own. */
+  #addMedium(rest, path, table) {
+    if (!table.medium) return;
+    rest.append(make("p", { className: "subtitle", textContent: "Medium of this body" }));
+    for (const key of this.app.schema.keys("medium", table.medium)) {
+      if (!FIELDS[key.kind] || table.medium[key.key] === undefined) continue;
+      const row = new Row(this.app, this, { ...key, path: `medium.${key.key}` });
+      this.rows.set(`medium.${key.key}`, row);
+      rest.append(row.element);
+    }
+  }
+
+  filter(words, isSearched) {
+    this.words = words;
+    this.isSearched = isSearched;
+    if (isSearched) this.draw(this.item);
+    let found = 0;
+    for (const row of this.rows.values()) {
+      const isFound = words === "" || row.text.includes(words);
+      row.element.hidden = !isFound;
+      found += isFound ? 1 : 0;
+    }
+    this.element.hidden = isSearched && found === 0;
+    this.element.classList.toggle("searched", isSearched);
+    if (isSearched && found > 0) {
+      if (this.isList) this.element.open = true;
+      this.more.open = true;
+    } else if (!isSearched) this.more.open = false;
+    return found;
+  }
+
+  mark(isMarked) {
+    this.element.classList.toggle("chosen", isMarked);
+    if (!isMarked) return;
+    if (this.isList) this.element.open = true;
+    this.draw(this.item);
+    // When its rows have their places.
+    requestAnimationFrame(() => {
+      const { body } = this.app.panel;
+      const [box, room, head] = [this.element, body, this.element.closest(".section").firstChild].map((element) => element.getBoundingClientRect());
+      if (box.top < room.top + head.height || box.bottom > room.bottom) body.scrollTop += box.top - room.top - 1.2 * head.height;
+    });
+  }
+}
+
+/** A key: its name, its control, and whether it was changed. */
+class Row {
+  constructor(app, table, key) {
+    Object.assign(this, { app, table, key });
+    const path = key.path ?? key.key;
+    this.text = `${path} ${path.replaceAll("_", " ")} ${key.description} ${(key.choices ?? []).join(" ")}`.toLowerCase();
+    this.field = FIELDS[key.kind](key, path.replaceAll("_", " "), (value, drag) => this.#change(value, drag), app);
+    this.back = iconButton("reset", `${path}: as the file says`, "", () => app.model.takeBack(this.path));
+    this.back.classList.add("back");
+    const name = make("span", { className: "name", textContent: key.key.replaceAll("_", " ") });
+    this.element = make("div", { className: `row of-${key.kind}`, title: `${this.path}\n${key.description}` }, name, this.field.element, this.back);
+    this.element.dataset.key = key.key;
+  }
+
+  get path() {
+    return `${this.table.item.path}.${this.key.path ?? this.key.key}`;
+  }
+
+  #change(value, drag) {
+    this.app.model.edit({ [this.path]: value }, drag);
+  }
+
+  draw() {
+    const { model } = this.app;
+    this.field.set(model.value(this.path));
+    const isEdited = model.isEdited(this.path);
+    this.back.hidden = !model.canTakeBack(this.path);
+    this.element.classList.toggle("edited", isEdited);
+    this.element.classList.toggle("keyed", (model.state.changing ?? []).includes(this.path));
+  }
+}
+
+/** The kind of a light: another kind is another table in the same place. */
+class KindRow extends Row {
+  constructor(app, table, key) {
+    super(app, table, { ...key, kind: "choice", choices: app.schema.named(table.item.section).map(({ name }) => name) });
+    const [select] = this.field.element.getElementsByTagName("select");
+    select.addEventListener("change", (event) => {
+      event.stopImmediatePropagation();
+      app.changeKind(table.item, select.value);
+    }, true);
+  }
+}

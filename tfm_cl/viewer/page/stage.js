@@ -1,0 +1,249 @@
+// The stage: the pictures that come, on each other, and the pointer over them.
+
+const CLICK = 4; // pixels that a click may move
+const REST = 250; // milliseconds after which turning a wheel is over
+const WHICH = ["a", "b", "error", "map"];
+
+class Stage {
+  constructor(app, element) {
+    Object.assign(this, { app, element, shown: new Map(), decoding: new Map(), gain: 1, part: [0, 0, 1, 1] });
+    this.size = [0, 0]; // of the picture on the screen; asking the browser for it each time would be slow
+    this.flip = new Flip(element, { label: "Picture of the scene", pair: ["a", "b"], fit: (...room) => this.#fit(...room), onChange: () => app.compare.draw() });
+    this.flip.stage.setAttribute("aria-describedby", "tfm-stage-keys");
+    this.flip.stage.setAttribute("role", "application");
+    for (const which of WHICH) this.flip.add(which, make("canvas", { className: "picture", role: "img", width: 1, height: 1 }));
+    this.over = drawn("svg", { class: "gizmos", "aria-label": "Handles" });
+    this.flip.layers.append(this.over);
+    this.ends = [make("span"), make("span")];
+    this.colours = make("i", { "aria-hidden": "true" });
+    this.scaleBar = make("p", { className: "scale-bar", hidden: true }, this.ends[0], this.colours, this.ends[1]);
+    element.append(this.scaleBar);
+    this.say("Waiting for the first picture …");
+    app.model.on("picture", (picture) => this.#take(picture));
+    app.model.on("connection", () => { if (app.model.connected) this.shown.clear(); });
+    app.model.on("options", () => this.frame());
+    this.resized = new ResizeObserver(() => {
+      this.flip.size();
+      this.size = [this.flip.layers.clientWidth, this.flip.layers.clientHeight];
+      app.drawGizmos();
+    });
+    this.resized.observe(this.flip.layers);
+    this.resized.observe(element);
+    this.#listen();
+  }
+
+  close() {
+    this.resized.disconnect();
+    this.flip.close();
+  }
+
+  say(line) {
+    this.flip.notice.textContent = line;
+    this.flip.notice.hidden = line === "";
+  }
+
+  /** Where a pointer is in the picture, 0 to 1; beyond outside. */
+  place(event) {
+    const box = this.flip.layers.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+  }
+
+  view() {
+    const { options, state } = this.app.model;
+    const [low, high] = usable(state.bounds);
+    const { from } = placed(options.camera);
+    return new View(options.camera, Math.max(norm(minus(times(plus(low, high), 0.5), from)), 1e-6));
+  }
+
+  // ------------------------------------------------------------------------------------------- pictures
+
+  /** A picture is older than what shows, or a low one of what shows in full. */
+  #isOld({ which, revision, quality }) {
+    const shown = this.shown.get(which);
+    return shown !== undefined && (revision < shown.revision || (revision === shown.revision && quality === "low" && shown.quality === "full"));
+  }
+
+  async #take({ header, bytes }) {
+    const { which, picture, mime } = header;
+    const isLast = () => (this.decoding.get(which) ?? 0) <= picture;
+    if (!WHICH.includes(which) || this.#isOld(header)) return this.#seen(header);
+    this.decoding.set(which, picture);
+    let bitmap = null;
+    try {
+      bitmap = await createImageBitmap(new Blob([bytes], { type: mime }));
+    } catch {
+      this.app.complain("a picture could not be read; the next one may");
+    }
+    // Decoding takes its time: a newer one may have come meanwhile.
+    if (bitmap !== null && isLast() && !this.#isOld(header)) this.#draw(header, bitmap);
+    bitmap?.close();
+    return this.#seen(header);
+  }
+
+  #draw(header, bitmap) {
+    const { which, width, height } = header;
+    const { node } = this.flip.named.get(which);
+    if (node.width !== bitmap.width || node.height !== bitmap.height) Object.assign(node, { width: bitmap.width, height: bitmap.height });
+    node.getContext("2d").drawImage(bitmap, 0, 0);
+    node.dataset.quality = header.quality;
+    this.shown.set(which, { ...header, width, height });
+    this.flip.has(which, true);
+    if (which === "error") this.gain = header.gain ?? 1;
+    if (which === "a") {
+      this.say("");
+      this.#crop(header);
+      this.#drawScale(header);
+    }
+    this.app.compare.draw();
+    this.app.onPicture(header);
+  }
+
+  #seen({ picture }) {
+    this.app.model.send({ type: "seen", picture });
+  }
+
+  /** A picture that is no longer asked for. */
+  drop(which) {
+    this.flip.has(which, false);
+    this.shown.delete(which);
+    if (this.flip.shown === which) this.flip.show("a");
+  }
+
+  /** What the colours of a layer mean that has none of its own. */
+  #drawScale({ range, colours }) {
+    this.scaleBar.hidden = !range || !colours;
+    if (this.scaleBar.hidden) return;
+    this.colours.className = colours;
+    this.ends.forEach((end, index) => { end.textContent = number(range[index], 3); });
+  }
+
+  /** A part of the frame lies where it belongs. */
+  #crop(header) {
+    const { crop } = this.app.model.options?.image ?? {};
+    const [width, height] = this.app.model.options?.camera.res ?? [1, 1];
+    const isPart = crop && header.quality === "full" && header.width === crop[2] - crop[0] && header.height === crop[3] - crop[1];
+    const [x0, y0, x1, y1] = isPart ? crop : [0, 0, width, height];
+    for (const which of ["a", "b", "error"]) {
+      const { node } = this.flip.named.get(which);
+      Object.assign(node.style, {
+        left: `${(100 * x0) / width}%`, top: `${(100 * y0) / height}%`, width: `${(100 * (x1 - x0)) / width}%`, height: `${(100 * (y1 - y0)) / height}%`,
+      });
+    }
+    this.part = isPart ? [x0 / width, y0 / height, (x1 - x0) / width, (y1 - y0) / height] : [0, 0, 1, 1];
+  }
+
+  /** All pictures are as large on the screen as the full one is. */
+  frame() {
+    const frame = this.flip.shown === "map" ? null : this.app.model.options?.camera.res ?? null;
+    if (same(frame, this.flip.frame)) return;
+    this.flip.frame = frame;
+    this.flip.size();
+  }
+
+  /** Whole pixels of the screen for each of the picture's, where that leaves little room empty. */
+  #fit(width, height, stage) {
+    const ratio = window.devicePixelRatio || 1;
+    const zoom = Math.min(stage.clientWidth / width, stage.clientHeight / height);
+    const whole = Math.floor(zoom * ratio) / ratio;
+    const isWhole = whole >= 1 && whole > 0.8 * zoom;
+    this.element.classList.toggle("smooth", !isWhole);
+    return isWhole ? whole : zoom;
+  }
+
+  // ------------------------------------------------------------------------------------------- pointer
+
+  #listen() {
+    const { stage } = this.flip;
+    let drag = null;
+    stage.addEventListener("pointerdown", (event) => {
+      stage.focus({ preventScroll: true });
+      if (drag !== null || this.app.model.state === null || event.target.closest(".divider")) return;
+      const does = this.#meant(event);
+      if (does === null) return;
+      event.preventDefault();
+      stage.setPointerCapture(event.pointerId);
+      drag = { does, id: event.pointerId, x: event.clientX, y: event.clientY, moved: false, start: this.place(event) };
+    });
+    stage.addEventListener("pointermove", (event) => {
+      if (drag === null || event.pointerId !== drag.id) return;
+      const [x, y] = [event.clientX - drag.x, event.clientY - drag.y];
+      if (!drag.moved && Math.hypot(x, y) < CLICK) return;
+      Object.assign(drag, { moved: true, x: event.clientX, y: event.clientY });
+      const height = this.size[1] || 1;
+      this.#drag(drag.does, x / height, y / height);
+    });
+    const end = (event) => {
+      if (drag === null || event.pointerId !== drag.id) return;
+      if (drag.moved) this.app.model.drop();
+      else if (event.type === "pointerup") this.#click(drag, event);
+      drag = null;
+    };
+    stage.addEventListener("pointerup", end);
+    stage.addEventListener("pointercancel", end);
+    stage.addEventListener("contextmenu", (event) => event.preventDefault());
+    let resting = null;
+    stage.addEventListener("wheel", (event) => {
+      if (this.app.model.state === null || event.ctrlKey) return;
+      event.preventDefault();
+      const lines = event.deltaMode === 1 ? 40 : 1;
+      this.move(dollied(this.view(), Math.exp(clamp(event.deltaY * lines, -240, 240) * 0.0015), this.#least()));
+      clearTimeout(resting);
+      resting = setTimeout(() => this.app.model.drop(), REST);
+    }, { passive: false });
+  }
+
+  /** What a button does with what is held, as in other 3D programs. */
+  #meant(event) {
+    if (event.button === 1) return "pan";
+    if (event.button === 2) return "dolly";
+    if (event.button !== 0) return null;
+    if (event.ctrlKey || event.metaKey) return "pick";
+    if (event.shiftKey) return "pan";
+    if (this.app.keys.held.has("l") && this.app.gizmos.turnable()) return "light";
+    return "orbit";
+  }
+
+  #drag(does, x, y) {
+    const view = this.view();
+    if (does === "orbit") this.move(orbited(view, x, y));
+    else if (does === "pan") this.move(panned(view, x, y));
+    else if (does === "dolly") this.move(dollied(view, Math.exp(2 * (y - x)), this.#least()));
+    else if (does === "light") this.app.gizmos.turnLight(x, y);
+  }
+
+  #click({ does, start }) {
+    if (does === "pick" || this.app.picking) this.app.pick(...start);
+    else if (does === "orbit") this.app.gizmos.select(null);
+  }
+
+  #least() {
+    const [low, high] = usable(this.app.model.state.bounds);
+    return 0.02 * norm(minus(high, low));
+  }
+
+  /** Move the camera; more may follow. */
+  move({ from, to }, drag = true) {
+    const changes = { "camera.from": rounded(from), "camera.to": rounded(to) };
+    // A camera of a matrix has an `up` of its own.
+    if (this.app.model.options.camera.matrix) changes["camera.up"] = rounded(this.view().up);
+    this.app.model.edit(changes, drag);
+  }
+
+  orbit(x, y) {
+    this.move(orbited(this.view(), x, y), false);
+  }
+
+  pan(x, y) {
+    this.move(panned(this.view(), x, y), false);
+  }
+
+  /** Look at all there is. */
+  frameAll() {
+    this.move(framed(this.view(), usable(this.app.model.state.bounds)), false);
+  }
+
+  /** Look from where the file says. */
+  home() {
+    this.app.model.takeBack("camera.from", "camera.to", "camera.up", "camera.matrix");
+  }
+}
