@@ -149,6 +149,7 @@ KEYS = [
     ("map.blur_kernel", "box", "box"),
     ("map.blur", "0", 0),
     ("map.deposits", "steps", "steps"),
+    ("map.functions", "", ""),
     ("light.blend", "0.5", 0.5),
     ("light.radius", "0.5", 0.5),
     ("light.samples", "9", 9),

@@ -120,6 +120,7 @@ slicing = "gamma"
 blur = 2.5
 blur_kernel = "box"
 deposits = "depth"
+functions = ""
 
 [march]
 method = "dual"

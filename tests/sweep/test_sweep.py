@@ -1056,6 +1056,7 @@ def test_command_line_hands_everything_over(out, capsys, monkeypatch):
         "scheduler": None,
         "figures": (),
         "latex": False,
+        "frame": None,
         "overrides": [("march.steps", 7)],
     }
     said = capsys.readouterr()
