@@ -29,7 +29,7 @@ from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
 from tfm_cl.plan.maps import functions_for_all
 from tfm_cl.plan.orders import orders_of
-from tfm_cl.plan.plan import plan, with_lookup
+from tfm_cl.plan.plan import Plan, plan, with_lookup
 from tfm_cl.render import diagnosis
 from tfm_cl.render.antialiasing import PLAIN, Antialiasing
 from tfm_cl.render.checks import (
@@ -196,17 +196,28 @@ class Renderer:
         DeviceError
             Memory or compilation, or the renderer is closed.
         """
-        scene, progress = checked_scene(scene), checked_progress(progress) or _silent
+        return self._light_pass(checked_scene(scene), None, progress, kept=False)
+
+    def _light_pass(
+        self, scene: Scene, lights: Sequence[int] | None, progress: Progress | None, *, kept: bool
+    ) -> list[TransmittanceMap]:
+        """Return the maps of some single lights, by their numbers, or of all; ``kept``: of earlier frames."""
+        progress = checked_progress(progress) or _silent
         with self._in_turn():
-            scene.read_files()
-            if scene.map.max_error is not None:
-                scene, _ = self._chosen(scene, "tfm", None, None, progress)
-            scene = _single_lights(plan(scene, method="tfm").scene)
+            scene = _single_lights(self._planned(scene, progress).scene)
             media = self._media(scene, None)
             if not media.fields.count:
                 return []
             sources = self._maps.sources(scene, media, None)
-            return self._maps.of(sources, range(len(scene.lights)), progress, kept=False)
+            wanted = range(len(scene.lights)) if lights is None else lights
+            return self._maps.of(sources, wanted, progress, kept=kept)
+
+    def _planned(self, scene: Scene, progress: Progress) -> Plan:
+        """Read the files of a scene, and plan its maps."""
+        scene.read_files()
+        if scene.map.max_error is not None:
+            scene, _ = self._chosen(scene, "tfm", None, None, progress)
+        return plan(scene, method="tfm")
 
     def functions_for(self, scenes: Iterable[Scene], progress: Progress | None = None) -> str | None:
         """Learn, from the light's rays in all of some scenes, functions of their basis that serve them all.
@@ -231,14 +242,11 @@ class Renderer:
         DeviceError
             Memory or compilation, or the renderer is closed.
         """
-        progress = progress or _silent
+        progress = checked_progress(progress) or _silent
         found: list[tuple[ResolvedMap, list[Curves]]] = []
         with self._in_turn():
             for scene in map(checked_scene, scenes):
-                scene.read_files()
-                if scene.map.max_error is not None:
-                    scene, _ = self._chosen(scene, "tfm", None, None, progress)  # noqa: PLW2901
-                planned = plan(scene, method="tfm")
+                planned = self._planned(scene, progress)
                 if planned.map is None or not (planned.map.learns and planned.map.lasts):
                     continue
                 single = _single_lights(planned.scene)
@@ -273,20 +281,10 @@ class Renderer:
         DeviceError
             Memory or compilation, or the renderer is closed.
         """
-        parts = [len(one.parts()) for one in scene.lights]
+        parts = [len(one.parts()) for one in checked_scene(scene).lights]
         if not (0 <= light < len(parts) and 0 <= part < parts[light]):
             raise SceneError(f"light {light}, part {part}: the scene's lights have {parts} parts, from 0")
-        with self._in_turn():
-            scene.read_files()
-            progress = progress or _silent
-            if scene.map.max_error is not None:
-                scene, _ = self._chosen(scene, "tfm", None, None, progress)
-            scene = _single_lights(plan(scene, method="tfm").scene)
-            media = self._media(scene, None)
-            if not media.fields.count:
-                return []
-            sources = self._maps.sources(scene, media, None)
-            return self._maps.of(sources, [sum(parts[:light]) + part], progress)
+        return self._light_pass(scene, [sum(parts[:light]) + part], progress, kept=True)
 
     def light_at(self, scene: Scene, points: ArrayLike, *, progress: Progress | None = None) -> LightAtPoints:
         """Look each light of a scene up at any points, through its map and past all solids.
@@ -336,11 +334,8 @@ class Renderer:
 
     def _light_at(self, scene: Scene, world: NDArray[np.float64], progress: Progress) -> LightAtPoints:
         """As `light_at`, of points that are some."""
-        scene.read_files()
         names = names_of(scene.lights)
-        if scene.map.max_error is not None:
-            scene, _ = self._chosen(scene, "tfm", None, None, progress)
-        scene = plan(scene, method="tfm").scene
+        scene = self._planned(scene, progress).scene
         groups = [number for number, light in enumerate(scene.lights) for _ in light.parts()]
         single = _single_lights(scene)
         if len(single.lights) > len(groups):
