@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections import Counter
+from collections import defaultdict
 from functools import partial
 from pathlib import Path
 
@@ -27,6 +27,7 @@ LANES = {"1 lane": 1, "the device's lanes": None}
 
 def pytest_addoption(parser):
     parser.addoption("--cl-device", default=None, help="part of the OpenCL device's name; default PoCL")
+    parser.addoption("--every-case", action="store_true", help="leave no slow case out")
 
 
 DEVICE, ONE = ("the device's lanes",), ("1 lane",)
@@ -55,26 +56,35 @@ both."""
 EVERY = 6
 """Of the slow cases of a test that differ from others in the rays a work-item only, and that no CPU chooses,
 each sixth is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
+MOST, OF_PICTURES = 12, ("render", "maps", "plan")
+"""Of more slow cases of one test of these folders so many are run, spread evenly: each compiles kernels of its
+own. ``--every-case``, or a test's own name, runs all."""
 
 
 def pytest_collection_modifyitems(config, items):
     """Mark as slow what differs in the rays a work-item only, and all but the `quick` cases of a test."""
-    asked_for = any("::" in argument for argument in config.args)
-    counts, left_out = Counter(), []
+    one_lane, others = defaultdict(list), defaultdict(list)
     for item in items:
         slow = SLOW_LANES.get(item.path.stem, SLOW_LANES.get(item.path.parent.name, ONE))
         quick = item.get_closest_marker("quick")
         is_slow = any(lanes in item.name for lanes in slow)
         if is_slow or (quick and case_of(item) not in quick.args):
             item.add_marker(pytest.mark.slow)
-        if slow and ONE[0] in item.name and item.get_closest_marker("slow") and not asked_for:
-            test = item.path, item.originalname
-            if counts[test] % EVERY:
-                left_out.append(item)
-            counts[test] += 1
+        if item.get_closest_marker("slow"):
+            of_lanes = one_lane if slow and ONE[0] in item.name else others
+            of_lanes[item.path, item.originalname].append(item)
+    if config.getoption("--every-case") or any("::" in argument for argument in config.args):
+        return
+    left_out = {case for cases in one_lane.values() for case in set(cases) - set(cases[::EVERY])}
+    for (path, _), cases in others.items():
+        if not {*OF_PICTURES}.isdisjoint(path.relative_to(config.rootpath).parts):
+            spread = {len(cases) * number // MOST for number in range(MOST)}
+            left_out |= {
+                case for number, case in enumerate(cases) if number not in spread and len(cases) > MOST
+            }
     if left_out:
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item not in set(left_out)]
+        config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+        items[:] = [item for item in items if item not in left_out]
 
 
 def case_of(item):
