@@ -57,8 +57,8 @@ EVERY = 6
 """Of the slow cases of a test that differ from others in the rays a work-item only, and that no CPU chooses,
 each sixth is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
 MOST, OF_PICTURES = 12, ("render", "maps", "plan")
-"""Of more slow cases of one test of these folders so many are run, spread evenly: each compiles kernels of its
-own. ``--every-case``, or a test's own name, runs all."""
+"""Of more slow cases of one test of these folders so many are run, spread evenly: each compiles kernels of
+its own. ``--every-case``, or a test's own name, runs all."""
 
 
 def pytest_collection_modifyitems(config, items):
