@@ -167,7 +167,7 @@ def test_cameras_and_colours_make_no_map(client):
         client.picture("low", after)
         after = client.say("edit", changes={"light.0.intensity": 20 + number}, drag=number < 5)
         client.picture("low", after)
-    client.picture("full", after)
+    client.wait("cost", after, quality="full")  # follows the picture
 
     costs = [found for found in client.all("cost") if found["at"] > client.got[before - 1]["at"]]
     assert len(costs) >= 13
