@@ -330,3 +330,16 @@ def test_memory_is_level_over_a_thousand_frames(device_name):
                 sizes.append(resident())
     # A frame's own arrays are 0.1 MiB: a leak of one a frame would be 70 MiB; 8 MiB are the allocator's.
     assert max(sizes) - sizes[0] < 8 << 20
+
+
+@pytest.mark.slow
+def test_thin_points_are_the_same_whatever_size_was_rendered_before(device_name):
+    """How far they are widened, and so where their box ends, follows from the pixels."""
+    places = np.random.default_rng(3).uniform(-1, 1, (400, 3))
+    scene = tfm.Scene(tfm.Points(places, 0.004, 0.5), map=tfm.MapSettings(res=64, coeffs=6))
+    small, large = (scene.replace(camera=scene.camera.replace(res=res)) for res in ((16, 9), (160, 90)))
+    with tfm.Renderer(device_name) as renderer:
+        expected = renderer.render(small).image
+    with tfm.Renderer(device_name) as renderer:
+        renderer.render(large)
+        np.testing.assert_array_equal(renderer.render(small).image, expected)

@@ -239,7 +239,7 @@ def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, .
         world_from_device(scene).tobytes(),
         scene.march.voxels,
         scene.solids,
-        media.of_fields[field].margin if resolve(scene.map).range == "box" else 0.0,
+        media.of_fields[field].margin,  # rays are looked at within these bounds
     )
 
 
