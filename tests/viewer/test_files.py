@@ -83,6 +83,11 @@ def test_names_that_lead_elsewhere_are_refused(files, folder, name):
     assert (names(folder), names(folder.parent)) == before
 
 
+def test_a_missing_name_is_told(files):
+    assert "name is empty" in refusal(lambda: files.saved("", ".toml"))
+    assert "name is empty" in refusal(lambda: files.opened(""))
+
+
 @links
 def test_links_may_not_lead_out(files, folder):
     (folder / "out.vdb").symlink_to(folder.parent / "secret.vdb")

@@ -202,6 +202,8 @@ def test_who_asks_alone_gets_the_curve(studio):
     before = one.say("pick", x=0.25, y=0.5, light=0)
 
     assert one.wait("curve", before)["depth"] == [360, 640]
+    before = one.say("map", light=1, coefficient=0)
+    assert one.wait("failed", before)["line"] == "light 1: the scene has 1, counted from 0"
     before = one.say("map", light=0, coefficient=0)
     assert "constant density" in one.wait("failed", before)["line"]
     assert not other.all("curve")
@@ -229,6 +231,21 @@ def test_frames(studio):
     assert (state["frame"], state["options"]["camera"]["fov"]) == (3, 30)
     before = client.say("edit", changes={"light.0.intensity": 2})
     assert client.wait("state", before)["frame"] == 3
+
+
+def test_a_scene_of_one_frame_cannot_move(studio):
+    fov = "fov = [{ frame = 1, value = 20 }, { frame = 5, value = 40 }]"
+    studio.write("keys.toml", TEXT.replace("res = ", f"{fov}\nres = "))
+    client = studio.client("keys.toml")
+    client.say("edit", changes={"image.shutter": [-0.5, 0.5]})
+
+    before = client.say("save", what="scene", name="kept")
+
+    assert "camera.fov moves meanwhile" in client.wait("failed", before)["line"]
+    assert not (studio.folder / "kept.toml").exists()
+    client.say("edit", changes={"image.shutter": [0, 0]})
+    before = client.say("save", what="scene", name="kept")
+    assert client.wait("saved", before)["path"].endswith("kept.toml")
 
 
 def test_a_slow_picture_tells_how_far_it_is(studio):

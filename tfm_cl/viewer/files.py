@@ -190,7 +190,7 @@ class Files:
         InputError
             As `inside`; its folder is not there, or the name is taken.
         """
-        text = name if _suffix(name) == suffix else name + suffix
+        text = name if _suffix(name) == suffix or not name else name + suffix
         parts = _parts(text)
         _check_length(parts[-1])
         folder = self.inside("/".join(parts[:-1])) if parts[:-1] else self.folder
@@ -310,6 +310,8 @@ def _check_length(name: str) -> None:
 
 def _parts(name: str) -> tuple[str, ...]:
     """Split a name from a page into those of folders and of what is in the last."""
+    if not name:
+        raise InputError("the name is empty: name a file of the viewer's folder")
     try:
         text = name_of(name)
         text.encode()

@@ -55,6 +55,7 @@ from tfm_cl.viewer.messages import (
 if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
     from tfm_cl.render.shown import Shown
+    from tfm_cl.scene.scene_file import SceneFile
     from tfm_cl.scene.settings import ImageSettings
     from tfm_cl.viewer.mailbox import Mailbox
     from tfm_cl.viewer.messages import Said
@@ -692,6 +693,8 @@ class Session:
     def _save(self, asked: _Asked, said: Save, renderer: Callable[[], Renderer], progress: Progress) -> None:
         """Write what was shown when it was asked for, as ``tfm render`` writes it."""
         there = self._there()
+        if said.what == "scene":
+            _check_stands_still(there.file)
         path = self._files.saved(said.name, ".toml" if said.what == "scene" else f".{said.what}")
         stops = self._stops.value if asked.show.exposure == "auto" else asked.show.exposure
         also = [("image.view", asked.show.view), *([] if stops is None else [("image.exposure", stops)])]
@@ -737,7 +740,10 @@ class Session:
         return replace(self._settings, edits=Edits(then | now))
 
     def _send_map(self, said: ShowMap, renderer: Renderer, progress: Progress) -> None:
-        maps = renderer.maps_of(self._there().scene, said.light, progress=progress)
+        scene = self._there().scene
+        if said.light >= len(scene.lights):
+            raise InputError(f"light {said.light}: the scene has {len(scene.lights)}, counted from 0")
+        maps = renderer.maps_of(scene, said.light, progress=progress)
         if not maps:
             raise InputError("map: there is none: all media are of constant density, or nothing lights them")
         shown = pictures.shown_map(maps[0], said.coefficient)
@@ -832,6 +838,17 @@ class _Stops:
 
 _INPUTS = (Edit, SetFrame, Undo, Redo, Reset, Open, Path)
 """What makes pictures stale."""
+
+
+def _check_stands_still(file: SceneFile) -> None:
+    """Refuse to write a scene of one frame that would be blurred by what moves in others."""
+    moving = [key for key in file.changing if key not in {files.key for files in file.patterns}]
+    if file.image.is_blurred and (moving or file.turn_a_frame):
+        what = ".".join(map(str, moving[0])) if moving else "camera"
+        raise InputError(
+            f"image.shutter = {list(file.image.shutter or ())}: {what} moves meanwhile, which a scene of one "
+            "frame cannot say; set image.shutter to [0, 0] and save it, or save the picture"
+        )
 
 
 def _write_scene(read: ReadFrame, path: Path) -> None:
