@@ -518,6 +518,11 @@ def test_comparing(viewer):
     page.keyboard.press("d")
     assert viewer.said("compare") == [{"type": "compare", "with": "nothing"}]
     assert viewer.colour() == [200, 0, 0]
+    page.keyboard.press("d")
+    viewer.hear({"type": "opened"})  # another scene: nothing is compared, and nothing kept
+    assert page.get_by_role("button", name="B", exact=True).first.is_disabled()
+    assert not page.locator(".figures").is_visible()
+    assert len(viewer.said("compare")) == 1
 
 
 @pytest.mark.slow

@@ -216,6 +216,7 @@ def test_a_file_that_changed_is_opened_again(studio):
     before = client.say("open", path="scene.toml")
 
     assert client.picture("full", before)["width"] == 320
+    assert len(client.all("opened")) == 1
 
 
 def test_frames(studio):

@@ -468,6 +468,8 @@ class Session:
         self._note(inputs)
         self._revision += 1
         if is_new:
+            if self._image is not None:
+                self._clients.send({"type": "opened"})
             self._warnings = ()
             self._kept, self._compared_with, self._map = None, "nothing", None
             self._clients.forget(pictures_of=("b", "error", "map"))

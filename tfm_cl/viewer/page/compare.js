@@ -23,6 +23,10 @@ class Compare {
       if (message.with === this.against) this.figures = message;
       this.draw();
     });
+    app.model.on("opened", () => {
+      this.kept = false;
+      this.off();
+    });
     app.model.on("connection", () => {
       // A session that was lost has kept nothing.
       if (app.model.connected && this.against !== "nothing") this.with(this.against === "kept" ? "nothing" : this.against);
@@ -36,12 +40,20 @@ class Compare {
 
   with(against) {
     if (against === "kept" && !this.kept) return;
+    this.off();
     this.against = against;
+    this.app.stage.flip.wiping = against !== "nothing";
+    this.app.model.send({ type: "compare", with: against });
+    this.draw();
+  }
+
+  /** Nothing is compared any more: another scene is open, or something else is compared. */
+  off() {
+    this.against = "nothing";
     this.figures = null;
     for (const which of ["b", "error"]) this.app.stage.drop(which);
-    this.app.stage.flip.wiping = against !== "nothing";
+    this.app.stage.flip.wiping = false;
     this.app.stage.flip.shown = "a";
-    this.app.model.send({ type: "compare", with: against });
     this.draw();
   }
 

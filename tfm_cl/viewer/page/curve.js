@@ -13,6 +13,7 @@ class Curve {
     this.element = make("section", { className: "dock curve", hidden: true, "aria-label": "Transmittance along the light ray" },
       make("div", { className: "dock-head" }, this.title, this.read, this.close), this.svg, this.note);
     app.model.on("curve", (curve) => this.show(curve));
+    app.model.on("opened", () => this.hide());
     this.svg.addEventListener("pointermove", (event) => {
       const box = this.svg.getBoundingClientRect();
       this.#readAt((event.clientX - box.left - this.left) / (box.width - this.left - this.right));
@@ -148,6 +149,7 @@ class Maps {
       make("label", {}, make("span", { className: "legend", textContent: "Coefficient" }), this.which), this.light, this.close);
     this.light.addEventListener("change", () => this.#ask());
     this.which.addEventListener("change", () => this.#ask());
+    app.model.on("opened", () => { if (this.isOn) this.toggle(false); });
   }
 
   get label() {
