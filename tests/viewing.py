@@ -131,6 +131,9 @@ class FakeFiles:
     def saved(self, name, suffix):
         return self.folder / (name if name.endswith(suffix) else name + suffix)
 
+    def written(self, path):
+        pass
+
 
 class FakeRenderer:
     """Makes pictures as bright as the scene's first light, at once or when it is let."""

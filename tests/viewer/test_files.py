@@ -136,6 +136,7 @@ def test_what_can_be_opened(files, folder):
 def test_only_what_the_page_saved_is_replaced(files, folder):
     first = files.saved("shot", ".exr")
     first.write_bytes(b"picture")
+    files.written(first)
 
     assert first == folder.resolve() / "shot.exr"
     assert files.saved("shot.exr", ".exr") == first
@@ -145,6 +146,8 @@ def test_only_what_the_page_saved_is_replaced(files, folder):
     assert "folder is not there" in refusal(lambda: files.saved("nowhere/a", ".exr"))
     assert "shorten" in refusal(lambda: files.saved("x" * MOST_NAME, ".exr"))
     assert Files(folder).may_save
+    first.write_bytes(b"changed by hand")
+    assert "there already" in refusal(lambda: files.saved("shot", ".exr"))
 
 
 def test_a_scene_reads_nothing_else(files, folder):

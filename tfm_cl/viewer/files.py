@@ -36,6 +36,9 @@ _DEVICE = re.compile(
 """Names of devices there, with any extension."""
 
 
+_Stamp = tuple[int, int, int]
+
+
 class Files:
     """What a page may see, open and write: one folder. Any thread may use it.
 
@@ -64,7 +67,7 @@ class Files:
             raise InputError(f"{folder}: is not a folder; the viewer opens and saves files in one")
         self._trusted: frozenset[Path] = frozenset()
         self._also: tuple[Callable[[Path], bool], ...] = ()
-        self._saved: set[Path] = set()
+        self._saved: dict[Path, _Stamp | None] = {}
         self._arriving: set[Path] = set()
         self._lock = threading.Lock()
 
@@ -176,7 +179,7 @@ class Files:
         return path
 
     def saved(self, name: str, suffix: str) -> Path:
-        """Return where something may be written: where nothing is, or what the viewer wrote before.
+        """Return where something may be written: where nothing is, or what the viewer alone wrote.
 
         Parameters
         ----------
@@ -198,10 +201,16 @@ class Files:
             raise InputError(f"{_shown(text)}: its folder is not there; save it in one that is")
         path = folder / parts[-1]
         with self._lock:
-            if path in self._arriving or (os.path.lexists(path) and path not in self._saved):
+            is_other = os.path.lexists(path) and _stamp(path) != self._saved.get(path)
+            if path in self._arriving or is_other:
                 raise InputError(f"{_shown(text)}: is there already; choose another name")
-            self._saved.add(path)
+            self._saved.setdefault(path, None)
         return path
+
+    def written(self, path: Path) -> None:
+        """Note that what `saved` returned is written: it may be replaced until somebody else changes it."""
+        with self._lock:
+            self._saved[path] = _stamp(path)
 
     @contextlib.contextmanager
     def upload(self, name: str) -> Iterator[Upload]:
@@ -241,7 +250,7 @@ class Files:
         with self._lock:
             for number in range(1, MOST_OF_A_NAME + 1):
                 path = self.folder / (name if number == 1 else f"{stem}-{number}{suffix}")
-                if not os.path.lexists(path) and path not in self._arriving | self._saved:
+                if not os.path.lexists(path) and path not in {*self._arriving, *self._saved}:
                     self._arriving.add(path)
                     return path
         raise InputError(f"{_shown(name)}: is there {MOST_OF_A_NAME:,} times already; choose another name")
@@ -297,6 +306,15 @@ def _known() -> str:
 
 def _suffix(name: str) -> str:
     return Path(name).suffix.lower()
+
+
+def _stamp(path: Path) -> _Stamp | None:
+    """Tell a file from what it may become; None where it is gone."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _order(name: str) -> tuple[str, str]:

@@ -108,6 +108,9 @@ class Files(Protocol):
     def saved(self, name: str, suffix: str) -> Path:
         """Return the path of a file within that may be written."""
 
+    def written(self, path: Path) -> None:
+        """Note that it is written."""
+
 
 WriteScene = Callable[["ReadFrame", Path], None]
 
@@ -705,6 +708,7 @@ class Session:
             self._write_scene(read, path)
         else:
             read.render(renderer(), (path,), progress).save((path,))
+        self._files.written(path)
         self._clients.tell(asked.mailbox, {"type": "saved", "what": said.what, "path": str(path)})
 
     def _pick(self, said: Pick, mailbox: Mailbox | None, renderer: Renderer) -> None:
