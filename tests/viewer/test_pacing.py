@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfm_cl.viewer.pacing import LEAST_WIDTH, Pacer
+from tfm_cl.viewer.pacing import FIRST_WIDTH, LEAST_WIDTH, Pacer
 
 FULL = 960, 540
 
@@ -17,15 +17,20 @@ def after(pacer, pictures, seconds, full=FULL):
     return sizes
 
 
-@pytest.mark.parametrize(("pace", "overhead"), [(4e-7, 0.01), (1e-6, 0.0), (2e-6, 0.02)])
-def test_pictures_come_at_the_wanted_rate(pace, overhead):
+@pytest.mark.parametrize(
+    ("pace", "overhead", "least", "most"),
+    [(2e-7, 0.01, 0.03, 0.055), (1e-6, 0.0, 0.05, 0.06), (5e-7, 0.035, 0.05, 0.07), (2e-6, 0.02, 0.06, 0.1)],
+)
+def test_pictures_come_soon_and_slow_ones_at_the_wanted_rate(pace, overhead, least, most):
     pacer = Pacer(10.0)
 
     sizes = after(pacer, 20, lambda pixels: overhead + pace * pixels)
 
     width, height = sizes[-1]
-    assert 0.05 < overhead + pace * width * height <= 0.1
+    assert least < overhead + pace * width * height <= most
+    assert width >= FIRST_WIDTH or pace > 1e-6
     assert width / height == pytest.approx(16 / 9, abs=0.03)
+    assert sizes[-5:] == [sizes[-1]] * 5
 
 
 def test_sizes_do_not_jitter(rng):

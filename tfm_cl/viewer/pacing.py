@@ -7,13 +7,16 @@ import math
 LEAST_WIDTH = 160
 """Pixels; of pictures that are narrower in full, all."""
 FIRST_WIDTH = 320
-"""As long as nothing is measured."""
+"""As long as nothing is measured; wider pictures are as `SOON` allows, narrower ones as `ROOM` does."""
 WIDTH_STEP = 16
 """Widths are multiples of it."""
+FIRST_AREA = FIRST_WIDTH * FIRST_WIDTH * 9 / 16
+SOON = 0.45
+"""Of the time between two pictures, what making one should take: an input waits for the one in the making."""
 ROOM = 0.85
-"""Of the time between two pictures, what making one may take: encoding and sending take the rest."""
+"""The same, at most: encoding and sending take the rest."""
 TOLERATED = (0.7, 1.15)
-"""Part of that time within which a picture's size stays: pictures jump when it changes."""
+"""Part of the right number of pixels within which a size stays: pictures jump when it changes."""
 WEIGHT = 0.4
 """Of the last measurement, in the mean of all."""
 LARGEST_STEP = 2.0
@@ -30,8 +33,8 @@ class Pacer:
     """
 
     def __init__(self, rate: float) -> None:
-        self._wanted = ROOM / rate
-        self._area = FIRST_WIDTH * FIRST_WIDTH * 9 / 16
+        self._soon, self._most = SOON / rate, ROOM / rate
+        self._area = FIRST_AREA
         """Pixels that the next picture may have."""
         self._pace: float | None = None
         """Seconds of a pixel, in the mean."""
@@ -51,7 +54,8 @@ class Pacer:
         """Note what a low picture took, of the size asked for or another."""
         pace = seconds / (size[0] * size[1])
         self._pace = pace if self._pace is None else self._pace + WEIGHT * (pace - self._pace)
-        expected = self._pace * self._area
-        low, high = (part * self._wanted for part in TOLERATED)
-        if not low <= expected <= high:
-            self._area *= min(self._wanted / max(expected, 1e-6), LARGEST_STEP)
+        per_pixel = max(self._pace, 1e-12)
+        right = max(self._soon / per_pixel, min(FIRST_AREA, self._most / per_pixel))
+        least, most = (part * right for part in TOLERATED)
+        if not least <= self._area <= most:
+            self._area = min(right, self._area * LARGEST_STEP)
