@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from tfm_cl.viewer.messages import Said
     from tfm_cl.viewer.renderer import Read, ReadFrame, Renderer, Result
 
-REST = 0.25
+REST = 0.15
 """Seconds without an input after which it is still: the full picture follows."""
 REST_OF_DRAG = 0.6
 """The same while a drag is held: it may go on."""
