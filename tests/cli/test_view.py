@@ -49,6 +49,13 @@ def test_wrong_input_is_refused_before_anything_is_served(refused, cloud, argume
     )
 
 
+def test_a_device_that_is_not_there_is_told_before_anything_is_served(cli, cloud):
+    done = cli("view", cloud, "--device", "no such device", "--no-browser")
+    assert (done.code, done.out) == (3, "")
+    assert "no such device" in done.err
+    assert done.err.count("\n") == 1
+
+
 def test_a_taken_port_is_refused(refused, cloud):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -113,6 +113,11 @@ def command(
         from tfm_cl.viewer.loop import RenderLoop  # noqa: PLC0415
         from tfm_cl.viewer.server import Server  # noqa: PLC0415
 
+        if device is not None:
+            from tfm_cl.device.device import choose_device  # noqa: PLC0415
+
+            choose_device(device)  # one that is not there is told at once
+
     loop = RenderLoop(partial(_renderer, device), first.read, curve_at)
     session = partial(loop.session, shot, files, number, shared=shared)
     server = Server(session, files, host=host, port=port, shared=shared)
