@@ -106,3 +106,28 @@ def test_light_that_no_lattice_holds_is_told_where_it_was_asked_for(render, clou
 def test_options_of_pictures_that_are_not_written(render, lump, output, flags, told):
     lines = render(lump, "-o", output, *flags).err.splitlines(keepends=True)
     assert "".join(line for line in lines if "note" in line) == told
+
+
+KEYS = "volume.translate=[{ frame = 1, value = [0, 0, 0] }, { frame = 3, value = [2, 0, 0] }]"
+
+
+@pytest.mark.parametrize(
+    ("flags", "moves"),
+    [
+        (("--shutter", "-0.5,0.5", "--set", KEYS), "volume.translate"),
+        (("--shutter", "-0.5,0.5", "--turntable", "9"), "camera"),
+        (("--shutter", "0,0", "--set", KEYS), None),
+        (("--shutter", "-0.5,0.5"), None),
+    ],
+)
+def test_a_scene_of_one_frame_that_would_stand_still_is_told(render, cloud, folder, flags, moves):
+    frames = ("--frames", "2") if "--turntable" in flags else ("--frame", "2")
+    done = render(cloud, "-o", "a.toml", *flags, *frames)
+
+    why = f"image.shutter = [-0.5, 0.5]: {moves} moves meanwhile, which a scene of one frame cannot say"
+    line = f"tfm: warning: {why}; the scene file leaves it out"
+    assert [said for said in done.err.splitlines() if "warning" in said] == ([line] if moves else [])
+    assert "shutter" in (folder / "a.toml").read_text()
+    printed = render(cloud, "--print-config", *flags, *frames)
+    assert (line in printed.err) == bool(moves)
+    assert "[camera]" in printed.out

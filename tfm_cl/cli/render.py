@@ -150,8 +150,7 @@ def command(
             told.warn(ready.warnings())
             if verbose:
                 _tell_all(ready.options, ready.planned)
-            targets = named(configs, number)
-            _write_configs(ready.options, targets, print_config=print_config, every_key=every_key)
+            run.write_configs(ready, print_config=print_config, every_key=every_key)
             if not pictures:
                 continue
             report = run.render(ready, stack, time.perf_counter() - started)
@@ -184,6 +183,15 @@ class _Run:
         check_blurred(scene_file.image, pictures)
         _check_apart((*pictures, *configs, *filter(None, [self.json_file])), scene_file)
         return read(scene_file, number)
+
+    def write_configs(self, ready: ReadFrame, *, print_config: bool, every_key: bool) -> None:
+        """Print and write scene files that reproduce this run, and tell what they leave out."""
+        if self.configs or print_config:
+            self.told.warn(ready.warnings_of_scene())
+        if print_config:
+            print(scene_text(ready.options, every_key=every_key), end="")
+        for path in named(self.configs, ready.number):
+            write_text(path, scene_text(ready.options, path.parent, every_key=every_key))
 
     def render(self, ready: ReadFrame, stack: contextlib.ExitStack, seconds: float) -> Values:
         """Render and write a frame that took some seconds to read, and return its figures."""
@@ -263,14 +271,6 @@ def _sorted_out(
     if every_key and not (configs or print_config):
         raise click.UsageError("--all is of a scene file: add --print-config, or -o OUT.toml")
     return tuple(path for path in outputs if path not in configs), configs
-
-
-def _write_configs(resolved: Values, paths: tuple[Path, ...], *, print_config: bool, every_key: bool) -> None:
-    """Print and write scene files that reproduce this run."""
-    if print_config:
-        print(scene_text(resolved, every_key=every_key), end="")
-    for path in paths:
-        write_text(path, scene_text(resolved, path.parent, every_key=every_key))
 
 
 def _check_writable(pictures: tuple[Path, ...], *others: Path | None) -> None:

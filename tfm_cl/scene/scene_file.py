@@ -504,6 +504,22 @@ class SceneFile:
         """Whether no body is there in this frame, as ``before`` and ``after`` of their files say."""
         return bool(self.patterns) and all(map(_is_nothing, self.volumes))
 
+    @property
+    def lost_motion(self) -> str | None:
+        """What moves by keyframes, or a turn, while the shutter is open, in a line; None where nothing does.
+
+        A scene of this frame alone would be of things that stand still meanwhile.
+        """
+        files = {file.key for file in self.patterns}
+        moving = [".".join(map(str, key)) for key in self.changing if key not in files]
+        moving += ["camera"] if self.turn_a_frame else []
+        if not (self.image.is_blurred and moving):
+            return None
+        shutter = list(self.image.shutter or ())
+        return (
+            f"image.shutter = {shutter}: {moving[0]} moves meanwhile, which a scene of one frame cannot say"
+        )
+
     @staticmethod
     def _sections(tables: Values, written: dict[str, str], folder: Path, faults: Faults) -> Values:
         """Check all tables, each by itself, and return what they make by the name of the attribute.

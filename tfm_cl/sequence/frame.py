@@ -43,6 +43,11 @@ class ReadFrame:
         """Tell, one line each, what the file leaves out and most likely should not."""
         return options.warnings(self.file, self.scene)
 
+    def warnings_of_scene(self) -> tuple[str, ...]:
+        """Tell, one line each, what a scene file of this frame alone leaves out."""
+        lost = self.file.lost_motion
+        return () if lost is None else (f"{lost}; the scene file leaves it out",)
+
     def read_files(self) -> None:
         """Read what rendering needs besides: solids, textures, phase functions.
 

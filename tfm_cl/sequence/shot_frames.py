@@ -122,7 +122,8 @@ class ShotFrames:
             write_text(path, scene_text(done.options, path.parent, every_key=self._files.every_key))
         save, report = time.perf_counter() - started, done.report()
         report["seconds"] |= {"load": load, "save": save, "total": load + render + save}
-        return Told((*done.read.warnings(), *done.warnings), report)
+        of_scene = done.read.warnings_of_scene() if outputs[pictures:] else ()
+        return Told((*done.read.warnings(), *of_scene, *done.warnings), report)
 
 
 class FrameWorker:
