@@ -22,6 +22,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Self
 
+OUT_OF_MEMORY = "out of memory: the volume, map or image is too large for this machine"
+"""What is told of a `MemoryError`."""
 MOST_TOLD = 20
 """Faults of a scene file that are told one by one; all are the error's ``args``."""
 

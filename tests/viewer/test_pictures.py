@@ -7,13 +7,12 @@ import pytest
 
 import tfm_cl as tfm
 from tfm_cl.errors import ImageError, InputError
-from tfm_cl.viewer.comparison import beside, figures
 from tfm_cl.viewer.messages import Show
 from tfm_cl.viewer.pictures import (
     LARGEST_GAIN,
+    beside,
     error_picture,
-    layer_picture,
-    map_picture,
+    figures,
     seen_depth,
     shown,
     shown_map,
@@ -41,12 +40,12 @@ def result():
 
 
 def test_a_group_shows_its_light(result):
-    one, other = (layer_picture(result, Show(layer="lights", light=light)) for light in (0, 1))
+    one, other = (shown(result, Show(layer="lights", light=light)).pixels for light in (0, 1))
     assert one.max() > other.max() > 0
     with pytest.raises(InputError, match=r"layer 'lights' of light 2: the scene has 2"):
-        layer_picture(result, Show(layer="lights", light=2))
+        shown(result, Show(layer="lights", light=2))
     with pytest.raises(InputError, match="unknown layer 'ambient'"):
-        layer_picture(result, Show(layer="ambient"))
+        shown(result, Show(layer="ambient"))
 
 
 def test_of_numbers_the_range_is_told(result):
@@ -119,7 +118,8 @@ def test_maps_are_seen_as_their_light_sees():
     numbers[0, :, 0] = 5  # the lowest v
     numbers[0, :, 1], numbers[7, :, 1] = -2, 2
     light_map = SimpleNamespace(coefficients=numbers)
-    assert map_picture(light_map, 0)[7].sum() > map_picture(light_map, 0)[0].sum()
+    pixels = shown_map(light_map, 0).pixels
+    assert pixels[7].sum() > pixels[0].sum()
     signed = shown_map(light_map, 1)
     assert signed.range == (-2, 2)
     assert not signed.pixels[1:7].any()
@@ -127,4 +127,4 @@ def test_maps_are_seen_as_their_light_sees():
     assert not np.ptp(shown_map(light_map, 2).pixels, axis=(0, 1)).any()
     for number in (-1, 3):
         with pytest.raises(InputError, match=f"coefficient {number}: the map has 3"):
-            map_picture(light_map, number)
+            shown_map(light_map, number)

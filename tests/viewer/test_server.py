@@ -17,7 +17,7 @@ import pytest
 from tfm_cl.errors import InputError
 from tfm_cl.viewer import server as server_module
 from tfm_cl.viewer.files import Files
-from tfm_cl.viewer.messages import MOST_BYTES
+from tfm_cl.viewer.messages import MOST_BYTES, Seen
 from tfm_cl.viewer.server import MOST_FAULTS, Server
 
 tornado = pytest.importorskip("tornado")
@@ -52,6 +52,9 @@ class FakeSession:
         self.mailboxes.remove(mailbox)
 
     def say(self, said, mailbox):
+        if isinstance(said, Seen):
+            mailbox.seen(said.picture)
+            return
         self.said.append(said)
         mailbox.put({"type": "cleared"})
 

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from tfm_cl.cli.streams import guarded_streams, one_line
-from tfm_cl.errors import TfmError, TfmWarning
+from tfm_cl.errors import OUT_OF_MEMORY, TfmError, TfmWarning
 from tfm_cl.interrupts import TerminatedError, end_on_sigterm, interrupts_held
 
 COMMANDS = ("render", "view", "info", "compare", "sweep", "bake", "movie", "schema", "devices", "warm")
@@ -151,7 +151,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             _fail(line, error.exit_code)
         code = error.exit_code
     except MemoryError:
-        code = _fail("out of memory: the volume, map or image is too large for this machine", EXIT_RESOURCE)
+        code = _fail(OUT_OF_MEMORY, EXIT_RESOURCE)
     except (click.Abort, KeyboardInterrupt) as error:
         # Python ends by the signal, whatever we return, if Ctrl-C came where text was executed, as libraries
         # do while they are imported; executing text again makes it forget that.

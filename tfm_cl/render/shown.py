@@ -99,7 +99,7 @@ def shown_layer(
     stops = float(options.exposure)
     if name == PICTURE:
         return Shown(codes_shown(result.image, options, result.crop[:2]).astype(np.uint8), stops)
-    layer, holds = result.aovs[name], _holds(name)
+    layer, holds = result.aovs[name], layer_of(name).holds
     if holds == "light":
         return Shown(codes_shown(layer, options, result.crop[:2]).astype(np.uint8), stops)
     if holds in _PLAIN:
@@ -109,10 +109,6 @@ def shown_layer(
     pixels = coloured(layer, ends, colours)
     pixels[layer == 0] = 0
     return Shown(pixels, stops, ends, colours)
-
-
-def _holds(name: str) -> Holds:
-    return layer_of(name).holds
 
 
 def _share(layer: NDArray[np.float32]) -> Codes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from tfm_cl.errors import DeviceError, DeviceMemoryError, NoDeviceError, TfmError
+from tfm_cl.errors import OUT_OF_MEMORY, DeviceError, DeviceMemoryError, NoDeviceError, TfmError
 from tfm_cl.interrupts import interrupts_held
 from tfm_cl.sequence.claims import Claim, Ledger
 
@@ -68,11 +68,9 @@ class Failure:
         return self.error.exit_code if isinstance(self.error, TfmError) else DeviceError.exit_code
 
     def __str__(self) -> str:
-        if isinstance(self.error, MemoryError):
-            return (
-                f"frame {self.frame}: out of memory: the volume, map or image is too large for this machine"
-            )
         begin = f"frame {self.frame}: "
+        if isinstance(self.error, MemoryError):
+            return begin + OUT_OF_MEMORY
         return begin + "; ".join(map(str, self.error.args)).removeprefix(begin)
 
 

@@ -9,19 +9,22 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import anywidget
 import traitlets
 
 from tfm_cl.errors import InputError
+from tfm_cl.viewer.clients import failed
+from tfm_cl.viewer.files import break_off
 from tfm_cl.viewer.mailbox import Mailbox
-from tfm_cl.viewer.messages import Said, parsed
+from tfm_cl.viewer.messages import parsed
 from tfm_cl.viewer.page import script, style
 
 if TYPE_CHECKING:
     from tfm_cl.scene.scene import Scene
     from tfm_cl.viewer.files import Files, Upload
+    from tfm_cl.viewer.session import Session
 
 SILENT = 150.0
 """Seconds after which a view that has said nothing is taken for gone: a tab was closed. Views say every 20 s
@@ -31,19 +34,6 @@ MOST_VIEWS = 64
 HEIGHT = "min(46rem, 90vh)"
 """Of a cell's view."""
 _KEY = re.compile(r"[0-9a-f]{32}")
-
-
-class Session(Protocol):
-    """What the widget asks of a session: `tfm_cl.viewer.session.Session`."""
-
-    def say(self, said: Said, mailbox: Mailbox | None = None) -> None:
-        """Do what a page says."""
-
-    def join(self, mailbox: Mailbox) -> None:
-        """Show it to one more client."""
-
-    def leave(self, mailbox: Mailbox) -> None:
-        """Show it to one client less."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +61,8 @@ class _View:
 
     def break_off(self) -> None:
         """Remove what is there of a file that arrives."""
-        self.upload, error = None, ConnectionAbortedError()
-        with contextlib.suppress(ConnectionAbortedError, InputError):
-            self.opened.__exit__(type(error), error, None)
+        self.upload = None
+        break_off(self.opened)
 
 
 class Viewer(anywidget.AnyWidget):
@@ -141,14 +130,14 @@ class Viewer(anywidget.AnyWidget):
             try:
                 shown.session.say(parsed(str(content["said"])), view.mailbox)
             except InputError as error:
-                view.mailbox.put({"type": "failed", "line": error.lines[0]})
+                view.mailbox.put(failed(error))
         else:
             self._tell(key, {"here": True})
 
     def _view(self, key: str, shown: Shown) -> _View | None:
         """Return a view, which is new where it has not been heard of, or not for long; None of too many."""
-        with contextlib.suppress(RuntimeError):
-            loop: asyncio.AbstractEventLoop | None = None
+        loop: asyncio.AbstractEventLoop | None = None
+        with contextlib.suppress(RuntimeError):  # outside of kernels none runs
             loop = asyncio.get_running_loop()
         with self._lock:
             view = self._views.get(key)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-from tfm_cl.viewer import pictures
+from tfm_cl.errors import OUT_OF_MEMORY, TfmError
+from tfm_cl.files.image_io.inline import encoded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -13,7 +14,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from tfm_cl.files.image_io.inline import Quality
+    from tfm_cl.render.shown import Shown
     from tfm_cl.viewer.mailbox import Mailbox
+
+MOST_LINE = 1000
+"""Characters of a line about a failure."""
 
 
 class Clients:
@@ -80,7 +86,7 @@ class Clients:
             mailbox.put(notice)
 
     def send_picture(
-        self, which: str, pixels: NDArray[np.uint8], revision: int, quality: str, **more: Any
+        self, which: str, pixels: NDArray[np.uint8], revision: int, quality: Quality, **more: Any
     ) -> None:
         """Send pixels, [H, W, 3], to all, and to those that come later.
 
@@ -89,7 +95,7 @@ class Clients:
         which, revision, quality, more
             Of its header.
         """
-        mime, data = pictures.encoded(pixels, "full" if quality == "full" else "low")
+        mime, data = encoded(pixels, quality)
         height, width = pixels.shape[:2]
         with self._lock:
             self._number += 1
@@ -109,9 +115,27 @@ class Clients:
             for mailbox in self._mailboxes:
                 mailbox.put_picture(header, data)
 
+    def send_shown(self, which: str, shown: Shown, revision: int, quality: Quality, **more: Any) -> None:
+        """Send a layer likewise, with the range that its colours stand for."""
+        if shown.range is not None:
+            more |= {"range": list(shown.range), "colours": shown.colours}
+        self.send_picture(which, shown.pixels, revision, quality, **more)
+
     def forget(self, *, notice: str = "", pictures_of: tuple[str, ...] = ()) -> None:
         """Send clients that come later no notice of a type, and no such pictures, any more."""
         with self._lock:
             self._lasting.pop(notice, None)
             for which in pictures_of:
                 self._pictures.pop(which, None)
+
+
+def failed(error: BaseException) -> dict[str, Any]:
+    """Return the notice of something that went wrong, in one line."""
+    if isinstance(error, TfmError):
+        line = "; ".join(" ".join(line.split()) for line in error.lines)
+    elif isinstance(error, MemoryError):
+        line = OUT_OF_MEMORY
+    else:
+        said = " ".join(str(error).split())
+        line = f"the renderer failed ({type(error).__name__}{': ' if said else ''}{said})"
+    return {"type": "failed", "line": line if len(line) <= MOST_LINE else f"{line[:MOST_LINE]}…"}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
-    from tfm_cl.scene.scene_file import SceneFile
+    from tfm_cl.viewer.renderer import ReadFrame
 
 Floats = NDArray[np.float64]
 
@@ -54,18 +54,6 @@ class Renderer(Protocol):
 
     def tracer(self, scene: Scene) -> Tracer | None:
         """Return the solids of a scene, ready for rays."""
-
-
-class ReadFrame(Protocol):
-    """What is asked of `tfm_cl.sequence.frame.ReadFrame`."""
-
-    @property
-    def file(self) -> SceneFile:
-        """Says which part of the frame the picture shows."""
-
-    @property
-    def scene(self) -> Scene:
-        """What it shows."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -167,6 +167,10 @@ def _of_table(rest: str) -> tuple[int, str]:
     return (int(number), key.partition(".")[0]) if dot and number.isdecimal() else (0, number)
 
 
+def _is_of_camera(key: str) -> bool:
+    return key.partition(".")[0] == "camera"
+
+
 def _without_none(value: Any) -> Any:
     """Leave keys out that are None in tables: scene files have no such value."""
     if isinstance(value, dict):
@@ -191,6 +195,12 @@ class Settings:
         overrides = [*over(self.shot.overrides, self.edits.values), *also]
         decided = not_said(self.shot.decided, self.edits.values)
         return replace(self.shot, overrides=overrides, decided=decided).scene_file(self.frame)
+
+    def as_kept(self, kept: Edits) -> Settings:
+        """Return the settings that were kept, seen by the camera of now."""
+        then = {key: value for key, value in kept.values.items() if not _is_of_camera(key)}
+        now = {key: value for key, value in self.edits.values.items() if _is_of_camera(key)}
+        return replace(self, edits=Edits(then | now))
 
     def settled(self, read: ReadFrame, *, changes: bool) -> Settings:
         """Return the same where what was placed or chosen stays: no light moves because the camera does.

@@ -44,8 +44,7 @@ class Files:
 
     A name is relative to the folder, with ``/`` between folders. What leads out of it is refused, by ``..``,
     as an absolute path or through a link, and so are hidden files and names that mean something else on
-    Windows. Nothing is replaced but what was saved from
-    the page.
+    Windows. Nothing is replaced but what was saved from the page.
 
     Parameters
     ----------
@@ -288,6 +287,13 @@ class Upload:
             full = problem.errno in {errno.ENOSPC, errno.EDQUOT}
             reason = "no room on the server's disk" if full else reason_of(problem)
             raise InputError(f"{self.name}: cannot be written ({reason})") from None
+
+
+def break_off(opened: contextlib.ExitStack) -> None:
+    """End an upload that was entered into a stack, if there is one: what is there of its file is removed."""
+    error = ConnectionAbortedError()
+    with contextlib.suppress(ConnectionAbortedError, InputError):
+        opened.__exit__(type(error), error, None)
 
 
 def too_large(name: str, most: int) -> InputError:

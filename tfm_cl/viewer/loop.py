@@ -16,8 +16,10 @@ from tfm_cl.viewer.session import REST, Session, Work
 
 if TYPE_CHECKING:
     from tfm_cl.sequence.shot import Shot
+    from tfm_cl.viewer.answers import WriteScene
+    from tfm_cl.viewer.files import Files
     from tfm_cl.viewer.renderer import Read, Renderer
-    from tfm_cl.viewer.session import Due, Files, WriteScene
+    from tfm_cl.viewer.session import Due
 
 ENDED_WITHIN = 0.2
 """Seconds that `RenderLoop.close` waits for the thread: compilers go on, and end with the process."""

@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter,
 from tfm_cl.errors import InputError, unknown_key
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
+from tfm_cl.render.shown import PICTURE
 from tfm_cl.scene.layers import NAMES
 
 MOST_BYTES = 1 << 20
@@ -26,9 +27,7 @@ MOST_NESTED = 32
 """Tables and lists in each other, in a value."""
 MOST_LIGHTS = 1 << 16
 """Beyond any number of a light that is in a scene file."""
-BEAUTY = "beauty"
-"""Name of the picture itself, beside those of its layers."""
-SHOWN_LAYERS = (BEAUTY, *NAMES)
+SHOWN_LAYERS = (PICTURE, *NAMES)
 """What a page may look at; of a group that of one light."""
 
 
@@ -66,7 +65,7 @@ class _Checked(BaseModel):
 class Show(_Checked):
     """How pictures are shown; nothing is rendered anew for it, unless a layer was not asked for before."""
 
-    layer: Layer = BEAUTY
+    layer: Layer = PICTURE
     exposure: Stops = 0.0
     """Stops; ``"auto"``: chosen from the first full picture, and kept until it is asked for again."""
     view: View = "standard"

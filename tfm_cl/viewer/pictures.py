@@ -1,25 +1,26 @@
-"""What a page shows: a result's layers, errors and maps as sRGB codes, and these as files."""
+"""What a page shows as sRGB codes: a result's layers, maps, and two results beside each other."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError, InputError
 from tfm_cl.files.image_io.false_colour import SEEN, coloured, quantiles, range_around_zero
-from tfm_cl.files.image_io.inline import encoded
-from tfm_cl.metrics import REC709
-from tfm_cl.render.shown import Rendered, Shown, shown_layer
+from tfm_cl.files.image_io.image import Picture
+from tfm_cl.files.image_io.overlap import overlap
+from tfm_cl.metrics import REC709, compare
+from tfm_cl.render.shown import Shown, shown_layer
 from tfm_cl.scene.layers import GROUPS, LAYERS, members
 from tfm_cl.scene.lights.base import names_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from tfm_cl.scene.scene import Scene
     from tfm_cl.viewer.messages import Show
+    from tfm_cl.viewer.renderer import LightMap, Result
 
 Codes = NDArray[np.uint8]
 
@@ -28,23 +29,7 @@ WHITE = 255
 LARGEST_GAIN = 255.0
 """Of an error picture: the smallest difference of codes is then as large as can be."""
 
-__all__ = ["encoded", "error_picture", "layer_picture", "map_picture", "seen_depth", "shown", "shown_map"]
-
-
-class Result(Rendered, Protocol):
-    """What was rendered: `tfm_cl.render.result.RenderResult`."""
-
-    @property
-    def scene(self) -> Scene:
-        """Whose lights have layers."""
-
-
-class Map(Protocol):
-    """A light's map: `tfm_cl.maps.transmittance_map.TransmittanceMap`."""
-
-    @property
-    def coefficients(self) -> NDArray[np.float32]:
-        """[y, x, n]."""
+FIGURES = ("ssim", "psnr", "rmse")
 
 
 def shown(result: Result, show: Show, like: Shown | None = None) -> Shown:
@@ -70,11 +55,6 @@ def shown(result: Result, show: Show, like: Shown | None = None) -> Shown:
         The result has no such layer.
     """
     return shown_layer(result, _name(result, show), exposure=show.exposure, view=show.view, like=like)
-
-
-def layer_picture(result: Result, show: Show) -> Codes:
-    """Return the pixels of `shown`, [H, W, 3]."""
-    return shown(result, show).pixels
 
 
 def _name(result: Result, show: Show) -> str:
@@ -138,12 +118,61 @@ def error_picture(a: Codes, b: Codes) -> tuple[Codes, float]:
     return coloured(difference, (-1 / gain, 1 / gain), "signed"), gain
 
 
-def map_picture(map: Map, coefficient: int) -> Codes:  # noqa: A002 - as scenes call it
-    """Return the pixels of `shown_map`, [res, res, 3]."""
-    return shown_map(map, coefficient).pixels
+class Beside(NamedTuple):
+    """Two pictures shown alike, and their difference."""
+
+    a: Shown
+    b: Shown
+    error: Codes
+    """[H, W, 3], sRGB: blue where A is too dark, orange where it is too bright."""
+    gain: float
+    """By which the difference is multiplied."""
 
 
-def shown_map(map: Map, coefficient: int) -> Shown:  # noqa: A002 - as scenes call it
+def beside(a: Result, b: Result, show: Show) -> Beside:
+    """Show a picture beside another: exposure and range of colours of both are those of A.
+
+    Raises
+    ------
+    InputError
+        One of them has no such layer.
+    ImageError
+        Sizes differ.
+    """
+    of_a = shown(a, show)
+    of_b = shown(b, show, like=of_a)
+    return Beside(of_a, of_b, *error_picture(of_a.pixels, of_b.pixels))
+
+
+def figures(a: Result, b: Result) -> dict[str, float | None]:
+    """Measure a picture against another that is taken for right.
+
+    Parameters
+    ----------
+    a, b
+        Of one size, or crops of one frame, of which the pixels that both have are compared.
+
+    Returns
+    -------
+    dict
+        ``ssim``, ``psnr`` (decibels) and ``rmse`` (of the reference's mean) over the pixels where B shows
+        anything, or over all where it shows nothing; None for what is infinite, as the PSNR of equal ones.
+
+    Raises
+    ------
+    InputError
+        scikit-image is not installed.
+    ImageError
+        Pictures of different sizes, or that are not finite.
+    """
+    picture, other = (Picture(of.image, of.crop, (0, 0, *of.scene.camera.res)) for of in (a, b))
+    common = overlap(picture, other, "the picture", "what it is compared with")
+    found = compare(common.test, common.reference)
+    measured = (found.lit or found).to_dict()
+    return {name: measured[name] for name in FIGURES}
+
+
+def shown_map(map: LightMap, coefficient: int) -> Shown:  # noqa: A002 - as scenes call it
     """Show a coefficient of a light's map, as the light sees the scene: v upwards.
 
     Numbers of one sign have the colours of ``viridis``; of both signs, blue is below 0 and orange above it.

@@ -14,15 +14,19 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from tfm_cl.errors import InputError, TfmError
+from tfm_cl.errors import InputError
 from tfm_cl.extras import needs
 from tfm_cl.files.paths import reason_of
-from tfm_cl.viewer.files import Files, Upload, too_large
+from tfm_cl.viewer.clients import failed
+from tfm_cl.viewer.files import Files, Upload, break_off, too_large
 from tfm_cl.viewer.mailbox import Mailbox
-from tfm_cl.viewer.messages import MOST_BYTES, Said, Seen, parsed
+from tfm_cl.viewer.messages import MOST_BYTES, parsed
 from tfm_cl.viewer.page import document
+
+if TYPE_CHECKING:
+    from tfm_cl.viewer.session import Session
 
 with needs("view", "the viewer", InputError):
     from tornado import httpserver, iostream, web, websocket
@@ -56,19 +60,6 @@ CHUNK = 1 << 18
 _KEY = re.compile(r"[A-Za-z0-9_-]{16,64}")
 """Made up by a page, which finds its session again by it."""
 _HOST = re.compile(r"(?P<name>[a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")
-
-
-class Session(Protocol):
-    """What the server asks of a session: `tfm_cl.viewer.session.Session`."""
-
-    def say(self, said: Said, mailbox: Mailbox | None = None) -> None:
-        """Do what a page says."""
-
-    def join(self, mailbox: Mailbox) -> None:
-        """Show it to one more client."""
-
-    def leave(self, mailbox: Mailbox) -> None:
-        """Show it to one client less."""
 
 
 @dataclass
@@ -351,9 +342,9 @@ class _Uploads(_Checked):
         super().prepare()
         if self.request.method != "POST":
             raise _RefusedError(405, "files are sent by POST")
-        # As they are: `get_query_arguments` would take letters away.
         if len(self.server.uploads) >= MOST_UPLOADS:
             raise _RefusedError(503, f"{MOST_UPLOADS} files are being sent; wait until one of them is there")
+        # As they are: `get_query_arguments` would take letters away.
         files, names = self.server.files, self.request.query_arguments.get("name", [])
         if len(names) != 1:
             raise _RefusedError(400, "a file needs a name: /upload?name=cloud.vdb")
@@ -402,9 +393,8 @@ class _Uploads(_Checked):
 
     def _break_off(self) -> None:
         self.server.uploads.discard(self)
-        self._upload, error = None, ConnectionAbortedError()
-        with contextlib.suppress(ConnectionAbortedError, InputError):
-            self._open.__exit__(type(error), error, None)
+        self._upload = None
+        break_off(self._open)
 
     @contextlib.contextmanager
     def _refusing(self) -> Iterator[None]:
@@ -450,17 +440,11 @@ class _Socket(_Checked, websocket.WebSocketHandler):
             said = parsed(message)
         except InputError as error:
             self._faults += 1
-            self._mailbox.put({"type": "failed", "line": str(error)})
+            self._mailbox.put(failed(error))
             if self._faults >= MOST_FAULTS:
                 self.close(1008, "too many messages that are none")
             return
-        try:
-            if isinstance(said, Seen):
-                self._mailbox.seen(said.picture)
-            else:
-                self._session.say(said, self._mailbox)
-        except TfmError as error:
-            self._mailbox.put({"type": "failed", "line": error.lines[0]})
+        self._session.say(said, self._mailbox)
 
     def on_close(self) -> None:
         """Show the session to one client less."""

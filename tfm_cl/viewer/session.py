@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cache
@@ -21,20 +20,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from tfm_cl._version import __version__
-from tfm_cl.errors import CancelledError, InputError, TfmError
+from tfm_cl.errors import CancelledError, InputError
 from tfm_cl.files.image_io.display import automatic_exposure
 from tfm_cl.files.image_io.views import VIEWS
-from tfm_cl.files.paths import write_text
+from tfm_cl.render.shown import MEANING, PICTURE
 from tfm_cl.scene.layers import GROUPS, LAYERS
 from tfm_cl.scene.presets import PRESETS
-from tfm_cl.scene.scene_file_writer import scene_text
 from tfm_cl.scene.schema import scene_schema
-from tfm_cl.viewer import comparison, pictures
-from tfm_cl.viewer.clients import Clients
+from tfm_cl.viewer import pictures
+from tfm_cl.viewer.answers import Answers, Asked, Now, SeenPicture
+from tfm_cl.viewer.clients import Clients, failed
 from tfm_cl.viewer.draft import Draft, scaled_crop
-from tfm_cl.viewer.edits import Edits, Settings
+from tfm_cl.viewer.edits import Settings
 from tfm_cl.viewer.messages import (
-    BEAUTY,
     Compare,
     Edit,
     Keep,
@@ -54,9 +52,10 @@ from tfm_cl.viewer.messages import (
 
 if TYPE_CHECKING:
     from tfm_cl.device.launch import Progress
-    from tfm_cl.render.shown import Shown
-    from tfm_cl.scene.scene_file import SceneFile
+    from tfm_cl.files.image_io.inline import Quality
     from tfm_cl.scene.settings import ImageSettings
+    from tfm_cl.viewer.answers import WriteScene
+    from tfm_cl.viewer.files import Files
     from tfm_cl.viewer.mailbox import Mailbox
     from tfm_cl.viewer.messages import Said
     from tfm_cl.viewer.renderer import Read, ReadFrame, Renderer, Result
@@ -73,46 +72,8 @@ RATE_WEIGHT = 0.3
 """Of the last low picture, in the rate that is told."""
 PAUSE = 1.0
 """Seconds between two low pictures from which on they are no stream of them."""
-MOST_LINE = 1000
-"""Characters of a line about a failure."""
-MEANING = "the picture"
 FIRST = "first picture"
 """Stage that clients are told at once."""
-
-
-class Files(Protocol):
-    """What a session asks of the folder that it may see: `tfm_cl.viewer.files.Files`."""
-
-    @property
-    def folder(self) -> Path:
-        """The folder."""
-
-    @property
-    def most_upload(self) -> int:
-        """Bytes of a file that is dropped onto the page, at most."""
-
-    @property
-    def may_save(self) -> bool:
-        """Whether files can be written there."""
-
-    @property
-    def check(self) -> Callable[[list[Path]], None]:
-        """Refuse files that a page may not read."""
-
-    def listing(self, name: str) -> dict[str, Any]:
-        """List a folder within."""
-
-    def opened(self, name: str) -> Path:
-        """Return the path of a file within that can be opened."""
-
-    def saved(self, name: str, suffix: str) -> Path:
-        """Return the path of a file within that may be written."""
-
-    def written(self, path: Path) -> None:
-        """Note that it is written."""
-
-
-WriteScene = Callable[["ReadFrame", Path], None]
 
 
 class Changed(Protocol):
@@ -152,24 +113,6 @@ class _Heard(NamedTuple):
     at: float
 
 
-class _Asked(NamedTuple):
-    """What is asked for besides pictures, by whom, and of what."""
-
-    said: Save | Pick | Compare | ShowMap
-    mailbox: Mailbox | None
-    settings: Settings
-    show: Show
-
-
-@dataclass
-class _Seen:
-    """What is shown last."""
-
-    revision: int
-    quality: str
-    result: Result
-
-
 class Session:
     """What some clients look at together.
 
@@ -203,10 +146,10 @@ class Session:
         shared: bool = False,
         write_scene: WriteScene | None = None,
     ) -> None:
-        self._files, self._read_frame, self._curve_at = files, read, curve_at
+        self._files, self._read_frame = files, read
         self._changed, self._shared = changed, shared
-        self._write_scene = write_scene or _write_scene
         self._clients, self._lock = Clients(), threading.Lock()
+        self._answers = Answers(files, self._clients, self._read_settings, curve_at, write_scene)
         # Under the lock: what clients say.
         self._heard: deque[_Heard] = deque()
         # The render thread's.
@@ -220,16 +163,14 @@ class Session:
         self._revision = 0
         self._draft = Draft(rate)
         self._needs: set[Work] = set()
-        self._seen: _Seen | None = None
+        self._seen: SeenPicture | None = None
         self._left_out = self._warnings = tuple[str, ...]()
-        self._kept: Edits | None = None
-        self._compared_with = "nothing"
-        self._map: ShowMap | None = None
-        self._asked: deque[_Asked] = deque()
         self._input_at = self._first_input_at = -math.inf
         self._rest = 0.0
         self._is_dragged = self._is_telling = False
-        self._inputs = self._failed_input = self._last_failed_input = 0
+        self._inputs = 0
+        self._failed_at: int | None = None
+        """So many inputs there were when something went wrong that is still told."""
         self._has_retried = False
         self._low_at, self._rate = -math.inf, 0.0
 
@@ -282,7 +223,7 @@ class Session:
             if not is_full:
                 self._heard.append(_Heard(said, mailbox, time.monotonic()))
         if is_full:
-            self._clients.tell(mailbox, _failed(InputError("too much was said at once; say it again later")))
+            self._clients.tell(mailbox, failed(InputError("too much was said at once; say it again later")))
         else:
             self._changed(self, is_input=isinstance(said, _INPUTS))
 
@@ -290,15 +231,14 @@ class Session:
         try:
             return self._files.listing(name)
         except InputError as error:
-            return _failed(error)
+            return failed(error)
 
     def _welcome(self) -> dict[str, Any]:
-        may_save = self._files.may_save
         return _welcome() | {
             "folder": str(self._files.folder),
             "most_upload": self._files.most_upload,
             "shared": self._shared,
-            "can": {"open": True, "save": may_save},
+            "can": {"open": True, "save": self._files.may_save},
         }
 
     # What the render thread calls.
@@ -316,11 +256,11 @@ class Session:
         for work in (Work.LOW, Work.SHOW):
             if work in self._needs:
                 return Due(work, -math.inf)
-        if any(isinstance(one.said, Save | Pick) for one in self._asked):
+        if self._answers.is_one_urgent:
             return Due(Work.ASKED, -math.inf)
         if Work.FULL in self._needs:
             return Due(Work.FULL, self._input_at + self._rest)
-        return Due(Work.ASKED, -math.inf) if self._asked else None
+        return Due(Work.ASKED, -math.inf) if self._answers.are_asked_for else None
 
     def do(self, work: Work, renderer: Callable[[], Renderer], progress: Progress) -> None:
         """Do what is due.
@@ -369,7 +309,7 @@ class Session:
         self._seen = self._read = None
         self._is_open = False
         self._needs.clear()
-        self._asked.clear()
+        self._answers.clear()
 
     # Listening.
 
@@ -474,8 +414,7 @@ class Session:
             if self._image is not None:
                 self._clients.send({"type": "opened"})
             self._warnings = ()
-            self._kept, self._compared_with, self._map = None, "nothing", None
-            self._clients.forget(pictures_of=("b", "error", "map"))
+            self._answers.end()
         self._follow(read.file.image, None if is_new else self._image)
         self._needs |= {Work.LOW, Work.FULL}
         self._left_out = read.warnings()
@@ -518,21 +457,9 @@ class Session:
             case SetShow() as said:
                 self._set_show(said)
             case Keep():
-                self._kept = self._settings.edits
-                if self._compared_with == "kept":
-                    self._ask_again(Compare)
-            case Compare() as said:
-                self._compared_with = said.with_
-                self._ask_again(Compare, one.mailbox)
-                if said.with_ == "nothing":
-                    self._clients.forget(pictures_of=("b", "error"))
-            case ShowMap() as said:
-                self._map = None if said.coefficient < 0 else said
-                self._ask_again(ShowMap, one.mailbox)
-                if self._map is None:
-                    self._clients.forget(pictures_of=("map",))
-            case Save() | Pick() as said:
-                self._asked.append(_Asked(said, one.mailbox, self._settings, self._show))
+                self._answers.keep(self._settings.edits)
+            case Save() | Pick() | Compare() | ShowMap() as said:
+                self._answers.ask(Asked(said, one.mailbox, self._settings, self._show))
 
     def _set_show(self, said: SetShow) -> None:
         before, self._show = self._show, said.applied(self._show)
@@ -544,22 +471,8 @@ class Session:
         else:
             self._needs |= {Work.LOW, Work.FULL}
             self._rest = 0.0
-        if self._compared_with != "nothing":
-            self._ask_again(Compare)
+        self._answers.compare_again()
         self._send_state()
-
-    def _ask_again(self, kind: type[Compare | ShowMap], mailbox: Mailbox | None = None) -> None:
-        """Make what is shown beside the picture, once the full picture is there."""
-        self._asked = deque(one for one in self._asked if not isinstance(one.said, kind))
-        wanted: Compare | ShowMap | None = self._map
-        if kind is Compare:
-            wanted = (
-                None
-                if self._compared_with == "nothing"
-                else Compare.model_validate({"with": self._compared_with})
-            )
-        if wanted is not None:
-            self._asked.append(_Asked(wanted, mailbox, self._settings, self._show))
 
     # Pictures.
 
@@ -582,11 +495,9 @@ class Session:
 
     def _make_full(self, renderer: Renderer, progress: Progress) -> None:
         read = self._there()
-        layers = [layer for layer in self._layers() if layer not in read.file.image.aov]
-        asked = read
-        if layers:
-            aov = ("image.aov", [*read.file.image.aov, *layers])
-            asked = self._read_settings(self._settings, read, aov)
+        asked, aov = read, self._aov(read)
+        if len(aov) > len(read.file.image.aov):
+            asked = self._read_settings(self._settings, read, ("image.aov", aov))
         rendered = asked.render(renderer, (), progress)
         self._draft.rendered(read, rendered.result)
         self._needs.discard(Work.FULL)
@@ -595,12 +506,11 @@ class Session:
         if rendered.warnings != self._warnings:
             self._warnings = rendered.warnings
             self._send_state()
-        for kind in (Compare, ShowMap):
-            self._ask_again(kind)
+        self._answers.all_again()
 
-    def _see(self, quality: str, result: Result) -> None:
+    def _see(self, quality: Quality, result: Result) -> None:
         """Show a picture that is made, and say what it cost."""
-        self._seen = _Seen(self._revision, quality, result)
+        self._seen = SeenPicture(self._revision, quality, result)
         self._needs.discard(Work.SHOW)
         self._show_again()
         now = time.monotonic()
@@ -619,8 +529,8 @@ class Session:
                 "latency": round(now - since, 4),
             }
         )
-        if self._failed_input and self._inputs > self._last_failed_input:
-            self._failed_input = 0
+        if self._failed_at is not None and self._inputs > self._failed_at:
+            self._failed_at = None
             self._clients.forget(notice="failed")
             self._clients.send({"type": "cleared"})
 
@@ -639,7 +549,7 @@ class Session:
             return
         had = self._stops.value
         shown = pictures.shown(seen.result, self._exposed(seen.result, is_full=seen.quality == "full"))
-        self._send_picture("a", shown, seen)
+        self._clients.send_shown("a", shown, seen.revision, seen.quality)
         if self._stops.value != had and self._show.exposure == "auto":
             self._send_state()
 
@@ -654,14 +564,14 @@ class Session:
             self._stops = _Stops(stops, is_kept=is_full)
         return self._show.model_copy(update={"exposure": self._stops.value or 0.0})
 
-    def _send_picture(self, which: str, shown: Shown, seen: _Seen, **more: Any) -> None:
-        if shown.range is not None:
-            more |= {"range": list(shown.range), "colours": shown.colours}
-        self._clients.send_picture(which, shown.pixels, seen.revision, seen.quality, **more)
-
     def _layers(self) -> tuple[str, ...]:
         """Return the layers that have to be asked for."""
-        return () if self._show.layer == BEAUTY else (self._show.layer,)
+        return () if self._show.layer == PICTURE else (self._show.layer,)
+
+    def _aov(self, read: ReadFrame) -> list[str]:
+        """Return the layers of a full picture: those that the scene asks for, and what is shown."""
+        aov = list(read.file.image.aov)
+        return [*aov, *(layer for layer in self._layers() if layer not in aov)]
 
     def _there(self) -> ReadFrame:
         if self._read is None:
@@ -671,95 +581,20 @@ class Session:
     # What is asked for besides.
 
     def _answer(self, renderer: Callable[[], Renderer], progress: Progress) -> None:
-        """Do the first of what was asked for: what needs no full picture comes before."""
-        place = next((i for i, one in enumerate(self._asked) if isinstance(one.said, Save | Pick)), 0)
-        one = self._asked[place]
+        asked = self._answers.take()
         try:
-            match one.said:
-                case Save():
-                    self._save(one, one.said, renderer, progress)
-                case Pick() as said:
-                    self._pick(said, one.mailbox, renderer())
-                case Compare() as said:
-                    self._compare(said, renderer(), progress)
-                case ShowMap() as said:
-                    self._send_map(said, renderer(), progress)
+            self._answers.answer(asked, self._now(), renderer, progress)
         except CancelledError:
+            self._answers.put_back(asked)
             raise
         except InputError as error:
-            self._tell_failure(error, one.mailbox)
-        except Exception:
-            with suppress(ValueError):
-                self._asked.remove(one)
-            raise
-        with suppress(ValueError):
-            self._asked.remove(one)
+            self._tell_failure(error, asked.mailbox)
 
-    def _save(self, asked: _Asked, said: Save, renderer: Callable[[], Renderer], progress: Progress) -> None:
-        """Write what was shown when it was asked for, as ``tfm render`` writes it."""
-        there = self._there()
-        if said.what == "scene":
-            _check_stands_still(there.file)
-        path = self._files.saved(said.name, ".toml" if said.what == "scene" else f".{said.what}")
-        stops = self._stops.value if asked.show.exposure == "auto" else asked.show.exposure
-        also = [("image.view", asked.show.view), *([] if stops is None else [("image.exposure", stops)])]
-        read = self._read_settings(asked.settings, there, *also)
-        if said.what == "scene":
-            self._write_scene(read, path)
-        else:
-            read.render(renderer(), (path,), progress).save((path,))
-        self._files.written(path)
-        self._clients.tell(asked.mailbox, {"type": "saved", "what": said.what, "path": str(path)})
-
-    def _pick(self, said: Pick, mailbox: Mailbox | None, renderer: Renderer) -> None:
-        read, seen = self._there(), self._seen
-        if seen is None:
-            raise InputError("there is no picture yet; pick again when there is")
-        depth = pictures.seen_depth(seen.result.aovs)
-        curve = self._curve_at(renderer, read, depth, said.x, said.y, said.light)
-        self._clients.tell(mailbox, curve.to_dict())
-
-    def _compare(self, said: Compare, renderer: Renderer, progress: Progress) -> None:
-        seen = self._seen
-        if seen is None or seen.quality != "full":
-            return  # the full picture asks again
-        there = self._there()
-        also = [("image.aov", [*there.file.image.aov, *self._layers()])]
-        if said.with_ == "dual":
-            read = self._read_settings(self._settings, there, *also, ("march.method", "dual"))
-        elif self._kept is not None:
-            read = self._read_settings(self._of_kept(self._kept), there, *also)
-        else:
-            self._compared_with = "nothing"
-            raise InputError("compare: nothing is kept to compare with; keep settings first")
-        other = read.render(renderer, (), progress).result
-        found = comparison.beside(seen.result, other, self._exposed(seen.result, is_full=True))
-        self._send_picture("b", found.b, seen)
-        self._clients.send_picture("error", found.error, seen.revision, "full", gain=found.gain)
-        figures = comparison.figures(seen.result, other)
-        self._clients.send({"type": "compared", "with": said.with_, "revision": seen.revision, **figures})
-
-    def _of_kept(self, kept: Edits) -> Settings:
-        """Return the settings that were kept, seen by the camera of now."""
-        now = {key: value for key, value in self._settings.edits.values.items() if _is_camera(key)}
-        then = {key: value for key, value in kept.values.items() if not _is_camera(key)}
-        return replace(self._settings, edits=Edits(then | now))
-
-    def _send_map(self, said: ShowMap, renderer: Renderer, progress: Progress) -> None:
-        scene = self._there().scene
-        if said.light >= len(scene.lights):
-            raise InputError(f"light {said.light}: the scene has {len(scene.lights)}, counted from 0")
-        maps = renderer.maps_of(scene, said.light, progress=progress)
-        if not maps:
-            raise InputError("map: there is none: all media are of constant density, or nothing lights them")
-        shown = pictures.shown_map(maps[0], said.coefficient)
-        self._send_picture(
-            "map",
-            shown,
-            _Seen(self._revision, "full", None),  # type: ignore[arg-type]
-            light=said.light,
-            coefficient=said.coefficient,
-        )
+    def _now(self) -> Now:
+        read, seen, show = self._there(), self._seen, self._show
+        if seen is not None and seen.quality == "full":
+            show = self._exposed(seen.result, is_full=True)
+        return Now(read, self._settings, self._aov(read), self._revision, seen, show, self._stops.value)
 
     # Telling.
 
@@ -786,8 +621,8 @@ class Session:
         self._clients.send(state, lasts=True)
 
     def _tell_failure(self, error: BaseException, mailbox: Mailbox | None = None) -> None:
-        notice = _failed(error)
-        self._failed_input, self._last_failed_input = 1, self._inputs
+        notice = failed(error)
+        self._failed_at = self._inputs
         if mailbox is None:
             self._clients.send(notice, lasts=True)
         else:
@@ -814,8 +649,8 @@ class Session:
     def _go_back(self, error: BaseException, work: Work) -> None:
         """Return to the settings of the last picture that could be made."""
         self._needs.clear()
-        if self._show.layer != BEAUTY and isinstance(error, InputError):
-            self._show = self._show.model_copy(update={"layer": BEAUTY})
+        if self._show.layer != PICTURE and isinstance(error, InputError):
+            self._show = self._show.model_copy(update={"layer": PICTURE})
             self._needs |= {Work.LOW, Work.FULL}
             self._send_state()
             return
@@ -846,28 +681,9 @@ _INPUTS = (Edit, SetFrame, Undo, Redo, Reset, Open, Path)
 """What makes pictures stale."""
 
 
-def _check_stands_still(file: SceneFile) -> None:
-    """Refuse to write a scene of one frame that would be blurred by what moves in others."""
-    moving = [key for key in file.changing if key not in {files.key for files in file.patterns}]
-    if file.image.is_blurred and (moving or file.turn_a_frame):
-        what = ".".join(map(str, moving[0])) if moving else "camera"
-        raise InputError(
-            f"image.shutter = {list(file.image.shutter or ())}: {what} moves meanwhile, which a scene of one "
-            "frame cannot say; set image.shutter to [0, 0] and save it, or save the picture"
-        )
-
-
-def _write_scene(read: ReadFrame, path: Path) -> None:
-    write_text(path, scene_text(read.options, path.parent, every_key=False))
-
-
-def _is_camera(key: str) -> bool:
-    return key.partition(".")[0] == "camera"
-
-
 def _has_layer(result: Result, layer: str) -> bool:
     return (
-        layer == BEAUTY
+        layer == PICTURE
         or layer in result.aovs
         or (layer in GROUPS and any(name.startswith(GROUPS[layer].prefix) for name in result.aovs))
     )
@@ -876,7 +692,7 @@ def _has_layer(result: Result, layer: str) -> bool:
 @cache
 def _welcome() -> dict[str, Any]:
     """Return what all clients of all sessions are told at first."""
-    layers = {BEAUTY: MEANING} | {name: group.layer(0).meaning for name, group in GROUPS.items()}
+    layers = {PICTURE: MEANING} | {name: group.layer(0).meaning for name, group in GROUPS.items()}
     layers |= {name: layer.meaning for name, layer in LAYERS.items()}
     return {
         "type": "welcome",
@@ -886,18 +702,6 @@ def _welcome() -> dict[str, Any]:
         "views": [{"name": view.NAME, "summary": view.SUMMARY} for view in VIEWS.values()],
         "presets": [{"name": name, "summary": preset.summary} for name, preset in PRESETS.items()],
     }
-
-
-def _failed(error: BaseException) -> dict[str, Any]:
-    """Return the notice of something that went wrong, in one line."""
-    if isinstance(error, TfmError):
-        line = "; ".join(" ".join(line.split()) for line in error.lines)
-    elif isinstance(error, MemoryError):
-        line = "out of memory: the volume, map or image is too large for this machine"
-    else:
-        said = " ".join(str(error).split())
-        line = f"the renderer failed ({type(error).__name__}{': ' if said else ''}{said})"
-    return {"type": "failed", "line": line if len(line) <= MOST_LINE else f"{line[:MOST_LINE]}…"}
 
 
 def _bounds(read: ReadFrame) -> list[list[float]] | None:

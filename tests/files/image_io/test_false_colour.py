@@ -24,7 +24,7 @@ def test_colours_are_matplotlib_s(name):
 
 
 def test_what_is_beyond_the_ends_has_the_last_colours():
-    first, last = COLOURS["viridis"].colours[0], COLOURS["viridis"].colours[-1]
+    first, last = COLOURS["viridis"][0], COLOURS["viridis"][-1]
     found = coloured(np.array([[-np.inf, 2, 3, np.inf, np.nan]], np.float32), (2, 3), "viridis")
     np.testing.assert_array_equal(found, [[first, first, last, last, first]])
     np.testing.assert_array_equal(coloured(np.array([1.0, 5]), (5, 5), "viridis"), [first, first])

@@ -5,7 +5,7 @@ Stéfan van der Walt and Eric Firing, which are in the public domain (CC0): each
 which they are interpolated, within 5 of 255. Equal steps of a number look equally large, in grey too.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,40 +24,34 @@ ENTRIES = 1024
 """Of a colour map, once it is interpolated."""
 
 
-class Stops(NamedTuple):
-    """A colour map: colours at even distances, from the lowest number to the highest."""
-
-    colours: tuple[tuple[int, int, int], ...]
-    """sRGB codes."""
-
-    def table(self) -> Codes:
-        """Return `ENTRIES` colours between the first and the last."""
-        at, stops = np.linspace(0, len(self.colours) - 1, ENTRIES), np.arange(len(self.colours))
-        channels = [np.interp(at, stops, channel) for channel in np.array(self.colours).T]
-        return np.round(np.stack(channels, axis=1)).astype(np.uint8)
-
-
+Stops = tuple[tuple[int, int, int], ...]
+"""sRGB codes of a colour map at even distances, from the lowest number to the highest."""
 Name = Literal["viridis", "magma", "signed"]
 COLOURS: dict[Name, Stops] = {
-    "viridis": Stops(
-        (
-            *((68, 1, 84), (72, 23, 105), (71, 42, 122), (67, 61, 132), (61, 78, 138), (53, 94, 141)),
-            *((46, 109, 142), (41, 123, 142), (35, 137, 142), (31, 151, 139), (33, 165, 133), (46, 179, 124)),
-            *((70, 192, 111), (101, 203, 94), (137, 213, 72), (176, 221, 47), (216, 226, 25), (253, 231, 37)),
-        )
+    "viridis": (
+        *((68, 1, 84), (72, 23, 105), (71, 42, 122), (67, 61, 132), (61, 78, 138), (53, 94, 141)),
+        *((46, 109, 142), (41, 123, 142), (35, 137, 142), (31, 151, 139), (33, 165, 133), (46, 179, 124)),
+        *((70, 192, 111), (101, 203, 94), (137, 213, 72), (176, 221, 47), (216, 226, 25), (253, 231, 37)),
     ),
-    "magma": Stops(
-        (
-            *((0, 0, 4), (9, 7, 32), (26, 16, 66), (49, 17, 101), (74, 16, 121), (98, 25, 128)),
-            *((121, 34, 130), (145, 43, 129), (170, 51, 125), (194, 59, 117), (217, 70, 107), (236, 88, 96)),
-            *((247, 114, 92), (252, 142, 100), (254, 170, 116), (254, 198, 138), (253, 226, 163)),
-            (252, 253, 191),
-        )
+    "magma": (
+        *((0, 0, 4), (9, 7, 32), (26, 16, 66), (49, 17, 101), (74, 16, 121), (98, 25, 128)),
+        *((121, 34, 130), (145, 43, 129), (170, 51, 125), (194, 59, 117), (217, 70, 107), (236, 88, 96)),
+        *((247, 114, 92), (252, 142, 100), (254, 170, 116), (254, 198, 138), (253, 226, 163)),
+        (252, 253, 191),
     ),
-    "signed": Stops(((150, 215, 255), (40, 120, 220), (0, 0, 0), (215, 95, 20), (255, 225, 150))),
+    "signed": ((150, 215, 255), (40, 120, 220), (0, 0, 0), (215, 95, 20), (255, 225, 150)),
 }
 """``signed`` is black in the middle, blue below and orange above it, as errors in the report of a sweep."""
-_TABLES = {name: stops.table() for name, stops in COLOURS.items()}
+
+
+def _table(colours: Stops) -> Codes:
+    """Return `ENTRIES` colours between the first and the last."""
+    at, stops = np.linspace(0, len(colours) - 1, ENTRIES), np.arange(len(colours))
+    channels = [np.interp(at, stops, channel) for channel in np.array(colours).T]
+    return np.round(np.stack(channels, axis=1)).astype(np.uint8)
+
+
+_TABLES = {name: _table(colours) for name, colours in COLOURS.items()}
 
 
 def coloured(numbers: Floats, ends: tuple[float, float], colours: Name) -> Codes:

@@ -19,7 +19,7 @@ PNG_LEVEL = 1
 
 
 def png_of(codes: NDArray[np.uint8], *, level: int, is_srgb: bool = True) -> bytes:
-    """Make the bytes of a PNG of codes [H, W, 3 or 4]; ``level`` is that of the compression, 1 to 9."""
+    """Make the bytes of a PNG of codes [H, W] or [H, W, 3 or 4], compressed at a level from 1 to 9."""
     tagged = PngInfo()
     if is_srgb:
         tagged.add(b"sRGB", SRGB)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
+from tfm_cl.files.image_io.inline import png_of
 from tfm_cl.metrics import REC709, display_rgb, lit_mask, white_of
 from tfm_cl.sweep.rows import kept_image
 
@@ -167,7 +167,5 @@ def _error(shown: NDArray[np.float32], truth: NDArray[np.float32]) -> str:
 
 
 def _png(values: NDArray[np.floating[Any]]) -> str:
-    stream = io.BytesIO()
-    picture = PIL.Image.fromarray(values.astype(np.uint8))
-    picture.save(stream, format="PNG", compress_level=COMPRESSION)
-    return base64.b64encode(stream.getvalue()).decode("ascii")
+    png = png_of(values.astype(np.uint8), level=COMPRESSION, is_srgb=False)
+    return base64.b64encode(png).decode("ascii")
