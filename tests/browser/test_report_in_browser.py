@@ -1,12 +1,11 @@
 """The report of a sweep in a real browser: what a reader sees, presses and hears."""
 
 import io
-from types import SimpleNamespace
 
 import numpy as np
 import PIL.Image
 import pytest
-from browser_pages import SECONDS, until
+from browser_pages import fetched, until, watched
 from sweep_folder import key, make_folder, picture, row
 
 from tfm_cl.sweep import written as sweep_report
@@ -49,23 +48,16 @@ def show(browser, report):
     opened = []
 
     def show(**context):
-        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | context)
-        page = context.new_page()
-        page.set_default_timeout(1000 * SECONDS)
-        seen = SimpleNamespace(context=context, requests=[], complaints=[])
-        page.on("request", lambda request: seen.requests.append(request.url))
-        page.on("console", lambda message: seen.complaints.append(message.text))
-        page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+        seen = watched(browser, **{"viewport": {"width": 1280, "height": 900}} | context)
         opened.append(seen)
-        page.goto(report.as_uri())
-        until(page, "document.querySelector('#plot-bytes .main-svg')")
-        return page
+        seen.page.goto(report.as_uri())
+        until(seen.page, "document.querySelector('#plot-bytes .main-svg')")
+        return seen.page
 
     yield show
     for seen in opened:
         seen.context.close()
-        fetched = [url for url in seen.requests if not url.startswith(("data:", "blob:"))]
-        assert fetched == [report.as_uri()]
+        assert fetched(seen) == [report.as_uri()]
         assert seen.complaints == []
 
 

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browser_pages import SECONDS, until
+from browser_pages import until, watched
 
+from tfm_cl.files.image_io.false_colour import COLOURS
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.schema import scene_schema
 from tfm_cl.sequence import frame as sequence_frame
@@ -46,13 +47,13 @@ radius = 0.3
 
 SESSION = """
 window.said = [];
-window.hear = {};
 window.view = mount(document.getElementById("viewer"), {
   send: (message) => said.push(message),
-  sendBinary: (name, bytes) => said.push({ type: "upload", name, bytes: bytes.byteLength }),
-  onMessage: (callback) => { hear.message = callback; },
-  onBinary: (callback) => { hear.binary = callback; },
-  onState: (callback) => { hear.state = callback; },
+  listen: (callbacks) => { window.hear = callbacks; },
+  upload: async (file) => {
+    said.push({ type: "upload", name: file.name, bytes: (await file.arrayBuffer()).byteLength });
+    return file.name;
+  },
 });
 window.picture = async (header, [red, green, blue]) => {
   const canvas = document.createElement("canvas");
@@ -138,8 +139,8 @@ class Viewer:
         }
         self.hear(state | changes)
 
-    def picture(self, number, colour, *, which="a", revision=1, quality="full"):
-        header = {"picture": number, "which": which, "revision": revision, "quality": quality}
+    def picture(self, number, colour, *, which="a", revision=1, quality="full", **told):
+        header = told | {"picture": number, "which": which, "revision": revision, "quality": quality}
         self.page.evaluate(
             "([header, colour]) => picture(header, colour)", [header | {"width": 320, "height": 180}, colour]
         )
@@ -157,6 +158,12 @@ class Viewer:
         assert edits[-1]["drag"] is False
         assert all(edit["drag"] for edit in edits[:-1])
         return {key: value for edit in edits for key, value in edit["changes"].items()}
+
+    def press(self, *keys):
+        """Press keys on the stage."""
+        self.page.locator(".view .stage").focus()
+        for key in keys:
+            self.page.keyboard.press(key)
 
     @property
     def box(self):
@@ -205,17 +212,11 @@ def view(browser, options):
     opened = []
 
     def view(**context):
-        context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}} | context)
-        page = context.new_page()
-        page.set_default_timeout(1000 * SECONDS)
-        seen = SimpleNamespace(context=context, page=page, requests=[], complaints=[])
-        page.on("request", lambda request: seen.requests.append(request.url))
-        page.on("console", lambda message: seen.complaints.append(message.text))
-        page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+        seen = watched(browser, **context)
         opened.append(seen)
-        viewer = Viewer(page, options)
+        viewer = Viewer(seen.page, options)
         viewer.picture(1, [200, 0, 0])
-        until(page, DRAWN)
+        until(seen.page, DRAWN)
         viewer.said("seen")
         return viewer
 
@@ -244,6 +245,19 @@ def test_pictures_only_get_better(viewer):
     viewer.picture(5, [200, 200, 0], revision=2)
     assert viewer.colour() == [200, 200, 0]
     assert [seen["picture"] for seen in viewer.said("seen")] == [2, 3, 4, 5]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colours", COLOURS)
+def test_what_colours_mean_is_told(viewer, colours):
+    bar = viewer.page.locator(".scale-bar")
+    assert bar.is_hidden()
+    viewer.picture(2, [0, 200, 0], revision=2, range=[0.5, 8.25], colours=colours)
+    assert bar.text_content() == "0.58.25"
+    drawn = bar.locator("i").evaluate("(bar) => getComputedStyle(bar).backgroundImage")
+    stops = COLOURS[colours]
+    assert drawn.startswith(f"linear-gradient(to right, rgb{stops[0]}, rgb{stops[1]}, ")
+    assert drawn.endswith(f"rgb{stops[-1]})")
 
 
 @pytest.mark.slow
@@ -465,8 +479,7 @@ def test_what_was_changed_is_marked_and_taken_back(viewer):
 @pytest.mark.slow
 def test_the_search_finds_keys(viewer):
     page = viewer.page
-    page.locator(".view .stage").focus()
-    page.keyboard.press("/")
+    viewer.press("/")
     page.keyboard.type("sigma")
     names = page.locator(".row:visible .name").all_text_contents()
     assert {"sigma s", "sigma a"} <= set(names)
@@ -506,8 +519,7 @@ def test_comparing(viewer):
     divider.focus()
     page.keyboard.press("End")
     assert divider.get_attribute("aria-valuenow") == "100"
-    page.locator(".view .stage").focus()
-    page.keyboard.press("1")
+    viewer.press("1")
     assert viewer.colour() == [200, 0, 0]
     page.keyboard.down(" ")
     assert viewer.colour() == [0, 200, 0]
@@ -587,8 +599,7 @@ def test_frames_are_scrubbed_and_played(viewer):
     page = viewer.page
     assert page.locator(".timeline").is_hidden()
     viewer.state(frame=3, frames=[1, 5])
-    page.locator(".view .stage").focus()
-    page.keyboard.press(".")
+    viewer.press(".")
     assert viewer.said("frame") == [{"type": "frame", "frame": 4, "drag": False}]
     page.keyboard.press("p")
     until(page, "said.some(({ type }) => type === 'frame')")
@@ -604,9 +615,7 @@ def test_frames_are_scrubbed_and_played(viewer):
 @pytest.mark.slow
 def test_undo_save_and_open(viewer):
     page = viewer.page
-    page.locator(".view .stage").focus()
-    page.keyboard.press("Control+z")
-    page.keyboard.press("Control+Shift+z")
+    viewer.press("Control+z", "Control+Shift+z")
     assert [viewer.said("undo"), viewer.said("redo")] == [[{"type": "undo"}], [{"type": "redo"}]]
     viewer.state(show=SHOW | {"exposure": 1.5})
     page.keyboard.press("Control+s")
@@ -701,6 +710,5 @@ def test_a_viewer_in_a_notebook_keeps_to_itself(viewer):
     page.evaluate("document.activeElement.blur()")
     page.keyboard.press("f")
     assert viewer.said("edit") == []
-    page.locator(".view .stage").focus()
-    page.keyboard.press("f")
+    viewer.press("f")
     assert "camera.from" in viewer.edited()

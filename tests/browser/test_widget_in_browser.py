@@ -1,7 +1,7 @@
 """The widget in a real browser, with a kernel that only the test answers for."""
 
 import pytest
-from browser_pages import until
+from browser_pages import until, watched
 
 pytest.importorskip("anywidget")
 from tfm_cl.viewer.cell import Viewer
@@ -67,16 +67,14 @@ WELCOME = {
 @pytest.fixture
 def cell(browser):
     """A cell in which the widget is shown; nothing may complain."""
-    page = browser.new_page()
-    complaints = []
-    page.on("console", lambda message: complaints.append(message.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
+    seen = watched(browser)
+    page = seen.page
     page.set_content("<!doctype html><body data-jp-theme-light=false><div id=cell></div>")
     page.add_style_tag(content=Viewer._css)
     page.evaluate(KERNEL, Viewer._esm)
     yield page
-    page.close()
-    assert complaints == []
+    seen.context.close()
+    assert seen.complaints == []
 
 
 def hear(page, message):

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from collections.abc import Mapping
 from importlib.resources import files
 
 SCRIPTS = ("elements.js", "flip.js")
@@ -17,6 +18,13 @@ def asset(name: str) -> str:
 def inside_element(script: str) -> str:
     """Escape end tags, so that text stays inside its script element; in strings the meaning is the same."""
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Put parts where a template says ``@NAME@``; elsewhere it has no ``@``, and parts may have any."""
+    head, *rest = template.split("@")
+    # The odd ones are names; inserted text is not expanded again.
+    return head + "".join(parts[part] if index % 2 == 0 else part for index, part in enumerate(rest))
 
 
 def source_hash(text: str) -> str:

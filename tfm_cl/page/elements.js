@@ -1,5 +1,7 @@
 // What every page uses: elements, and the reader's choice of light or dark.
 
+const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+
 /** Make an element; text never becomes markup. */
 function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);

@@ -10,7 +10,7 @@ class Flip {
    * belongs in there.
    */
   constructor(element, { label = "Picture", pair, fit = Flip.whole, clicks = false, onChange = () => {} }) {
-    Object.assign(this, { element, pair, fit, onChange, shown: pair[0], wiping: false, zoom: "fit", at: 0.5, frame: null });
+    Object.assign(this, { pair, fit, onChange, shown: pair[0], wiping: false, zoom: "fit", at: 0.5, frame: null });
     this.named = new Map();
     this.layers = make("div", { className: "layers" });
     this.divider = make("div", {
@@ -73,7 +73,7 @@ class Flip {
   }
 
   stepZoom(by) {
-    this.setZoom(ZOOMS[Math.min(ZOOMS.length - 1, Math.max(0, ZOOMS.indexOf(this.zoom) + by))]);
+    this.setZoom(ZOOMS[clamp(ZOOMS.indexOf(this.zoom) + by, 0, ZOOMS.length - 1)]);
     this.onChange();
   }
 
@@ -107,7 +107,7 @@ class Flip {
 
   /** Place the divider: 0 is the left edge, 1 the right one. */
   moveDivider(at) {
-    this.at = Math.min(1, Math.max(0, at));
+    this.at = clamp(at, 0, 1);
     this.draw();
   }
 

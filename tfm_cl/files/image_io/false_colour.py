@@ -41,7 +41,7 @@ COLOURS: dict[Name, Stops] = {
     ),
     "signed": ((150, 215, 255), (40, 120, 220), (0, 0, 0), (215, 95, 20), (255, 225, 150)),
 }
-"""``signed`` is black in the middle, blue below and orange above it, as errors in the report of a sweep."""
+"""``signed`` is black in the middle, blue below and orange above it, as errors are."""
 
 
 def _table(colours: Stops) -> Codes:

@@ -10,9 +10,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tfm_cl.files.image_io.false_colour import COLOURS
 from tfm_cl.metrics import compare
 from tfm_cl.page import SCRIPTS as SHARED_SCRIPTS
-from tfm_cl.page import asset, inside_element, source_hash
+from tfm_cl.page import asset, filled, inside_element, source_hash
 from tfm_cl.sweep import curves as sweep_curves
 from tfm_cl.sweep.report.pictures import Pictures, pictures
 from tfm_cl.sweep.rows import BUDGETS, SweepRow, kept_image
@@ -63,9 +64,7 @@ def page(groups: list[Group], out: Path, limit: int = LIMIT) -> str:
         _add_pictures(entry, found)
     parts["DATA"] = _json(_data(groups, figures))
     parts["PICTURES"] = _json(found.encoded)
-    head, *rest = _asset("page.html").split("@")
-    # The odd parts of the template are names; inserted text is not expanded again.
-    return head + "".join(parts[part] if index % 2 == 0 else part for index, part in enumerate(rest))
+    return filled(_asset("page.html"), parts)
 
 
 _RESERVE = 100_000
@@ -91,6 +90,7 @@ def _data(groups: list[Group], figures: list[dict[str, Any]]) -> dict[str, Any]:
         "about": f"{count} maps of {volumes}, each measured against the dual march.",
         "footer": f"tfm_cl {versions} on {devices}. Drawn with plotly.js.",
         "budgets": BUDGETS,
+        "signed_colours": COLOURS["signed"],
         "limit_megabytes": LIMIT // 10**6,
         "groups": figures,
     }

@@ -7,7 +7,8 @@ from functools import cache
 from importlib.resources import files
 
 from tfm_cl import page
-from tfm_cl.page import asset, inside_element, source_hash
+from tfm_cl.files.image_io.false_colour import COLOURS, Name
+from tfm_cl.page import asset, filled, inside_element, source_hash
 
 SCRIPTS = (
     "base.js",
@@ -22,12 +23,14 @@ SCRIPTS = (
     "fields.js",
     "panel.js",
     "curve.js",
+    "maps.js",
     "files.js",
     "status.js",
     "keys.js",
     "app.js",
 )
 """In this order they become one, after those that pages share."""
+_DEFINED = "{ mount, randomKey }"
 _ASSETS = files("tfm_cl.viewer.page")
 
 
@@ -43,30 +46,31 @@ class Document:
 
 @cache
 def script() -> str:
-    """Return the scripts as one statement, which defines ``mount(element, transport)`` and nothing else."""
+    """Return the scripts as one statement; it defines ``mount(element, transport)`` and ``randomKey()``."""
     parts = [*map(asset, page.SCRIPTS), *map(_asset, SCRIPTS)]
     return "\n".join(
-        ["const { mount } = (() => {", '"use strict";', *parts, "return { mount };", "})();", ""]
+        [f"const {_DEFINED} = (() => {{", '"use strict";', *parts, f"return {_DEFINED};", "})();", ""]
     )
 
 
 @cache
 def style() -> str:
     """Return the style, all of it of elements within one of the class ``tfm-viewer``."""
-    return asset("theme.css") + _asset("viewer.css")
+    return "".join([asset("theme.css"), _asset("viewer.css"), *map(_colour_bar, COLOURS)])
 
 
 @cache
 def document() -> Document:
-    """Return the page, which loads nothing else.
-
-    In ``index.html``, ``@STYLE@`` and ``@SCRIPT@`` stand for the contents of their elements.
-    """
+    """Return the page, which loads nothing else."""
     parts = {"STYLE": style(), "SCRIPT": inside_element(script() + _asset("start.js"))}
-    head, *rest = _asset("index.html").split("@")
-    # The odd parts of the template are names; inserted text is not expanded again.
-    text = head + "".join(parts[part] if index % 2 == 0 else part for index, part in enumerate(rest))
+    text = filled(_asset("index.html"), parts)
     return Document(text, source_hash(parts["SCRIPT"]), source_hash(parts["STYLE"]))
+
+
+def _colour_bar(name: Name) -> str:
+    """Return the look of the bar that tells what a colour map's colours mean."""
+    colours = ", ".join(f"rgb{colour}" for colour in COLOURS[name])
+    return f".tfm-viewer .scale-bar .{name} {{ background: linear-gradient(to right, {colours}); }}\n"
 
 
 def _asset(name: str) -> str:

@@ -48,7 +48,7 @@ class App {
   #header() {
     const { model } = this;
     const send = (type) => () => model.send({ type });
-    this.open = iconButton("open", "Open a file", "Ctrl+O", () => this.files.ask());
+    this.open = iconButton("folder", "Open a file", "Ctrl+O", () => this.files.ask());
     this.save = iconButton("save", "Save scene or picture", "Ctrl+S", () => this.saving.ask());
     this.undo = iconButton("undo", "Undo", "Ctrl+Z", send("undo"));
     this.redo = iconButton("redo", "Redo", "Ctrl+Shift+Z", send("redo"));
@@ -69,8 +69,8 @@ class App {
     const group = (label, ...parts) => make("div", { className: "tool-group", role: "group", "aria-label": label }, ...parts);
     return make("header", { className: "top" },
       group("File", this.open, this.save, this.undo, this.redo), this.source,
-      group("Layer", make("label", {}, make("span", { className: "legend", textContent: "Layer" }), this.layer), this.light),
-      group("Exposure and view", make("label", {}, make("span", { className: "legend", textContent: "Exposure" }), this.exposure), this.stops, this.auto, this.look),
+      group("Layer", labelled("Layer", this.layer), this.light),
+      group("Exposure and view", labelled("Exposure", this.exposure), this.stops, this.auto, this.look),
       this.compare.bar, this.maps.element,
       make("div", { className: "tool-group end" }, theme, iconButton("panel", "Panel", "N", () => this.showPanel()), iconButton("help", "Keys and mouse", "?", () => this.keys.sheet.showModal())));
   }
@@ -117,17 +117,19 @@ class App {
   }
 
   #drawState({ source, show, undo, redo, warnings }) {
-    const name = source.split(/[\\/]/).pop();
+    const name = fileName(source);
     this.source.textContent = name;
     this.source.title = source;
     if (this.element.parentElement === document.body) document.title = `${name} · tfm view`;
     this.undo.disabled = !undo;
     this.redo.disabled = !redo;
-    const { welcome, options } = this.model;
-    setOptions(this.layer, (welcome?.layers ?? []).map((layer) => ({ value: layer.name, text: layer.name.replaceAll("_", " "), title: layer.meaning })), show.layer);
-    this.layer.title = (welcome?.layers ?? []).find((layer) => layer.name === show.layer)?.meaning ?? "";
-    setOptions(this.light, (options.light ?? []).map((table, index, all) => ({ value: index, text: itemName("light", table, index, all.length) })), show.light);
-    this.light.hidden = show.layer !== "lights" || (options.light ?? []).length < 2;
+    const { welcome } = this.model;
+    const layers = welcome?.layers ?? [];
+    setOptions(this.layer, layers.map((layer) => ({ value: layer.name, text: spaced(layer.name), title: layer.meaning })), show.layer);
+    this.layer.title = layers.find((layer) => layer.name === show.layer)?.meaning ?? "";
+    const lights = show.layer === "lights" ? this.lightChoices() : [];
+    setOptions(this.light, lights, show.light);
+    this.light.hidden = lights.length < 2;
     setOptions(this.look, (welcome?.views ?? []).map(({ name: value, summary }) => ({ value, text: value, title: summary })), show.view);
     this.auto.setAttribute("aria-pressed", String(show.exposure === "auto"));
     this.exposure.put(show.exposure === "auto" ? 0 : show.exposure);
@@ -135,7 +137,6 @@ class App {
     this.warnings.hidden = !warnings?.length;
     if (!same(warnings, this.warned)) this.warnings.replaceChildren(...(warnings ?? []).map((line) => make("li", { textContent: line })));
     this.warned = warnings;
-    this.timeline.draw();
   }
 
   drawTools() {
@@ -185,6 +186,11 @@ class App {
     return lights[index] ? itemName("light", lights[index], index, lights.length) : `light ${index + 1}`;
   }
 
+  /** Options of a select box. */
+  lightChoices() {
+    return (this.model.options?.light ?? []).map((_, index) => ({ value: index, text: this.lightName(index) }));
+  }
+
   // ------------------------------------------------------------------------------------------- what is done
 
   #show(changes) {
@@ -222,15 +228,12 @@ class App {
   addItem(section, kind) {
     const { options } = this.model;
     const { key, one } = this.schema.named(section).find(({ name }) => name === kind);
-    const [low, high] = usable(this.model.state.bounds);
-    const centre = times(plus(low, high), 0.5);
-    const radius = norm(minus(high, low)) / 2 || 1;
+    const { low, high, centre, radius } = this.model.extent;
     const view = this.stage.view();
-    const keys = one.properties;
     const table = { [key]: kind };
     if (section === "light") {
-      if (keys.from) table.from = rounded(plus(plus(plus(centre, view.above, 2 * radius), view.right, 1.4 * radius), view.forward, -0.8 * radius));
-      if (keys.to) table.to = rounded(centre);
+      if (one.properties.from) table.from = rounded(plus(plus(plus(centre, view.above, 2 * radius), view.right, 1.4 * radius), view.forward, -0.8 * radius));
+      if (one.properties.to) table.to = rounded(centre);
       const others = (options.light ?? []).map((light) => Math.max(...[light.intensity].flat())).filter((value) => value > 0);
       if (["spot", "sun", "point"].includes(kind)) table.intensity = Array(3).fill(rounded((others.length > 0 ? Math.max(...others) : 5) / 2));
     } else if (kind === "sphere") Object.assign(table, { centre: rounded(plus(centre, view.right, 1.2 * radius)), radius: rounded(0.25 * radius) });
@@ -243,19 +246,17 @@ class App {
       Object.assign(table, { point: rounded(plus(centre, up, least - dot(centre, up))), normal: rounded(up) });
     }
     this.#setList(section, [...(options[section] ?? []), table]);
-    this.afterwards = `${section}.${(options[section] ?? []).length}`;
-    setTimeout(() => this.gizmos.select(this.afterwards), 0);
+    setTimeout(() => this.gizmos.select(`${section}.${(options[section] ?? []).length}`), 0);
   }
 
   removeItem({ section, index }) {
-    if (section === "volume") return;
     this.gizmos.select(null);
     this.#setList(section, this.model.options[section].filter((_, at) => at !== index));
   }
 
   removeChosen() {
     const [section, index] = (this.gizmos.selected ?? "").split(".");
-    if (["light", "solid"].includes(section)) this.removeItem({ section, index: Number(index) });
+    if (CAN_ADD.has(section)) this.removeItem({ section, index: Number(index) });
   }
 
   /** Another kind of light in the same place, with what both have. */
@@ -263,9 +264,8 @@ class App {
     const { key, one } = this.schema.named(section).find(({ name }) => name === kind);
     const kept = Object.entries(table).filter(([name, value]) => name in one.properties && one.properties[name].const === undefined && value !== null);
     const next = { [key]: kind, ...Object.fromEntries(kept) };
-    const [low, high] = usable(this.model.state.bounds);
-    const centre = times(plus(low, high), 0.5);
-    if (one.properties.from && !next.from) next.from = rounded(plus(centre, [0.5, 1, 0.5], norm(minus(high, low))));
+    const { centre, radius } = this.model.extent;
+    if (one.properties.from && !next.from) next.from = rounded(plus(centre, [0.5, 1, 0.5], 2 * radius));
     if (one.properties.to && !next.to) next.to = rounded(centre);
     this.#setList(section, this.model.options[section].map((old, at) => (at === index ? next : old)));
   }

@@ -1,8 +1,6 @@
-// Numbers, vectors, dotted keys, drawings.
+// Numbers, vectors, dotted keys, drawings, controls.
 
 const SVG = "http://www.w3.org/2000/svg";
-
-const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** Few digits, without an exponent where that can be read. */
 function number(value, digits = 4) {
@@ -22,14 +20,23 @@ function duration(seconds) {
   return seconds < 1 ? `${number(1000 * seconds, seconds < 0.01 ? 2 : 3)} ms` : `${number(seconds, 3)} s`;
 }
 
-const plus = (a, b, times = 1) => a.map((value, index) => value + times * b[index]);
+/** A name of keys and layers as people write it. */
+const spaced = (name) => name.replaceAll("_", " ");
+const fileName = (path) => path.split(/[\\/]/).pop();
+
+/** A key that nobody guesses: 32 hexadecimal digits. */
+function randomKey() {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+const plus = (a, b, factor = 1) => a.map((value, index) => value + factor * b[index]);
 const minus = (a, b) => a.map((value, index) => value - b[index]);
 const times = (a, factor) => a.map((value) => value * factor);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const norm = (a) => Math.hypot(...a);
 const unit = (a) => times(a, 1 / (norm(a) || 1));
-const degrees = (radians) => (radians * 180) / Math.PI;
+const degrees = (angle) => (angle * 180) / Math.PI;
 const radians = (angle) => (angle * Math.PI) / 180;
 const AXES = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.every(Number.isFinite);
@@ -45,6 +52,17 @@ function across(axis, hint = [0, 1, 0]) {
   const away = Math.abs(dot(axis, unit(hint))) > 0.99 ? [axis[1], axis[2], axis[0]] : hint;
   const one = unit(cross(axis, away));
   return [one, cross(one, axis)];
+}
+
+/** A matrix as rows: scene files may say it as 16 numbers. */
+const rowsOf = (matrix) => (matrix?.length === 16 ? [0, 4, 8, 12].map((at) => matrix.slice(at, at + 4)) : matrix);
+const columnOf = (rows, index) => [rows[0][index], rows[1][index], rows[2][index]];
+
+/** Corners of what lies in bounds, its middle, and the radius of a ball around it; of a cube where there are no such bounds. */
+function extentOf(bounds) {
+  const isUsable = bounds && bounds.every(isPoint) && norm(minus(bounds[1], bounds[0])) < 1e12;
+  const [low, high] = isUsable ? bounds : [[-1, -1, -1], [1, 1, 1]];
+  return { low, high, centre: times(plus(low, high), 0.5), radius: norm(minus(high, low)) / 2 || 1 };
 }
 
 /** What a dotted key says in tables and lists: "light.0.from". */
@@ -66,7 +84,7 @@ function same(a, b) {
   return [...keys].every((key) => same(a[key], b[key]));
 }
 
-/** Make or change an element of a drawing. */
+/** Make an element of a drawing. */
 function drawn(tag, attributes = {}, ...children) {
   const element = document.createElementNS(SVG, tag);
   setAttributes(element, attributes);
@@ -74,6 +92,7 @@ function drawn(tag, attributes = {}, ...children) {
   return element;
 }
 
+/** Change what is to change: each is compared first, null takes it away. */
 function setAttributes(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) {
     if (value === null || value === undefined) element.removeAttribute(name);
@@ -83,13 +102,10 @@ function setAttributes(element, attributes) {
 
 /** A drawing of 24 by 24 for a button. */
 function icon(name) {
-  const svg = drawn("svg", { class: "icon", viewBox: "0 0 24 24", "aria-hidden": "true" });
-  svg.append(drawn("path", { d: ICONS[name] }));
-  return svg;
+  return drawn("svg", { class: "icon", viewBox: "0 0 24 24", "aria-hidden": "true" }, drawn("path", { d: ICONS[name] }));
 }
 
 const ICONS = {
-  open: "M3 7a2 2 0 0 1 2-2h4l2 2h8a2 2 0 0 1 2 2v8a2 2 0 0 1-2 2H5a2 2 0 0 1-2-2z",
   save: "M12 4v11m0 0-4-4m4 4 4-4M4 19h16",
   undo: "M9 14 4 9l5-5M4 9h10a6 6 0 0 1 0 12h-3",
   redo: "m15 14 5-5-5-5m5 5H10a6 6 0 0 0 0 12h3",
@@ -106,7 +122,6 @@ const ICONS = {
   play: "M7 4.5v15l12-7.5z",
   pause: "M8 5v14M16 5v14",
   reset: "M4 12a8 8 0 1 0 2.5-5.8M4 3v4.5h4.5",
-  add: "M12 5v14M5 12h14",
   remove: "M6 6l12 12M18 6 6 18",
   folder: "M3 7a2 2 0 0 1 2-2h4l2 2h8a2 2 0 0 1 2 2v8a2 2 0 0 1-2 2H5a2 2 0 0 1-2-2z",
   file: "M6 3h8l4 4v14H6zM14 3v4h4",
@@ -120,17 +135,28 @@ function iconButton(name, label, key = "", onClick = null) {
   return button;
 }
 
+/** A control with its name before it. */
+const labelled = (name, control) => make("label", {}, make("span", { className: "legend", textContent: name }), control);
+
+/** A field of a line of text. */
+function textInput(label, properties = {}) {
+  return make("input", { type: "text", className: "text", autocomplete: "off", spellcheck: false, "aria-label": label, ...properties });
+}
+
+/** Say in a field, for as long as it is empty, what belongs there. */
+const hint = (field, text) => { field.placeholder = text; };
+
 /** One of a few, as buttons beside each other; `choose(value)` is called, `set(value)` shows what holds. */
 function choiceButtons(label, options, choose) {
   const group = make("div", { className: "join", role: "group", "aria-label": label });
-  const buttons = options.map(({ value, text, title = "" }) => {
+  const buttons = new Map(options.map(({ value, text, title = "" }) => {
     const button = make("button", { type: "button", textContent: text, title, "aria-pressed": "false" });
     button.addEventListener("click", () => choose(value));
     group.append(button);
     return [value, button];
-  });
-  group.set = (chosen) => buttons.forEach(([value, button]) => button.setAttribute("aria-pressed", String(value === chosen)));
-  group.enable = (value, yes) => { Object.fromEntries(buttons)[value].disabled = !yes; };
+  }));
+  group.set = (chosen) => buttons.forEach((button, value) => button.setAttribute("aria-pressed", String(value === chosen)));
+  group.enable = (value, yes) => { buttons.get(value).disabled = !yes; };
   return group;
 }
 

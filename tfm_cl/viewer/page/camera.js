@@ -4,10 +4,10 @@ const NEAREST_POLE = radians(1.5); // between the view and `up`: beyond, the pic
 
 /** Where the camera stands, however the scene says it. `far`: how far away what it looks at is, where only a matrix is given. */
 function placed(camera, far = 1) {
-  const rows = camera.matrix?.length === 16 ? [0, 4, 8].map((at) => camera.matrix.slice(at, at + 4)) : camera.matrix;
+  const rows = rowsOf(camera.matrix);
   if (rows) {
-    const column = (index) => rows.slice(0, 3).map((row) => row[index]);
-    return { from: column(3), to: plus(column(3), column(2), -far), up: column(1) };
+    const from = columnOf(rows, 3);
+    return { from, to: plus(from, columnOf(rows, 2), -far), up: columnOf(rows, 1) };
   }
   return { from: camera.from, to: camera.to, up: camera.up ?? [0, 1, 0] };
 }
@@ -30,13 +30,13 @@ class View {
     this.distance = norm(minus(this.to, this.from));
   }
 
-  /** [x, y, depth]; null behind the camera. */
+  /** Where a point is in the picture; null behind the camera. */
   project(point) {
     const from = minus(point, this.from);
     const depth = dot(from, this.forward);
     if (depth < 1e-6 * this.distance) return null;
     const reach = depth * this.tangent;
-    return [0.5 + dot(from, this.right) / (2 * reach * this.aspect), 0.5 - dot(from, this.above) / (2 * reach), depth];
+    return [0.5 + dot(from, this.right) / (2 * reach * this.aspect), 0.5 - dot(from, this.above) / (2 * reach)];
   }
 
   /** Unit direction through a place of the picture. */
@@ -79,12 +79,8 @@ function dollied({ from, to }, factor, least) {
   return { from: plus(from, by), to: plus(to, by) };
 }
 
-/** Look the same way at all that lies in bounds. */
-function framed(view, [low, high]) {
-  const centre = times(plus(low, high), 0.5);
-  const radius = norm(minus(high, low)) / 2 || 1;
+/** Look the same way at all that lies in a ball. */
+function framed(view, { centre, radius }) {
   const half = Math.atan(view.tangent * Math.min(1, view.aspect));
   return { from: plus(centre, view.forward, (-1.02 * radius) / Math.sin(half)), to: centre };
 }
-
-const usable = (bounds) => (bounds && bounds.every(isPoint) && norm(minus(bounds[1], bounds[0])) < 1e12 ? bounds : [[-1, -1, -1], [1, 1, 1]]);

@@ -2,7 +2,7 @@
 
 class Compare {
   constructor(app) {
-    Object.assign(this, { app, against: "nothing", figures: null, kept: false, before: "a" });
+    Object.assign(this, { app, against: "nothing", figures: null, kept: false, before: null });
     this.choice = choiceButtons("Compare with", [
       { value: "nothing", text: "Off", title: "Only the picture" },
       { value: "dual", text: "Dual march", title: "Against the dual march: the reference that the map approximates (D)" },
@@ -31,7 +31,6 @@ class Compare {
       // A session that was lost has kept nothing.
       if (app.model.connected && this.against !== "nothing") this.with(this.against === "kept" ? "nothing" : this.against);
     });
-    this.draw();
   }
 
   get name() {
@@ -82,9 +81,7 @@ class Compare {
   }
 
   draw() {
-    const { stage } = this.app;
-    if (!stage) return;
-    const { flip } = stage;
+    const { stage, stage: { flip } } = this.app;
     const isOn = this.against !== "nothing";
     if (flip.shown !== "map" && !flip.named.get(flip.shown).has && flip.named.get("a").has) flip.shown = "a";
     this.choice.set(this.against);
@@ -97,10 +94,8 @@ class Compare {
     this.numbers.textContent = !isOn ? "" : this.figures === null ? "comparing …" : figureText(this.figures);
     const names = { a: isOn ? "A" : "", b: this.name, error: `error ×${number(stage.gain, 3)}: blue too dark, orange too bright`, map: this.app.maps.label };
     flip.label(names[flip.shown], flip.over === null ? "" : names[flip.over]);
-    flip.badges[0].hidden = names[flip.shown] === "";
     const alt = { a: "The scene", b: `The scene: ${this.name}`, error: "Error of the picture", map: names.map };
     for (const [which, { node }] of flip.named) node.setAttribute("aria-label", alt[which]);
-    stage.element.dataset.side = flip.shown;
     stage.scaleBar.classList.toggle("aside", flip.shown === "error" || flip.shown === "map");
     flip.draw();
   }

@@ -6,12 +6,12 @@ class Curve {
   constructor(app) {
     Object.assign(this, { app, curve: null, at: null });
     this.title = make("h3", { textContent: "Transmittance along the light ray" });
-    this.close = iconButton("remove", "Close the curve", "", () => this.hide());
+    const close = iconButton("remove", "Close the curve", "", () => this.hide());
     this.svg = drawn("svg", { class: "plot", role: "img", tabindex: "0", "aria-label": "Curve" });
     this.note = make("p", { className: "note", "aria-live": "polite" });
     this.read = make("p", { className: "reading", "aria-live": "off" });
     this.element = make("section", { className: "dock curve", hidden: true, "aria-label": "Transmittance along the light ray" },
-      make("div", { className: "dock-head" }, this.title, this.read, this.close), this.svg, this.note);
+      make("div", { className: "dock-head" }, this.title, this.read, close), this.svg, this.note);
     app.model.on("curve", (curve) => this.show(curve));
     app.model.on("opened", () => this.hide());
     this.svg.addEventListener("pointermove", (event) => {
@@ -60,14 +60,14 @@ class Curve {
     const { clientWidth: width, clientHeight: height } = this.svg;
     if (!z?.length || width < 40) return;
     const em = parseFloat(getComputedStyle(this.svg).fontSize);
-    Object.assign(this, { left: 2.8 * em, right: 1 * em, top: 0.7 * em, bottom: 2.7 * em });
+    Object.assign(this, { left: 2.8 * em, right: em, top: 0.7 * em, bottom: 2.7 * em });
     const [low, high] = [z[0], z.at(-1) > z[0] ? z.at(-1) : z[0] + 1];
     const most = Math.max(1, ...[map, marched].flatMap((lines) => (lines ?? []).flat()).filter(Number.isFinite));
     const top = most > 1.02 ? most : 1;
     const x = (value) => this.left + ((value - low) / (high - low)) * (width - this.left - this.right);
     const y = (value) => this.top + (1 - value / top) * (height - this.top - this.bottom);
-    Object.assign(this, { x, y, low, high });
-    const line = (values) => z.map((value, index) => `${index ? "L" : "M"}${x(value).toFixed(1)} ${y(clamp(values[index] ?? 0, -0.05, top)).toFixed(1)}`).join("");
+    Object.assign(this, { x, low, high });
+    const line = (values) => z.map((value, index) => `${index ? "L" : "M"}${point2([x(value), y(clamp(values[index] ?? 0, -0.05, top))])}`).join("");
     const parts = [];
     for (const value of ticks(0, top, height < 9 * em ? 3 : 5)) {
       parts.push(drawn("line", { class: "rule", x1: this.left, x2: width - this.right, y1: y(value), y2: y(value) }));
@@ -99,7 +99,7 @@ class Curve {
   #legend(width, em) {
     const at = width - this.right - 11.5 * em;
     return [["marched", "marched"], ["map", "in the map"]].filter(([name]) => this.curve[name]).flatMap(([name, text], index) => [
-      drawn("line", { class: `${name} single key`, x1: at, x2: at + 2 * em, y1: this.top + (0.7 + 1.4 * index) * em, y2: this.top + (0.7 + 1.4 * index) * em }),
+      drawn("line", { class: `${name} single`, x1: at, x2: at + 2 * em, y1: this.top + (0.7 + 1.4 * index) * em, y2: this.top + (0.7 + 1.4 * index) * em }),
       drawn("text", { class: "tick key-name", x: at + 2.5 * em, y: this.top + (1.05 + 1.4 * index) * em }, text),
     ]);
   }
@@ -136,53 +136,4 @@ function ticks(low, high, count) {
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((one) => one >= rough);
   const first = Math.ceil(low / step - 1e-9);
   return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, index) => Number(((first + index) * step).toPrecision(12)));
-}
-
-/** The coefficients of a light's map, one at a time, as a picture. */
-class Maps {
-  constructor(app) {
-    Object.assign(this, { app, isOn: false, coefficient: 0 });
-    this.light = make("select", { "aria-label": "Light of the map" });
-    this.which = make("input", { type: "number", className: "number", min: 0, max: 511, value: 0, "aria-label": "Coefficient" });
-    this.close = iconButton("remove", "Close the coefficient map", "", () => this.toggle(false));
-    this.element = make("div", { className: "tool-group maps", hidden: true, role: "group", "aria-label": "Coefficient map" },
-      make("label", {}, make("span", { className: "legend", textContent: "Coefficient" }), this.which), this.light, this.close);
-    this.light.addEventListener("change", () => this.#ask());
-    this.which.addEventListener("change", () => this.#ask());
-    app.model.on("opened", () => { if (this.isOn) this.toggle(false); });
-  }
-
-  get label() {
-    return `coefficient ${this.coefficient} of ${this.app.lightName(Number(this.light.value || 0))}`;
-  }
-
-  toggle(isOn = !this.isOn) {
-    this.isOn = isOn;
-    this.element.hidden = !isOn;
-    this.draw();
-    if (isOn) {
-      this.app.stage.flip.shown = "map";
-      this.app.stage.flip.wiping = false;
-      this.#ask();
-    } else {
-      this.app.model.send({ type: "map", light: Number(this.light.value || 0), coefficient: -1 });
-      this.app.stage.drop("map");
-    }
-    this.app.stage.frame();
-    this.app.compare.draw();
-    this.app.drawTools();
-  }
-
-  #ask() {
-    this.coefficient = clamp(Math.round(Number(this.which.value) || 0), 0, 511);
-    this.which.value = this.coefficient;
-    this.app.model.send({ type: "map", light: Number(this.light.value || 0), coefficient: this.coefficient });
-    this.app.compare.draw();
-  }
-
-  draw() {
-    const lights = this.app.model.options?.light ?? [];
-    setOptions(this.light, lights.map((table, index) => ({ value: index, text: itemName("light", table, index, lights.length) })), Math.min(Number(this.light.value || 0), Math.max(lights.length - 1, 0)));
-    this.light.hidden = lights.length < 2;
-  }
 }

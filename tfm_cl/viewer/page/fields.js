@@ -3,15 +3,15 @@
 
 const SLIDER = 1000; // positions
 
-/** Say what a slider or a field is dragged to, and at last where it is left. */
+/** A field of a number: `read()` is null where there is none, `put(value)` leaves alone what is being typed. */
 function numberInput(label, { whole = false, step = null, digits = 5 } = {}) {
-  const input = make("input", { type: "text", inputMode: whole ? "numeric" : "decimal", className: "number", autocomplete: "off", spellcheck: false, "aria-label": label });
+  const input = textInput(label, { inputMode: whole ? "numeric" : "decimal", className: "number" });
   input.read = () => {
     const value = Number(input.value.replace(",", ".").replace("−", "-"));
     return input.value.trim() === "" || !Number.isFinite(value) ? null : whole ? Math.round(value) : value;
   };
   input.put = (value) => {
-    if (document.activeElement !== input || !input.isTouched) input.value = value === null || value === undefined ? "" : typeof value === "number" ? number(value, digits) : value;
+    if (document.activeElement !== input || !input.isTouched) input.value = typeof value === "number" ? number(value, digits) : typeof value === "string" ? value : "";
   };
   input.addEventListener("input", () => { input.isTouched = true; });
   let before = "";
@@ -38,7 +38,7 @@ function numberInput(label, { whole = false, step = null, digits = 5 } = {}) {
 /** A slider whose ends follow the value, but not while it is held. */
 function slider(label, key, change) {
   const input = make("input", { type: "range", min: 0, max: SLIDER, step: 1, "aria-label": label });
-  let range = { low: 0, high: 1, isLog: false };
+  let range = { low: 0, high: 0, isLog: false }; // until there is a value
   let [isHeld, isOpen] = [false, false];
   const toValue = (at) => {
     const t = at / SLIDER;
@@ -77,7 +77,7 @@ function slider(label, key, change) {
     const place = (value - range.low) / (range.high - range.low);
     const isTiny = !range.isLog && value !== 0 && Math.abs(value) < 0.02 * range.high;
     const isAtEnd = !(place >= 0 && place < 0.98) || (range.isLog && value > 0 && value < 1.2 * range.low);
-    if (!isHeld && (range.key === undefined || isAtEnd || isTiny)) range = { ...sliderRange(key, value), key };
+    if (!isHeld && (isAtEnd || isTiny)) range = sliderRange(key, value);
     input.value = toPlace(value);
     input.style.setProperty("--part", `${(100 * input.value) / SLIDER}%`);
     input.setAttribute("aria-valuetext", number(value));
@@ -94,6 +94,7 @@ function within({ least, most, isOpen = [false, false], whole }, value) {
 const FIELDS = {
   number(key, label, change) {
     const field = numberInput(label, key);
+    hint(field, "–");
     const range = slider(label, key, (value, drag) => { field.put(value); change(value, drag); });
     const auto = key.isAuto || key.choices.length > 0 ? make("button", { type: "button", className: "small", textContent: key.isAuto ? "auto" : key.choices[0], "aria-pressed": "false", title: "Let it be chosen" }) : null;
     let last = null;
@@ -110,7 +111,6 @@ const FIELDS = {
       set(value) {
         last = value;
         field.put(value);
-        field.placeholder = value === null || value === undefined ? "–" : "";
         range.put(typeof value === "number" ? value : typeof key.initial === "number" ? key.initial : 1);
         range.classList.toggle("unset", typeof value !== "number");
         auto?.setAttribute("aria-pressed", String(value === auto.textContent));
@@ -123,6 +123,7 @@ const FIELDS = {
     let value = null;
     const fields = names.map((name, index) => {
       const field = numberInput(`${label} ${name}`, { ...key, digits: key.whole ? 9 : 4 });
+      hint(field, name);
       field.dataset.axis = name;
       field.addEventListener("change", () => {
         const typed = field.read();
@@ -135,12 +136,11 @@ const FIELDS = {
       return field;
     });
     return {
-      element: make("span", { className: `line axes count${key.count}` }, ...fields),
+      element: make("span", { className: "line axes" }, ...fields),
       set(given) {
         value = typeof given === "number" ? Array(key.count).fill(given) : given;
         fields.forEach((field, index) => {
-          field.put(Array.isArray(value) ? value[index] : null);
-          field.placeholder = typeof value === "string" && index === 0 ? value : names[index];
+          field.put(Array.isArray(value) ? value[index] : index === 0 ? value : null);
         });
       },
     };
@@ -156,6 +156,7 @@ const FIELDS = {
     const scaled = (size) => (peak() > 0 ? rounded(times(value, size / peak())) : Array(3).fill(size));
     const fields = ["red", "green", "blue"].map((name, index) => {
       const field = numberInput(`${label} ${name}`, { digits: 4 });
+      if (index === 0) hint(field, "–");
       field.dataset.axis = name[0];
       field.addEventListener("change", () => {
         const typed = field.read();
@@ -184,8 +185,7 @@ const FIELDS = {
         value = isNumber ? Array(3).fill(given) : Array.isArray(given) ? given : [0, 0, 0];
         const isUnset = !isNumber && !Array.isArray(given);
         fields.forEach((field, index) => {
-          field.put(isUnset ? null : value[index]);
-          field.placeholder = isUnset && index === 0 ? (typeof given === "string" ? given : "–") : "";
+          field.put(!isUnset ? value[index] : index === 0 ? given : null);
         });
         const size = isFraction ? 1 : peak() || 1;
         swatch.value = `#${value.map((part) => Math.round(255 * toDisplay(clamp(part / size, 0, 1))).toString(16).padStart(2, "0")).join("")}`;
@@ -225,10 +225,9 @@ const FIELDS = {
   },
 
   text(key, label, change) {
-    const field = make("input", { type: "text", className: "text", spellcheck: false, autocomplete: "off", "aria-label": label });
+    const field = textInput(label);
     let last = null;
-    const say = () => { if (field.value !== (last ?? "")) change(field.value, false); };
-    field.addEventListener("change", say);
+    field.addEventListener("change", () => { if (field.value !== (last ?? "")) change(field.value, false); });
     return {
       element: make("span", { className: "line" }, field),
       set(value) {
@@ -240,11 +239,13 @@ const FIELDS = {
   },
 
   matrix(key, label, change) {
-    const field = make("input", { type: "text", className: "text", spellcheck: false, autocomplete: "off", "aria-label": `${label}: 16 numbers`, placeholder: "16 numbers" });
+    const field = textInput(`${label}: 16 numbers`);
+    hint(field, "16 numbers");
     field.addEventListener("change", () => {
       const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map(Number);
-      field.setAttribute("aria-invalid", String(numbers.length !== 16 || !numbers.every(Number.isFinite)));
-      if (numbers.length === 16 && numbers.every(Number.isFinite)) change(numbers, false);
+      const isMatrix = numbers.length === 16 && numbers.every(Number.isFinite);
+      field.setAttribute("aria-invalid", String(!isMatrix));
+      if (isMatrix) change(numbers, false);
     });
     return {
       element: make("span", { className: "line" }, field),

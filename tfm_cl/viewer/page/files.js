@@ -2,10 +2,11 @@
 
 class FilesDialog {
   constructor(app) {
-    Object.assign(this, { app, path: "" });
+    this.app = app;
     this.where = make("span", { className: "where" });
     this.list = make("ul", { className: "files", "aria-label": "Files" });
-    this.path = make("input", { type: "text", className: "text", placeholder: "or a path within the folder", "aria-label": "Path within the folder", spellcheck: false });
+    this.path = textInput("Path within the folder");
+    hint(this.path, "or a path within the folder");
     this.chosen = make("input", { type: "file", hidden: true });
     const upload = make("button", { type: "button", textContent: "Upload a file …" });
     upload.addEventListener("click", () => this.chosen.click());
@@ -51,14 +52,13 @@ class FilesDialog {
     const { welcome, transport } = this.app.model;
     if (this.dialog.open) this.dialog.close();
     if (welcome?.most_upload && file.size > welcome.most_upload) {
-      this.app.complain(`${file.name}: ${megabytes(file.size)}; at most ${megabytes(welcome.most_upload)} can be sent`);
+      this.app.complain(`${file.name}: ${sizeText(file.size)}; at most ${sizeText(welcome.most_upload)} can be sent`);
       return;
     }
-    const tell = (part) => this.app.say(`Sending ${file.name}, ${megabytes(file.size)}${part > 0 ? `: ${Math.floor(100 * part)} %` : ""} …`);
+    const tell = (part) => this.app.say(`Sending ${file.name}, ${sizeText(file.size)}${part > 0 ? `: ${Math.floor(100 * part)} %` : ""} …`);
     tell(0);
     try {
-      if (transport.upload) this.open(await transport.upload(file, tell));
-      else transport.sendBinary(file.name, await file.arrayBuffer());
+      this.open(await transport.upload(file, tell));
     } catch (error) {
       this.app.complain(error.message || `${file.name}: could not be sent`);
     }
@@ -89,7 +89,7 @@ class SaveDialog {
       { value: "exr", text: "EXR", title: "The picture, scene-linear" },
       { value: "png", text: "PNG", title: "The picture, as it is shown" },
     ], (value) => this.choose(value));
-    this.name = make("input", { type: "text", className: "text", "aria-label": "Name of the file", spellcheck: false });
+    this.name = textInput("Name of the file");
     this.suffix = make("span", { className: "suffix" });
     this.where = make("p", { className: "note" });
     this.button = make("button", { type: "submit", className: "primary", textContent: "Save" });
@@ -104,7 +104,7 @@ class SaveDialog {
 
   ask(what = "scene") {
     if (this.app.model.welcome?.can.save === false || this.app.model.state === null) return;
-    this.name.value ||= this.app.model.state.source.split(/[\\/]/).pop().replace(/\.[^.]*$/, "").replace(/#+/g, "frame") + "_view";
+    this.name.value ||= fileName(this.app.model.state.source).replace(/\.[^.]*$/, "").replace(/#+/g, "frame") + "_view";
     this.where.textContent = `Into ${this.app.model.welcome?.folder ?? "the viewer's folder"}`;
     this.choose(what);
     this.dialog.showModal();
@@ -139,6 +139,6 @@ function dialog(title, ...children) {
   return element;
 }
 
-function megabytes(size) {
+function sizeText(size) {
   return size >= 1e9 ? `${number(size / 1e9, 3)} GB` : size >= 1e6 ? `${number(size / 1e6, 3)} MB` : `${number(size / 1e3, 3)} kB`;
 }

@@ -41,7 +41,7 @@ class Drawing {
 
 class Gizmos {
   constructor(app, svg) {
-    Object.assign(this, { app, svg, hidden: false, tool: "move", selected: null, part: "from", grip: null, size: [1, 1] });
+    Object.assign(this, { app, svg, hidden: false, tool: "move", selected: null, part: "from", grip: null });
     this.drawing = new Drawing(svg);
   }
 
@@ -65,19 +65,14 @@ class Gizmos {
     return centre === null ? {} : { from: centre };
   }
 
-  #bounds() {
-    const [low, high] = usable(this.app.model.state.bounds);
-    return { centre: times(plus(low, high), 0.5), radius: norm(minus(high, low)) / 2 || 1 };
-  }
-
   /** A sun is as far away as its handle can be taken. */
   #sunAt({ from, to }) {
     const arm = minus(from, to);
-    return plus(to, unit(arm), Math.min(norm(arm), 1.6 * this.#bounds().radius));
+    return plus(to, unit(arm), Math.min(norm(arm), 1.6 * this.app.model.extent.radius));
   }
 
   #skySunAt({ elevation, azimuth, up }) {
-    const { centre, radius } = this.#bounds();
+    const { centre, radius } = this.app.model.extent;
     const [e, a] = [radians(elevation), radians(azimuth)];
     const direction = [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)];
     return plus(centre, fromYUp(this.#zenith(up), direction), 1.4 * radius);
@@ -94,7 +89,7 @@ class Gizmos {
   }
 
   #centre(section, table) {
-    const { centre } = this.#bounds();
+    const { centre } = this.app.model.extent;
     const isAlone = items(this.app.model.options, "volume").length === 1;
     if (table.shape === "everywhere" || table.shape === "ground") return null;
     const local = table.centre ?? (isPoint(table.from) && isPoint(table.to) ? times(plus(table.from, table.to), 0.5) : table.point ?? [0, 0, 0]);
@@ -137,15 +132,17 @@ class Gizmos {
   turnLight(x, y) {
     const { path, table } = this.turnable();
     if (table.type === "sky") {
-      this.app.model.edit({
-        [`${path}.elevation`]: rounded(clamp(table.elevation - 90 * y, 0, 90)),
-        [`${path}.azimuth`]: rounded(wrapped(table.azimuth + 180 * x)),
-      }, true);
+      this.app.model.edit(this.#skyTurned({ path, table }, 180 * x, -90 * y), true);
       return;
     }
-    const to = table.to ?? this.#bounds().centre;
+    const to = table.to ?? this.app.model.extent.centre;
     const { from } = orbited({ from: table.from, to, up: this.#zenith() }, -x, -y);
     this.app.model.edit({ [`${path}.from`]: rounded(from) }, true);
+  }
+
+  /** Changes that turn a sky's sun, degrees. */
+  #skyTurned({ path, table: { azimuth, elevation } }, around, up) {
+    return { [`${path}.elevation`]: rounded(clamp(elevation + up, 0, 90)), [`${path}.azimuth`]: rounded(wrapped(azimuth + around)) };
   }
 
   // ------------------------------------------------------------------------------------------- drawing
@@ -153,9 +150,7 @@ class Gizmos {
   draw() {
     const { model, stage } = this.app;
     const [width, height] = stage.size;
-    this.size = [width, height]; // asked for once: asking makes the browser lay the page out
     this.drawing.begin();
-    this.svg.classList.toggle("crowded", this.isCrowded === true);
     setAttributes(this.svg, { viewBox: `0 0 ${Math.max(width, 1)} ${Math.max(height, 1)}` });
     const isVisible = !this.hidden && model.options !== null && width > 0 && stage.flip.shown !== "map";
     if (isVisible) {
@@ -163,28 +158,29 @@ class Gizmos {
       this.scale = parseFloat(getComputedStyle(this.app.element).fontSize) / 14;
       const all = this.items();
       this.isCrowded = all.length > CROWD;
+      this.svg.classList.toggle("crowded", this.isCrowded);
       for (const item of all) this.#drawItem(item);
+      // Handles of what is chosen lie above the others, and the tabulator finds them last.
       const chosen = all.find(({ path }) => path === this.selected);
       if (chosen && this.part in chosen.parts) this.#drawTool(chosen, chosen.parts[this.part]);
     }
     this.drawing.end();
-    // Handles of what is chosen lie above the others, and the tabulator finds them last.
   }
 
   #at(point) {
-    const [width, height] = this.size;
+    const [width, height] = this.app.stage.size;
     const seen = this.view.project(point);
     return seen === null || Math.abs(seen[0]) > 20 || Math.abs(seen[1]) > 20 ? null : [seen[0] * width, seen[1] * height];
   }
 
   #isOutside(at) {
-    const [width, height] = this.size;
+    const [width, height] = this.app.stage.size;
     return at === null || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
   }
 
   /** Where a light that is not in the picture can be taken: at the edge that it is behind. */
   #atEdge(point) {
-    const [width, height] = this.size;
+    const [width, height] = this.app.stage.size;
     const from = minus(point, this.view.from);
     const [x, y] = [dot(from, this.view.right), -dot(from, this.view.above)];
     const margin = 1.1 * REACHED * this.scale;
@@ -194,7 +190,7 @@ class Gizmos {
 
   /** World units of so many pixels at a point. */
   #units(pixels, point) {
-    return (pixels * this.view.heightAt(point)) / this.size[1];
+    return (pixels * this.view.heightAt(point)) / this.app.stage.size[1];
   }
 
   #line(id, className, points, isClosed = false) {
@@ -202,14 +198,14 @@ class Gizmos {
     let isOn = false;
     for (const point of isClosed ? [...points, points[0]] : points) {
       const at = this.#at(point);
-      if (at !== null) parts.push(`${isOn ? "L" : "M"}${at[0].toFixed(1)} ${at[1].toFixed(1)}`);
+      if (at !== null) parts.push(`${isOn ? "L" : "M"}${point2(at)}`);
       isOn = at !== null;
     }
     return this.drawing.shape(id, "path", { class: className, d: parts.join("") || "M0 0" });
   }
 
   #circle(centre, axis, radius) {
-    const [one, other] = across(axis, Math.abs(axis[1]) > 0.99 ? [1, 0, 0] : [0, 1, 0]);
+    const [one, other] = across(axis);
     return Array.from({ length: RING }, (_, index) => {
       const angle = (2 * Math.PI * index) / RING;
       return plus(plus(centre, one, radius * Math.cos(angle)), other, radius * Math.sin(angle));
@@ -220,8 +216,7 @@ class Gizmos {
   #handle(id, { label, className, at, shape, hit = null, key, drag, press = null, value = null }) {
     if (at === null) return;
     const element = this.drawing.shape(id, "g", { class: `handle ${className}`, tabindex: 0, "aria-label": label }, (group) => {
-      group.append(drawn("path", { class: "hit" }), drawn("path", { class: "seen" }));
-      group.append(drawn("title"));
+      group.append(drawn("path", { class: "hit" }), drawn("path", { class: "seen" }), drawn("title"));
       this.#listen(group, id);
     });
     setAttributes(element, { role: value === null ? "button" : "slider", "aria-valuenow": value?.now ?? null, "aria-valuetext": value?.text ?? null });
@@ -293,7 +288,7 @@ class Gizmos {
       if (isAway) at = this.isCrowded && !isChosen ? null : this.#atEdge(point);
       if (at === null) continue;
       const size = (isChosen || !this.isCrowded ? 6.5 : 3) * this.scale;
-      const shape = part === "to" ? cross2(at, size) : section === "light" ? star(at, size) : section === "volume" ? cube(at, size) : diamond(at, size);
+      const shape = part === "to" ? cross2(at, size) : section === "light" ? star(at, size) : section === "volume" ? square(at, size) : diamond(at, size);
       this.#handle(`${path}:${part}`, {
         at, shape, hit: isChosen || !this.isCrowded ? null : disc(at, 2 * size), className: `mark ${className}${isChosen && part === this.part ? " part" : ""}${isAway ? " away" : ""}`,
         label: `${name}: ${part === "to" ? "aim" : section === "light" && table.type === "sky" ? "sun" : "position"}${isAway ? ", outside the picture" : ""}`,
@@ -307,7 +302,7 @@ class Gizmos {
   #drawLight({ path, table, parts }) {
     const { from, to } = parts;
     if (!from) return;
-    const target = to ?? this.#bounds().centre;
+    const target = to ?? this.app.model.extent.centre;
     if (to || table.type === "sky") this.#line(`${path}/axis`, "guide light", [from, target]);
     if (table.type === "spot" && to) this.#drawCone(path, table);
     if (table.type === "sun" && to) {
@@ -315,9 +310,9 @@ class Gizmos {
       const axis = unit(minus(to, from));
       this.#line(`${path}/disc`, "guide light", this.#circle(from, axis, radius), true);
     }
-    for (const key of ["reach", "radius"]) {
-      if (!(table[key] > 0) || !["spot", "point"].includes(table.type)) continue;
-      this.#drawRadius(`${path}.${key}`, from, table[key], { reach: "range", radius: "size of the light" }[key], "light");
+    if (!["spot", "point"].includes(table.type)) return;
+    for (const [key, label] of [["reach", "range"], ["radius", "size of the light"]]) {
+      if (table[key] > 0) this.#drawRadius(`${path}.${key}`, from, table[key], label, "light");
     }
   }
 
@@ -344,7 +339,7 @@ class Gizmos {
   #drawRadius(key, centre, radius, label, className) {
     this.#line(`${key}/ring`, `guide ${className} thin`, this.#circle(centre, this.view.forward, radius), true);
     const at = this.#at(plus(centre, this.view.right, radius));
-    const edit = (value) => ({ [key]: rounded(Math.max(value, 1e-4 * this.#bounds().radius)) });
+    const edit = (value) => ({ [key]: rounded(Math.max(value, 1e-4 * this.app.model.extent.radius)) });
     this.#handle(`${key}/handle`, {
       at, shape: at && disc(at, 5 * this.scale), className: `${className} round`, label: `${label}: ${number(radius, 3)}`,
       value: { now: number(radius, 3), text: number(radius, 3) },
@@ -359,14 +354,15 @@ class Gizmos {
   #drawBody({ section, path, table }) {
     const matrix = section === "volume" && table.shape ? IDENTITY : matrixOf(table);
     if (isPoint(table.centre) && table.radius > 0) {
-      const own = norm([matrix[0][0], matrix[1][0], matrix[2][0]]);
+      const own = norm(columnOf(matrix, 0));
       const centre = applied(matrix, table.centre);
       this.#line(`${path}/outline`, `guide ${section} thin`, this.#circle(centre, this.view.forward, own * table.radius), true);
       if (own === 1) this.#drawRadius(`${path}.radius`, centre, table.radius, "radius", section);
       return;
     }
+    const { extent } = this.app.model;
     const isBox = isPoint(table.from) && isPoint(table.to);
-    const bounds = isBox ? [table.from, table.to] : section === "volume" && items(this.app.model.options, "volume").length === 1 ? usable(this.app.model.state.bounds) : null;
+    const bounds = isBox ? [table.from, table.to] : section === "volume" && items(this.app.model.options, "volume").length === 1 ? [extent.low, extent.high] : null;
     if (bounds === null) return;
     const corner = (bits) => applied(isBox ? matrix : IDENTITY, [0, 1, 2].map((axis) => bounds[(bits >> axis) & 1][axis]));
     for (let bits = 0; bits < 8; bits++) {
@@ -402,9 +398,9 @@ class Gizmos {
       if (Math.abs(dot(axis, unit(minus(pivot, this.view.from)))) < 0.15) return;
       const corners = [[0.38, 0.38], [0.62, 0.38], [0.62, 0.62], [0.38, 0.62]].map(([a, b]) => this.#at(plus(plus(pivot, one, a * arm), other, b * arm)));
       if (corners.includes(null)) return;
-      const shape = `M${corners.map((at) => at.map((v) => v.toFixed(1)).join(" ")).join("L")}Z`;
+      const shape = `M${corners.map(point2).join("L")}Z`;
       const at = times(corners.reduce((sum, corner) => [sum[0] + corner[0], sum[1] + corner[1]], [0, 0]), 1 / 4);
-      const step = this.#bounds().radius / 50;
+      const step = this.app.model.extent.radius / 50;
       this.#handle(`${item.path}/plane-${"xyz"[index]}`, {
         at, shape, className: `axis plane ${"xyz"[index]}`, label: `Move in the ${["yz", "xz", "xy"][index]} plane`,
         drag: (place) => {
@@ -426,8 +422,8 @@ class Gizmos {
     if (Math.abs(dot(axis, unit(minus(pivot, this.view.from)))) > 0.985) return;
     const [start, end] = [this.#at(plus(pivot, axis, 0.16 * arm)), this.#at(plus(pivot, axis, arm))];
     if (start === null || end === null) return;
-    const line = `M${start[0].toFixed(1)} ${start[1].toFixed(1)}L${end[0].toFixed(1)} ${end[1].toFixed(1)}`;
-    const step = this.#bounds().radius / 50;
+    const line = `M${point2(start)}L${point2(end)}`;
+    const step = this.app.model.extent.radius / 50;
     this.#handle(`${item.path}/${id}`, {
       at: end, shape: line + head(start, end, this.scale), hit: line, className: `axis ${id.at(-1)}`, label,
       drag: (place) => {
@@ -452,12 +448,12 @@ class Gizmos {
       const visible = isWhole ? ordered : ordered.slice(0, RING).filter((at) => front[at]);
       const points = visible.map((at) => this.#at(ring[at]));
       if (points.length < 2 || points.includes(null)) return;
-      const shape = `M${points.map((at) => at.map((v) => v.toFixed(1)).join(" ")).join("L")}`;
+      const shape = `M${points.map(point2).join("L")}`;
       const edit = this.#turned(item, pivot);
       this.#handle(`${item.path}/rotate-${"xyz"[index]}`, {
         at: points[points.length >> 1], shape, hit: shape, className: `axis ring ${"xyz"[index]}`, label: `Turn about ${"xyz"[index]}`,
         drag: (place) => {
-          const [width, height] = this.size;
+          const [width, height] = this.app.stage.size;
           const at = [place[0] * width, place[1] * height];
           const nearest = ring.map((point) => this.#at(point)).reduce((best, point, where, all) => (distance2(point, at) < distance2(all[best], at) ? where : best), 0);
           const [one, other] = [this.#at(ring[(nearest + RING - 1) % RING]), this.#at(ring[(nearest + 1) % RING])];
@@ -483,7 +479,7 @@ class Gizmos {
     const isUniform = isPoint(item.table.centre) || item.table.points !== undefined || item.table.curves !== undefined;
     if (!isUniform) {
       [0, 1, 2].forEach((index) => {
-        const axis = unit([0, 1, 2].map((row) => matrix[row][index]));
+        const axis = unit(columnOf(matrix, index));
         this.#arrow(item, pivot, axis, arm, `scale-${"xyz"[index]}`, `Scale along its ${"xyz"[index]}`, () => {
           const does = this.#scaled(item, pivot);
           return (by) => does([0, 1, 2].map((own) => (own === index ? factor(dot(by, axis)) : 1)));
@@ -524,24 +520,15 @@ class Gizmos {
   #free(item, part, place) {
     const point = item.parts[part];
     const { forward } = this.view;
-    if (item.table.type === "sky") {
-      const { elevation, azimuth } = item.table;
-      return (now) => ({
-        [`${item.path}.elevation`]: rounded(clamp(elevation + 90 * (place[1] - now[1]), 0, 90)),
-        [`${item.path}.azimuth`]: rounded(wrapped(azimuth + 180 * (now[0] - place[0]))),
-      });
-    }
+    if (item.table.type === "sky") return (now) => this.#skyTurned(item, 180 * (now[0] - place[0]), 90 * (place[1] - now[1]));
     const start = this.#onPlane(point, forward, place);
     const move = this.#moved(item, part);
     return (now) => move(minus(this.#onPlane(point, forward, now) ?? start, start));
   }
 
   #nudge(item, part, [x, y], steps) {
-    if (item.table.type === "sky") {
-      const { elevation, azimuth } = item.table;
-      return { [`${item.path}.elevation`]: clamp(elevation + y * steps, 0, 90), [`${item.path}.azimuth`]: wrapped(azimuth + x * steps) };
-    }
-    const step = (steps * this.#bounds().radius) / 50;
+    if (item.table.type === "sky") return this.#skyTurned(item, x * steps, y * steps);
+    const step = (steps * this.app.model.extent.radius) / 50;
     return this.#moved(item, part)(plus(times(this.view.right, x * step), this.view.above, y * step));
   }
 
@@ -572,8 +559,8 @@ class Gizmos {
     const matrix = matrixOf(table);
     return (axis, angle) => {
       this.grip = { path, pivot };
-      const columns = [0, 1, 2].map((column) => turned([0, 1, 2].map((row) => matrix[row][column]), axis, angle));
-      const place = plus(pivot, turned(minus([0, 1, 2].map((row) => matrix[row][3]), pivot), axis, angle));
+      const columns = [0, 1, 2].map((index) => turned(columnOf(matrix, index), axis, angle));
+      const place = plus(pivot, turned(minus(columnOf(matrix, 3), pivot), axis, angle));
       return placing(path, table, fromColumns(columns, place), "translate", "rotate");
     };
   }
@@ -587,7 +574,7 @@ class Gizmos {
     const local = unapplied(matrix, pivot);
     return (factors) => {
       this.grip = { path, pivot };
-      const columns = [0, 1, 2].map((column) => [0, 1, 2].map((row) => matrix[row][column] * factors[column]));
+      const columns = [0, 1, 2].map((index) => times(columnOf(matrix, index), factors[index]));
       const linear = local.reduce((sum, value, column) => plus(sum, columns[column], value), [0, 0, 0]);
       return placing(path, table, fromColumns(columns, minus(pivot, linear)), "translate", "scale");
     };

@@ -19,9 +19,12 @@ const KEY_SHEET = [
   ]],
 ];
 
+/** Which key it is, whether or not Shift is held. */
+const keyOf = (event) => (event.key.length === 1 ? event.key.toLowerCase() : event.key);
+
 class Keys {
   constructor(app, root) {
-    Object.assign(this, { app, root, held: new Set() });
+    Object.assign(this, { app, held: new Set() });
     this.down = (event) => this.#down(event);
     this.up = (event) => this.#up(event);
     this.blur = () => {
@@ -45,7 +48,7 @@ class Keys {
   }
 
   #up(event) {
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const key = keyOf(event);
     if (key === " " && this.held.has(" ")) this.app.compare.hold(false);
     this.held.delete(key);
   }
@@ -56,7 +59,7 @@ class Keys {
     if (event.defaultPrevented || app.model.state === null || target.closest?.("dialog")) return;
     const isTyping = /^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName) && !["range", "checkbox", "color"].includes(target.type);
     const control = event.ctrlKey || event.metaKey;
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const key = keyOf(event);
     const does = control ? this.#withControl(key, event.shiftKey, isTyping) : event.altKey || isTyping ? null : this.#plain(key, event);
     if (!does) return;
     event.preventDefault();

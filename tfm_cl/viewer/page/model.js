@@ -2,8 +2,14 @@
 
 const SETTLED = 2000; // milliseconds after which the session's word counts, whatever was said here
 
+/** Whether a dotted key is another one, or of something in it. */
+const isWithin = (key, whole) => key === whole || key.startsWith(`${whole}.`);
+
 class Model {
-  /** `transport`: send(object), onMessage(callback), onBinary(callback), onState(callback), upload(file) or sendBinary(name, bytes). */
+  /**
+   * `transport`: `send(message)`; `listen({ message, binary, state })`, which are called with what comes: a message, an
+   * ArrayBuffer, { connected, line }; `upload(file, tell)`, which tells the part that is sent and resolves to the path to open.
+   */
   constructor(transport) {
     Object.assign(this, { transport, welcome: null, state: null, original: null, connected: false, line: "" });
     this.listeners = new Map();
@@ -11,13 +17,14 @@ class Model {
     this.dragged = new Map(); // changes that the next frame of the screen sends
     this.waiting = null;
     this.dragging = false;
-    transport.onMessage((message) => this.#hear(message));
-    transport.onBinary((data) => this.#hearPicture(data));
-    transport.onState((state) => {
-      this.connected = state.connected;
-      this.line = state.line ?? "";
-      if (!state.connected) this.said.clear();
-      this.tell("connection");
+    transport.listen({
+      message: (message) => this.#hear(message),
+      binary: (data) => this.#hearPicture(data),
+      state: ({ connected, line }) => {
+        Object.assign(this, { connected, line });
+        if (!connected) this.said.clear();
+        this.#tell("connection");
+      },
     });
   }
 
@@ -27,7 +34,7 @@ class Model {
     this.listeners.get(kind).push(listener);
   }
 
-  tell(kind, value) {
+  #tell(kind, value) {
     for (const listener of this.listeners.get(kind) ?? []) listener(value);
   }
 
@@ -47,21 +54,30 @@ class Model {
     return this.merged;
   }
 
+  /** Around what the session says that there is. */
+  get extent() {
+    return extentOf(this.state.bounds);
+  }
+
   value(key) {
     return valueAt(this.options, key);
   }
 
+  /** Keys that were set since the file was opened. */
+  get edited() {
+    return Object.keys(this.state?.edits ?? {});
+  }
+
   /** Whether a key, or something in it, is not as the file says it. */
   isEdited(key) {
-    const edited = Object.keys(this.state?.edits ?? {});
-    if (edited.some((one) => one === key || one.startsWith(`${key}.`))) return true;
-    const isInSet = edited.some((one) => key.startsWith(`${one}.`));
+    if (this.canTakeBack(key)) return true;
+    const isInSet = this.edited.some((edited) => isWithin(key, edited));
     return isInSet && (this.original === null || !same(valueAt(this.original, key), valueAt(this.state.options, key)));
   }
 
   /** Whether what was changed of a key can be taken back alone. */
   canTakeBack(key) {
-    return Object.keys(this.state?.edits ?? {}).some((edited) => edited === key || edited.startsWith(`${key}.`));
+    return this.edited.some((edited) => isWithin(edited, key));
   }
 
   /** Set keys. While something is dragged they are sent once for each frame of the screen. */
@@ -75,7 +91,7 @@ class Model {
     this.dragging = drag;
     if (!drag) this.#sendEdit();
     else this.waiting ??= requestAnimationFrame(() => this.#sendEdit());
-    this.tell("options");
+    this.#tell("options");
   }
 
   /** What was dragged is where it shall be. */
@@ -88,7 +104,7 @@ class Model {
 
   /** Take changes back: keys are as the file says them. */
   takeBack(...keys) {
-    const edited = Object.keys(this.state.edits).filter((key) => keys.some((name) => key === name || key.startsWith(`${name}.`)));
+    const edited = this.edited.filter((one) => keys.some((key) => isWithin(one, key)));
     if (edited.length > 0) this.send({ type: "edit", changes: Object.fromEntries(edited.map((key) => [key, null])), drag: false });
   }
 
@@ -105,8 +121,8 @@ class Model {
     if (message.type === "welcome") this.welcome = message;
     if (message.type === "state") this.#hearState(message);
     if (message.type === "failed") this.#forget();
-    this.tell(message.type, message);
-    if (["state", "failed"].includes(message.type)) this.tell("options");
+    this.#tell(message.type, message);
+    if (["state", "failed"].includes(message.type)) this.#tell("options");
   }
 
   /** What was said here holds until the session says the same, so that nothing jumps back while it is dragged. */
@@ -130,9 +146,8 @@ class Model {
   }
 
   #hearPicture(data) {
-    const buffer = data instanceof ArrayBuffer ? data : data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
-    const length = new DataView(buffer).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-    this.tell("picture", { header, bytes: new Uint8Array(buffer, 4 + length) });
+    const length = new DataView(data).getUint32(0, true);
+    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    this.#tell("picture", { header, bytes: new Uint8Array(data, 4 + length) });
   }
 }

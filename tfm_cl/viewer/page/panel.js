@@ -3,6 +3,7 @@
 const ORDER = ["light", "medium", "volume", "map", "march", "solid", "camera", "image", "ambient", "shadow"];
 const TITLES = { light: "Lights", medium: "Medium", volume: "Volume", map: "Light map", march: "March", solid: "Solids", camera: "Camera", image: "Image", ambient: "Ambient light", shadow: "Shadows of solids" };
 const OPEN = new Set(["light", "medium", "volume", "map"]);
+const CAN_ADD = new Set(["light", "solid"]); // and remove
 /** Keys that are seen at once, in this order; the others are under "more". */
 const FIRST = {
   light: ["type", "intensity", "cone", "blend", "elevation", "azimuth", "turbidity", "from", "to", "falloff", "reach", "radius", "samples", "sun"],
@@ -21,8 +22,9 @@ const MOST_SEARCHED = 40; // items of a list that a search looks into
 
 class Panel {
   constructor(app, element) {
-    Object.assign(this, { app, element, sections: new Map(), words: "" });
-    this.search = make("input", { type: "search", placeholder: "Search settings", "aria-label": "Search settings", spellcheck: false, autocomplete: "off" });
+    Object.assign(this, { app, sections: new Map() });
+    this.search = textInput("Search settings", { type: "search", className: "" });
+    hint(this.search, "Search settings");
     this.search.addEventListener("input", () => this.filter());
     this.search.addEventListener("keydown", (event) => {
       if (event.key !== "Escape") return;
@@ -57,10 +59,10 @@ class Panel {
   }
 
   filter() {
-    this.words = this.search.value.trim().toLowerCase();
+    const words = this.search.value.trim().toLowerCase();
     let found = 0;
-    for (const section of this.sections.values()) found += section.filter(this.words);
-    this.nothing.hidden = found > 0 || this.words === "";
+    for (const section of this.sections.values()) found += section.filter(words);
+    this.nothing.hidden = found > 0 || words === "";
   }
 
   /** Show the item whose handles are on the stage. */
@@ -72,7 +74,7 @@ class Panel {
 /** A section: one table, or a list of them. */
 class Section {
   constructor(app, name) {
-    Object.assign(this, { app, name, tables: new Map(), words: "" });
+    Object.assign(this, { app, name, canAdd: CAN_ADD.has(name), tables: new Map(), words: "" });
     this.count = make("span", { className: "count" });
     this.dot = make("span", { className: "dot", title: "changed since the file was opened" });
     const head = make("summary", { title: app.schema.sections[name].description ?? "" }, make("span", { className: "title", textContent: TITLES[name] }), this.count, this.dot);
@@ -80,7 +82,7 @@ class Section {
     this.element = make("details", { className: "section", open: OPEN.has(name) }, head, this.body);
     this.element.dataset.section = name;
     this.element.addEventListener("toggle", () => this.draw());
-    if (name === "light" || name === "solid") this.#addAdder();
+    if (this.canAdd) this.#addAdder();
     this.element.addEventListener("keydown", (event) => event.target === head && event.key === "Delete" && event.preventDefault());
   }
 
@@ -98,25 +100,24 @@ class Section {
   draw() {
     const { model } = this.app;
     const found = items(model.options, this.name);
-    this.count.textContent = this.name === "light" || this.name === "solid" || found.length > 1 ? found.length : "";
+    this.count.textContent = this.canAdd || found.length > 1 ? found.length : "";
     this.element.classList.toggle("many", found.length > MOST_SEARCHED);
-    const isEdited = model.isEdited(this.name);
-    this.dot.classList.toggle("on", isEdited);
-    this.dot.hidden = !isEdited;
+    this.dot.hidden = !model.isEdited(this.name);
     if (!this.element.open && this.words === "") return;
     for (const item of found) {
       if (!this.tables.has(item.path)) this.#addTable(item, found.length);
       this.tables.get(item.path).draw(item);
     }
+    const paths = new Set(found.map(({ path }) => path));
     for (const [path, table] of this.tables) {
-      if (found.some((item) => item.path === path)) continue;
+      if (paths.has(path)) continue;
       table.element.remove();
       this.tables.delete(path);
     }
   }
 
   #addTable(item, count) {
-    const isList = this.name === "light" || this.name === "solid" || count > 1;
+    const isList = this.canAdd || count > 1;
     const table = new Table(this.app, item, isList, count <= MOST_OPEN && this.name !== "solid");
     this.tables.set(item.path, table);
     if (this.adder) this.adder.before(table.element);
@@ -147,7 +148,7 @@ class Section {
 /** Rows of the keys of one table. */
 class Table {
   constructor(app, item, isList, isOpen) {
-    Object.assign(this, { app, item, isList, rows: new Map(), kind: null, words: "", isSearched: false });
+    Object.assign(this, { app, item, isList, rows: [], kind: null, words: "", isSearched: false });
     this.body = make("div", { className: "rows" });
     this.more = make("details", { className: "more" }, make("summary", { textContent: "More" }), make("div", { className: "rows" }));
     if (!isList) this.element = make("div", { className: "table" }, this.body, this.more);
@@ -173,12 +174,12 @@ class Table {
     if (this.isList && !this.element.open && !this.isSearched) return;
     const kind = this.app.schema.of(item.section, item.table).title ?? "";
     if (this.kind !== kind) this.#build(kind);
-    for (const row of this.rows.values()) row.draw();
+    for (const row of this.rows) row.draw();
   }
 
   #build(kind) {
     this.kind = kind;
-    this.rows.clear();
+    this.rows = [];
     const { section, table, path } = this.item;
     const keys = this.app.schema.keys(section, table);
     const first = FIRST[section];
@@ -187,15 +188,14 @@ class Table {
     this.body.replaceChildren();
     rest.replaceChildren();
     for (const key of keys.toSorted((a, b) => order(a.key) - order(b.key))) {
-      if (key.kind === "fixed" && key.key !== "type") continue;
+      const isTold = key.kind === "fixed";
+      if (isTold && (key.key !== "type" || section !== "light")) continue;
       if (key.kind === "medium") {
         this.#addMedium(rest, path, table);
         continue;
       }
-      const isTold = key.kind === "fixed";
-      if (isTold && section !== "light") continue;
       const row = isTold ? new KindRow(this.app, this, key) : new Row(this.app, this, key);
-      this.rows.set(key.key, row);
+      this.rows.push(row);
       (order(key.key) < 100 ? this.body : rest).append(row.element);
     }
     this.more.hidden = rest.childElementCount === 0;
@@ -209,7 +209,7 @@ class Table {
     for (const key of this.app.schema.keys("medium", table.medium)) {
       if (!FIELDS[key.kind] || table.medium[key.key] === undefined) continue;
       const row = new Row(this.app, this, { ...key, path: `medium.${key.key}` });
-      this.rows.set(`medium.${key.key}`, row);
+      this.rows.push(row);
       rest.append(row.element);
     }
   }
@@ -219,7 +219,7 @@ class Table {
     this.isSearched = isSearched;
     if (isSearched) this.draw(this.item);
     let found = 0;
-    for (const row of this.rows.values()) {
+    for (const row of this.rows) {
       const isFound = words === "" || row.text.includes(words);
       row.element.hidden = !isFound;
       found += isFound ? 1 : 0;
@@ -252,11 +252,11 @@ class Row {
   constructor(app, table, key) {
     Object.assign(this, { app, table, key });
     const path = key.path ?? key.key;
-    this.text = `${path} ${path.replaceAll("_", " ")} ${key.description} ${(key.choices ?? []).join(" ")}`.toLowerCase();
-    this.field = FIELDS[key.kind](key, path.replaceAll("_", " "), (value, drag) => this.#change(value, drag), app);
+    this.text = `${path} ${spaced(path)} ${key.description} ${(key.choices ?? []).join(" ")}`.toLowerCase();
+    this.field = FIELDS[key.kind](key, spaced(path), (value, drag) => this.#change(value, drag), app);
     this.back = iconButton("reset", `${path}: as the file says`, "", () => app.model.takeBack(this.path));
     this.back.classList.add("back");
-    const name = make("span", { className: "name", textContent: key.key.replaceAll("_", " ") });
+    const name = make("span", { className: "name", textContent: spaced(key.key) });
     this.element = make("div", { className: `row of-${key.kind}`, title: `${this.path}\n${key.description}` }, name, this.field.element, this.back);
     this.element.dataset.key = key.key;
   }
@@ -272,9 +272,8 @@ class Row {
   draw() {
     const { model } = this.app;
     this.field.set(model.value(this.path));
-    const isEdited = model.isEdited(this.path);
     this.back.hidden = !model.canTakeBack(this.path);
-    this.element.classList.toggle("edited", isEdited);
+    this.element.classList.toggle("edited", model.isEdited(this.path));
     this.element.classList.toggle("keyed", (model.state.changing ?? []).includes(this.path));
   }
 }

@@ -10,7 +10,7 @@ class Schema {
   of(section, table) {
     const definition = this.definitions[section];
     if (!definition?.oneOf) return definition ?? { properties: {} };
-    const told = (one) => ["type", "shape"].map((key) => one.properties?.[key]?.const !== undefined && table[key] === one.properties[key].const).includes(true);
+    const told = (one) => ["type", "shape"].some((key) => one.properties?.[key]?.const !== undefined && table[key] === one.properties[key].const);
     const has = (one) => (one.required ?? []).some((key) => one.properties[key]?.const === undefined && table[key] !== null && table[key] !== undefined);
     return definition.oneOf.find(told) ?? definition.oneOf.find(has) ?? { properties: {} };
   }
@@ -36,7 +36,7 @@ class Schema {
     const numbers = ways.find((way) => way.type === "number" || way.type === "integer");
     const list = ways.find((way) => way.type === "array");
     const isAuto = ways.some((way) => way.const === "auto");
-    const choices = ways.flatMap((way) => (way.enum ?? (way.const !== undefined && typeof way.const === "string" ? [way.const] : [])));
+    const choices = ways.flatMap((way) => way.enum ?? (typeof way.const === "string" ? [way.const] : []));
     const of = list?.items ?? {};
     if (said.const !== undefined || ways.length === 0) return { ...told, kind: "fixed" };
     if (ways.some((way) => way.$ref?.endsWith("/phase"))) return { ...told, kind: "phase" };
@@ -88,11 +88,11 @@ function sliderRange({ key, whole, least, most, initial }, value) {
 /** What an item of a list is, in a word or two. */
 function itemName(section, table, index, count) {
   const what = { light: "Light", solid: "Solid", volume: "Volume" }[section];
-  const kind = table.name || table.type || table.shape || fileOf(table) || "";
+  const kind = table.name || table.type || table.shape || fileOf(table);
   return `${what}${count > 1 ? ` ${index + 1}` : ""}${kind ? ` · ${kind}` : ""}`;
 }
 
-const fileOf = (table) => ["file", "mesh", "points", "curves"].map((key) => table[key]).find((path) => typeof path === "string")?.split(/[\\/]/).pop();
+const fileOf = (table) => fileName(["file", "mesh", "points", "curves"].map((key) => table[key]).find((path) => typeof path === "string") ?? "");
 
 /** Paths of the keys of what there may be several of: [{ path: "light.0", table, index }]; of one volume "volume". */
 function items(options, section) {

@@ -4,7 +4,7 @@ const point2 = ([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`;
 const distance2 = (a, b) => (a === null ? Infinity : Math.hypot(a[0] - b[0], a[1] - b[1]));
 const disc = ([x, y], r) => `M${point2([x - r, y])}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
 const diamond = ([x, y], r) => `M${point2([x, y - r])}L${point2([x + r, y])}L${point2([x, y + r])}L${point2([x - r, y])}Z`;
-const cube = ([x, y], r) => `M${point2([x - r, y - r])}h${2 * r}v${2 * r}h${-2 * r}Z`;
+const square = ([x, y], r) => `M${point2([x - r, y - r])}h${2 * r}v${2 * r}h${-2 * r}Z`;
 const cross2 = (at, r) => `${disc(at, 0.8 * r)}M${point2([at[0] - 1.5 * r, at[1]])}h${3 * r}M${point2([at[0], at[1] - 1.5 * r])}v${3 * r}`;
 
 /** A light: a disc with rays. */
@@ -24,4 +24,4 @@ function arrowHead(start, end, scale) {
   return `M${point2(tip)}L${point2([end[0] - 0.5 * size * y, end[1] + 0.5 * size * x])}L${point2([end[0] + 0.5 * size * y, end[1] - 0.5 * size * x])}Z`;
 }
 
-const squareHead = (start, end, scale) => cube(end, 4.5 * scale);
+const squareHead = (start, end, scale) => square(end, 4.5 * scale);

@@ -23,12 +23,10 @@ class Stage {
     app.model.on("connection", () => { if (app.model.connected) this.shown.clear(); });
     app.model.on("options", () => this.frame());
     this.resized = new ResizeObserver(() => {
-      this.flip.size();
       this.size = [this.flip.layers.clientWidth, this.flip.layers.clientHeight];
       app.drawGizmos();
     });
     this.resized.observe(this.flip.layers);
-    this.resized.observe(element);
     this.#listen();
   }
 
@@ -49,10 +47,8 @@ class Stage {
   }
 
   view() {
-    const { options, state } = this.app.model;
-    const [low, high] = usable(state.bounds);
-    const { from } = placed(options.camera);
-    return new View(options.camera, Math.max(norm(minus(times(plus(low, high), 0.5), from)), 1e-6));
+    const { options: { camera }, extent } = this.app.model;
+    return new View(camera, Math.max(norm(minus(extent.centre, placed(camera).from)), 1e-6));
   }
 
   // ------------------------------------------------------------------------------------------- pictures
@@ -81,12 +77,12 @@ class Stage {
   }
 
   #draw(header, bitmap) {
-    const { which, width, height } = header;
+    const { which } = header;
     const { node } = this.flip.named.get(which);
     if (node.width !== bitmap.width || node.height !== bitmap.height) Object.assign(node, { width: bitmap.width, height: bitmap.height });
     node.getContext("2d").drawImage(bitmap, 0, 0);
     node.dataset.quality = header.quality;
-    this.shown.set(which, { ...header, width, height });
+    this.shown.set(which, header);
     this.flip.has(which, true);
     if (which === "error") this.gain = header.gain ?? 1;
     if (which === "a") {
@@ -186,7 +182,7 @@ class Stage {
       if (this.app.model.state === null || event.ctrlKey) return;
       event.preventDefault();
       const lines = event.deltaMode === 1 ? 40 : 1;
-      this.move(dollied(this.view(), Math.exp(clamp(event.deltaY * lines, -240, 240) * 0.0015), this.#least()));
+      this.move(dollied(this.view(), Math.exp(clamp(event.deltaY * lines, -240, 240) * 0.0015), this.#least));
       clearTimeout(resting);
       resting = setTimeout(() => this.app.model.drop(), REST);
     }, { passive: false });
@@ -207,7 +203,7 @@ class Stage {
     const view = this.view();
     if (does === "orbit") this.move(orbited(view, x, y));
     else if (does === "pan") this.move(panned(view, x, y));
-    else if (does === "dolly") this.move(dollied(view, Math.exp(2 * (y - x)), this.#least()));
+    else if (does === "dolly") this.move(dollied(view, Math.exp(2 * (y - x)), this.#least));
     else if (does === "light") this.app.gizmos.turnLight(x, y);
   }
 
@@ -216,9 +212,9 @@ class Stage {
     else if (does === "orbit") this.app.gizmos.select(null);
   }
 
-  #least() {
-    const [low, high] = usable(this.app.model.state.bounds);
-    return 0.02 * norm(minus(high, low));
+  /** How near the target the camera goes. */
+  get #least() {
+    return 0.04 * this.app.model.extent.radius;
   }
 
   /** Move the camera; more may follow. */
@@ -239,7 +235,7 @@ class Stage {
 
   /** Look at all there is. */
   frameAll() {
-    this.move(framed(this.view(), usable(this.app.model.state.bounds)), false);
+    this.move(framed(this.view(), this.app.model.extent), false);
   }
 
   /** Look from where the file says. */

@@ -1,6 +1,6 @@
 // The line below: what goes on, what a picture cost, and the frames of a sequence.
 
-const PASSES = { light_pass: "light pass", view_pass: "view pass", orders: "orders" };
+const PASSES = ["light_pass", "view_pass", "orders"];
 
 class Status {
   constructor(app) {
@@ -32,12 +32,11 @@ class Status {
   #cost({ quality, resolution, seconds, made, rate, latency }) {
     const chip = (text, title, className = "") => make("span", { className: `chip ${className}`, textContent: text, title });
     const size = resolution ? chip(`${quality === "full" ? "full" : "moving"} ${resolution[0]} × ${resolution[1]}`, quality === "full" ? "The picture as tfm render makes it" : "A small picture while something moves", quality) : null;
-    const passes = Object.entries(PASSES)
-      .filter(([name]) => seconds?.[name] >= 5e-5)
-      .map(([name, text]) => chip(`${text} ${duration(seconds[name])}`, `Time of the ${text} on the device`, name));
-    const all = Object.entries(seconds ?? {}).map(([name, time]) => `${name.replaceAll("_", " ")} ${duration(time)}`).join("\n");
+    const passes = PASSES.filter((name) => seconds?.[name] >= 5e-5)
+      .map((name) => chip(`${spaced(name)} ${duration(seconds[name])}`, `Time of the ${spaced(name)} on the device`, name));
+    const all = Object.entries(seconds ?? {}).map(([name, time]) => `${spaced(name)} ${duration(time)}`).join("\n");
     if (Number.isFinite(seconds?.total)) passes.push(chip(`total ${duration(seconds.total)}`, all, "total"));
-    const names = Object.entries(made ?? {}).filter(([, count]) => count > 0).map(([name, count]) => `${count > 1 ? `${count} × ` : ""}${name.replaceAll("_", " ")}`);
+    const names = Object.entries(made ?? {}).filter(([, count]) => count > 0).map(([name, count]) => `${count > 1 ? `${count} × ` : ""}${spaced(name)}`);
     const what = `Made anew: ${names.join(", ") || "nothing"}; all else was kept`;
     const anew = made?.map > 0 ? chip(made.map > 1 ? `${made.map} new maps` : "new map", what, "made") : chip("no new map", what, "kept");
     const speed = quality === "low" && rate > 0 ? chip(`${number(rate, 3)} frames/s`, "While it moves", "rate") : null;
@@ -46,18 +45,17 @@ class Status {
     this.#work("", 1);
   }
 
-  say(line, isWrong = false) {
+  say(line) {
     this.message.textContent = line;
-    this.message.classList.toggle("wrong", isWrong);
     clearTimeout(this.fading);
-    if (!isWrong && line) this.fading = setTimeout(() => this.say(""), 8000);
+    if (line) this.fading = setTimeout(() => this.say(""), 8000);
   }
 }
 
 /** The frames of a sequence, and playing them. */
 class Timeline {
   constructor(app) {
-    Object.assign(this, { app, playing: null, held: false });
+    Object.assign(this, { app, playing: false });
     this.button = iconButton("play", "Play", "P", () => this.toggle());
     this.slider = make("input", { type: "range", step: 1, "aria-label": "Frame" });
     this.field = numberInput("Frame number");
@@ -73,14 +71,16 @@ class Timeline {
   draw() {
     const { frame, frames } = this.app.model.state;
     this.element.hidden = !frames;
-    if (!frames) return this.stop();
+    if (!frames) {
+      this.stop();
+      return;
+    }
     Object.assign(this.slider, { min: frames[0], max: frames[1] });
     if (!this.pending) {
       this.slider.value = frame ?? frames[0];
       this.field.put(frame ?? frames[0]);
     }
     this.last.textContent = `of ${number(frames[0])} – ${number(frames[1])}`;
-    return undefined;
   }
 
   go(frame, drag) {
@@ -110,7 +110,7 @@ class Timeline {
 
   stop() {
     if (!this.playing) return;
-    this.playing = null;
+    this.playing = false;
     this.#face();
     const { frame, frames } = this.app.model.state ?? {};
     if (frames && this.app.model.connected) this.go(this.to?.frame ?? frame, false);

@@ -8,7 +8,7 @@ const wrapped = (angle) => angle - 360 * Math.round(angle / 360);
 
 /** The world-from-object matrix that `transform`, or else translate, rotate and scale, say. */
 function matrixOf(table) {
-  if (table.transform && !same(table.transform, IDENTITY)) return table.transform.length === 16 ? [0, 4, 8, 12].map((at) => table.transform.slice(at, at + 4)) : table.transform;
+  if (table.transform && !same(table.transform, IDENTITY)) return rowsOf(table.transform);
   const scale = typeof table.scale === "number" ? Array(3).fill(table.scale) : table.scale ?? [1, 1, 1];
   let columns = AXES.map((axis, index) => times(axis, scale[index]));
   (table.rotate ?? [0, 0, 0]).forEach((angle, index) => { columns = columns.map((column) => turned(column, AXES[index], radians(angle))); });
@@ -17,8 +17,8 @@ function matrixOf(table) {
 
 /** The point of the object that is at a point of the world. */
 function unapplied(matrix, point) {
-  const columns = [0, 1, 2].map((column) => [0, 1, 2].map((row) => matrix[row][column]));
-  const away = minus(point, [0, 1, 2].map((row) => matrix[row][3]));
+  const columns = [0, 1, 2].map((index) => columnOf(matrix, index));
+  const away = minus(point, columnOf(matrix, 3));
   const volume = dot(columns[0], cross(columns[1], columns[2]));
   return [0, 1, 2].map((index) => dot(away, cross(columns[(index + 1) % 3], columns[(index + 2) % 3])) / volume);
 }
@@ -26,7 +26,7 @@ function unapplied(matrix, point) {
 /** Changes that place an item: in those steps, unless a matrix says where it is, which may be more than steps can say. */
 function placing(path, table, matrix, ...steps) {
   if (table.transform && !same(table.transform, IDENTITY)) return { [`${path}.transform`]: rounded(matrix.flat()) };
-  const columns = [0, 1, 2].map((column) => [0, 1, 2].map((row) => matrix[row][column]));
+  const columns = [0, 1, 2].map((index) => columnOf(matrix, index));
   const scale = columns.map(norm);
   if (dot(columns[0], cross(columns[1], columns[2])) < 0) scale[0] *= -1; // mirrored
   const [x, y, z] = columns.map((column, index) => times(column, 1 / scale[index]));
@@ -34,7 +34,7 @@ function placing(path, table, matrix, ...steps) {
   const level = Math.hypot(x[0], x[1]);
   const rotate = level > 1e-9 ? [Math.atan2(y[2], z[2]), Math.atan2(-x[2], level), Math.atan2(x[1], x[0])] : [Math.atan2(-z[1], y[1]), Math.atan2(-x[2], level), 0];
   const says = {
-    translate: rounded([0, 1, 2].map((row) => matrix[row][3])),
+    translate: rounded(columnOf(matrix, 3)),
     rotate: rotate.map((angle) => Number(degrees(angle).toFixed(4)) + 0),
     scale: rounded(scale),
   };

@@ -6,16 +6,14 @@ const PATIENCE = 4000; // milliseconds that it may take to answer that
 
 /** A transport, as `mount` takes, for one view of a widget. */
 function overKernel(model) {
-  const view = [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
-  const listeners = { message: [], binary: [], state: [] };
-  const tell = (kind, value) => listeners[kind].forEach((listener) => listener(value));
+  const view = randomKey();
   const say = (content, buffers) => model.send({ view, ...content }, undefined, buffers);
-  let [connected, patience, taken] = [null, null, null];
+  let [heard, connected, patience, taken] = [null, null, null, null];
 
   const connect = (yes, line = "") => {
     if (yes === connected) return;
     connected = yes;
-    tell("state", { connected: yes, line });
+    heard.state({ connected: yes, line });
   };
   const here = () => {
     say({ here: true });
@@ -27,8 +25,8 @@ function overKernel(model) {
     clearTimeout(patience);
     connect(true);
     if (content.taken) taken?.(content.taken);
-    else if (content.text !== undefined) tell("message", JSON.parse(content.text));
-    else for (const { buffer, byteOffset, byteLength } of buffers ?? []) tell("binary", buffer.slice(byteOffset, byteOffset + byteLength));
+    else if (content.text !== undefined) heard.message(JSON.parse(content.text));
+    else for (const { buffer, byteOffset, byteLength } of buffers ?? []) heard.binary(buffer.slice(byteOffset, byteOffset + byteLength));
   };
   model.on("msg:custom", receive);
   const beat = setInterval(here, HERE);
@@ -48,9 +46,7 @@ function overKernel(model) {
 
   return {
     send: (message) => say({ said: JSON.stringify(message) }),
-    onMessage: (listener) => listeners.message.push(listener),
-    onBinary: (listener) => listeners.binary.push(listener),
-    onState: (listener) => listeners.state.push(listener),
+    listen: (callbacks) => { heard = callbacks; },
     upload: (file, onPart) => {
       const whole = last.then(() => upload(file, onPart));
       last = whole.catch(() => {});

@@ -25,14 +25,14 @@ function errorNames(row) {
 }
 
 // Black where there is no error.
-const SIGNED = [[-1, [150, 215, 255]], [-0.5, [40, 120, 220]], [0, [0, 0, 0]], [0.5, [215, 95, 20]], [1, [255, 225, 150]]];
+const SIGNED = data.signed_colours.map((colour, index, all) => [(2 * index) / (all.length - 1) - 1, colour]);
 const MAGNITUDE = [[0, [0, 0, 0]], [0.25, [75, 20, 105]], [0.5, [185, 50, 85]], [0.75, [245, 130, 30]], [1, [252, 250, 180]]];
 
 function mix(stops, t) {
   for (let i = 1; i < stops.length; i++) {
     if (t <= stops[i][0] || i === stops.length - 1) {
       const [[from, a], [to, b]] = [stops[i - 1], stops[i]];
-      const part = Math.min(1, Math.max(0, (t - from) / (to - from)));
+      const part = clamp((t - from) / (to - from), 0, 1);
       return a.map((v, c) => Math.round(v + part * (b[c] - v)));
     }
   }
