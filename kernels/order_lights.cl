@@ -66,12 +66,18 @@ TFM_INLINE Vec3 way_of_light(LIGHT from, Vec3 point)
   return transform_vector(from->world_from_light, light_at(from, point_in_light(from, point)).direction);
 }
 
-/* Of light, after an optical depth: what was scattered straight on so many times, of what there was.
-   straight: the depth of what goes straight on */
-TFM_INLINE Floats left_after(Floats depth, int times, Floats straight, float log_factorial)
+/* Of a light's colour that arrives: what was scattered straight on so many times, of what there was. */
+TFM_INLINE Floats left_after(ORDERS orders, const Arrival *arrival, int c, int times, float log_factorial)
 {
+  const int channel = TFM_CHANNELS == 3 ? c : 0;
+  const Floats depth = arrival->depth[channel];
   if (times == 0)
     return transmittance_of(depth);
+#if TELLS_APART
+  const Floats straight = arrival->of_way[channel];
+#else
+  const Floats straight = orders->straight * orders->albedo[c] * depth;
+#endif
   const Floats chance = (float)times * log_of(greatest(straight, floats(FLT_MIN))) - log_factorial;
   return transmittance_of(greatest(depth - chance, floats(0.0f)));
 }
@@ -121,13 +127,8 @@ __kernel void order_lights(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS,
       continue;
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
       const int channel = TFM_CHANNELS == 3 ? c : 0;
-#if TELLS_APART
-      const Floats straight = arrival.of_way[channel];
-#else
-      const Floats straight = orders->straight * orders->albedo[c] * arrival.depth[channel];
-#endif
       sum[c] += arrival.tint[c] * here[channel] * arrival.strength *
-                left_after(arrival.depth[channel], times, straight, log_factorial);
+                left_after(orders, &arrival, c, times, log_factorial);
     }
   }
 #if TFM_ORDER_DEGREE
@@ -183,14 +184,8 @@ __kernel void order_walls(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
   if (!any_lane(arrival.strength > 0.0f))
     return;
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    const int channel = TFM_CHANNELS == 3 ? c : 0;
-#if TELLS_APART
-    const Floats straight = arrival.of_way[channel];
-#else
-    const Floats straight = orders->straight * orders->albedo[c] * arrival.depth[channel];
-#endif
     const Floats arrives = COLOUR_OF(from->intensity, c) * arrival.tint[c] * arrival.strength * cosine *
-                           left_after(arrival.depth[channel], times, straight, log_factorial);
+                           left_after(orders, &arrival, c, times, log_factorial);
     __global float *out = reflected + (size_t)c * count;
     store_floats(out, at, faces, gather_floats(out, at) + 4.0f * INVERSE_SPHERE * known[6 + c] * arrives);
   }

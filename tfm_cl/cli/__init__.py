@@ -79,8 +79,7 @@ def tfm() -> None:
     """Render voxel volumes through transmittance function maps, on OpenCL.
 
     Exit codes: 0 good, 1 `compare --fail-under` missed, 2 wrong use or bad input, 3 device or resource
-    failure, of several frames 4 out of memory and 5 some failed, 130 interrupted, 143
-    terminated.
+    failure, of several frames 4 out of memory and 5 some failed, 130 interrupted, 143 terminated.
     """
 
 

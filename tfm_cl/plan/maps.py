@@ -37,8 +37,6 @@ PROBE_RES = 64
 RANGE_STEPS = 128
 """Of a coarse ray, at least: what lies before a range's begin or between the coarse rays is lost to the
 map."""
-
-
 MOST_TOGETHER = 8192
 """Light rays of all lights and frames that functions for all of them are learnt from."""
 
@@ -253,15 +251,15 @@ def functions_of(settings: ResolvedMap, curves: Curves | None) -> Functions | No
 
 
 def functions_for_all(found: Sequence[tuple[ResolvedMap, Sequence[Curves]]]) -> str | None:
-    """Learn functions that serve all maps of some fields, lights and frames; None where none are learnt.
+    """Learn functions that serve all maps of some fields, lights and frames; None where there are no rays.
 
     Parameters
     ----------
     found
-        For each field and frame, what its maps are built by, and rays of each light; the basis is that of
-        the first.
+        For each field and frame, what its maps are built by, whose basis learns what lasts, and rays of each
+        light; the basis is that of the first.
     """
-    if not found or not found[0][0].learns or not found[0][0].lasts:
+    if not found:
         return None
     alphas = [settings.density_weighting or 1.0 for settings, _ in found]
     settings = found[0][0].replace(density_weighting=max(alphas))

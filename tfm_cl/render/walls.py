@@ -45,7 +45,7 @@ LEVEL_BIT = 3 * CUBE_BITS + SIDE_BITS
 WITHIN = 1e-6
 """Planes by which a ray that enters or leaves at a point beside the lattice is taken to be inside."""
 LEAST_COSINE = 0.5
-"""Of a surface's normal to the nearest axis: 3^-1/2."""
+"""Of a surface's normal to the nearest axis: means of normals may be shorter, single ones reach 3^-1/2."""
 TINY = 1e-300
 """More than no weight."""
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,14 @@ from tfm_cl.scene.clusters import centroids_of, clusters_of
 from tfm_cl.scene.lights.point import PointLight
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tfm_cl.files.volume_io.leaves import Leaves
     from tfm_cl.scene.bodies.base import Body
     from tfm_cl.scene.medium import Medium
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 MOST_CELLS = 1 << 15
 """Of a body: where there are more voxels that emit, cells hold some of them together."""
@@ -109,13 +112,9 @@ def emission_lights_of(body: Body, medium: Medium, flame: Volume | None) -> tupl
     if not medium.emission_lights or not (medium.emits or medium.temperature is not None):
         return ()
     if isinstance(body, Volume):
-        asked = medium.temperature, medium.temperature_offset, medium.temperature_scale, medium.Le_scale
-        key = medium.emission_lights, medium.emission, asked, body.density_key
-        kept = body.kept.get("emission lights")
-        if kept is None or kept[0] != key:
-            kept = body.kept["emission lights"] = key, _lights(_cells_of_volume(body, medium, flame), medium)
-        lights: tuple[EmissionLight, ...] = kept[1]
-        return lights
+        return _once(
+            body, medium, "emission lights", lambda: _lights(_of_volume(body, medium, flame), medium)
+        )
     if isinstance(body, Homogeneous):
         return _lights_of_shape(body.with_medium(None), medium)
     return ()
@@ -130,23 +129,34 @@ def radius_of_emission(body: Body, medium: Medium, flame: Volume | None) -> floa
         return 0.0
     if isinstance(body, Homogeneous):
         return _radius(_cells_of_shape(body, medium.emission))
-    if not isinstance(body, Volume):
-        return 0.0
+    if isinstance(body, Volume):
+        return _once(body, medium, "radius of emission", lambda: _radius(_of_volume(body, medium, flame)))
+    return 0.0
+
+
+def _once(volume: Volume, medium: Medium, what: str, make: Callable[[], T]) -> T:
+    """Make what follows from a volume's emission, unless it has it of the same emission."""
     asked = medium.temperature, medium.temperature_offset, medium.temperature_scale, medium.Le_scale
-    key, kept = (medium.emission, asked, body.density_key), body.kept.get("radius of emission")
+    key, kept = (medium.emission_lights, medium.emission, asked, volume.density_key), volume.kept.get(what)
     if kept is None or kept[0] != key:
-        kept = body.kept["radius of emission"] = key, _radius(_cells_of_volume(body, medium, flame))
-    return float(kept[1])
+        kept = volume.kept[what] = key, make()
+    made: T = kept[1]
+    return made
 
 
 def _radius(cells: Cells) -> float:
     weights = cells.weights
-    total = float(weights.sum())
-    if not 0 < total < math.inf:
+    if not 0 < float(weights.sum()) < math.inf:
         return 0.0
-    middle = weights @ cells.places / total
-    squares = ((cells.places - middle) ** 2).sum(axis=1) + cells.squares
-    return math.sqrt(BALL * float(weights @ squares) / total)
+    together = np.zeros(len(weights), np.intp)
+    return float(_cores(cells, centroids_of(cells.places, weights, together), together)[0])
+
+
+def _cores(cells: Cells, places: Floats, labels: NDArray[np.intp]) -> Floats:
+    """Radii of balls that spread as far as the cells of each label do around its place."""
+    squares, weights = ((cells.places - places[labels]) ** 2).sum(axis=1) + cells.squares, cells.weights
+    cores: Floats = np.sqrt(BALL * np.bincount(labels, weights * squares) / np.bincount(labels, weights))
+    return cores
 
 
 @lru_cache(maxsize=16)
@@ -163,8 +173,7 @@ def _lights(cells: Cells, medium: Medium) -> tuple[EmissionLight, ...]:
     weights = cells.weights
     labels = clusters_of(cells.places, weights, medium.emission_lights)
     places = centroids_of(cells.places, weights, labels)
-    squares = ((cells.places - places[labels]) ** 2).sum(axis=1) + cells.squares
-    cores = np.sqrt(BALL * np.bincount(labels, weights * squares) / np.bincount(labels, weights))
+    cores = _cores(cells, places, labels)
     intensities = np.stack([np.bincount(labels, colour) for colour in cells.intensities.T], axis=1)
     if intensities.max() > LARGEST_COLOUR:
         raise SceneError(
@@ -177,7 +186,7 @@ def _lights(cells: Cells, medium: Medium) -> tuple[EmissionLight, ...]:
     )
 
 
-def _cells_of_volume(volume: Volume, medium: Medium, flame: Volume | None) -> Cells:
+def _of_volume(volume: Volume, medium: Medium, flame: Volume | None) -> Cells:
     """Of its density, and of its flame."""
     parts = [_cells_of_grid(volume, medium.emission)] if medium.emits else []
     if flame is not None and flame.own_medium is not None:
