@@ -7,7 +7,6 @@
 """
 
 import importlib
-import logging
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -191,10 +190,6 @@ __all__ = [
     "register_volume_format",
     "view",
 ]
-
-
-# What is told goes to this logger and those below; where it is shown is the program's business.
-logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

@@ -119,3 +119,22 @@ def test_while_a_picture_is_being_written(cli, cloud, tiny, monkeypatch, suffix,
     code, line = ENDS[signal.SIGTERM if error is TerminatedError else signal.SIGINT]
     assert (done.code, done.out, done.err) == (code, "", f"{line}\n")
     assert [path.name for path in cloud.parent.iterdir()] == ["cloud.npy"]
+
+
+def test_interrupted_before_the_command_line_is_there(program, tmp_path):
+    # The first that it imports from elsewhere; what is raised in there may be caught there too.
+    (tmp_path / "click.py").write_text(
+        "import os, signal\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept KeyboardInterrupt:\n    pass\n"
+        "print('goes on')\n"
+    )
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    ended = subprocess.run(
+        program("--version"),
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "tfm: interrupted\n")

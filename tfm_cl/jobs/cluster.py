@@ -193,6 +193,7 @@ class Cluster(Futures):
 
 
 _log = logging.getLogger("tfm_cl")
+_log.addHandler(logging.NullHandler())  # where it is shown is the program's business
 
 
 @contextlib.contextmanager
