@@ -37,6 +37,34 @@ def test_a_drag_of_other_keys_is_another_step():
     assert edits.undo().values == {"camera.fov": 20.0}
 
 
+def test_two_who_drag_at_once_make_a_step_each():
+    edits = Edits()
+    for x in range(5):
+        edits = edits.with_changes({"camera.from": [x, 0, 0]}, drag=x < 4, by="one")
+        edits = edits.with_changes({"light.0.intensity": x}, drag=x < 3, by="other")
+    assert edits.values == {"camera.from": [4, 0, 0], "light.0.intensity": 4}
+
+    # The other's drag ended with its fourth edit; the fifth is a step of its own.
+    assert edits.undo().values == {"camera.from": [4, 0, 0], "light.0.intensity": 3}
+    assert edits.undo().undo().values == {"camera.from": [4, 0, 0]}
+    assert edits.undo().undo().undo().values == {}
+    assert edits.undo().undo().redo().redo().values == edits.values
+
+
+def test_one_who_does_something_else_has_ended_a_drag():
+    edits = Edits().with_changes({"camera.fov": 20.0}, drag=True, by="one")
+    edits = edits.with_changes({"map.res": 64}, by="one").with_changes({"camera.fov": 30.0}, by="one")
+
+    assert edits.undo().values == {"camera.fov": 20.0, "map.res": 64}
+
+
+def test_a_drag_that_was_undone_by_another_begins_anew():
+    edits = Edits().with_changes({"camera.fov": 20.0}, drag=True, by="one").undo()
+    edits = edits.with_changes({"camera.fov": 30.0}, by="one")
+
+    assert (edits.undo().values, edits.undo().can_undo) == ({}, False)
+
+
 def test_a_drag_that_changed_nothing_ends():
     edits = Edits().with_changes({"map.res": 64}).with_changes({"map.res": 64})
 

@@ -260,6 +260,20 @@ def test_a_slow_picture_tells_how_far_it_is(studio):
     client.wait("work", fraction=1.0)
 
 
+def test_pages_that_drag_at_once_undo_each_as_one_step(studio):
+    one = studio.client()
+    other = Client(one.session)
+    for part in range(4):
+        before = one.say("edit", changes={"camera.fov": 20 + part}, drag=part < 3)
+        other.say("edit", changes={"light.0.intensity": 2 + part}, drag=part < 3)
+    one.wait_for(lambda found: found.get("edits", {}).get("light.0.intensity") == 5, before)
+
+    one.say("undo")
+    one.wait_for(lambda found: found.get("edits") == {"camera.fov": 23})
+    one.say("undo")
+    one.wait_for(lambda found: found.get("edits") == {} and not found["undo"] and found["redo"])
+
+
 def test_too_much_at_once_is_refused(studio):
     client = studio.client()
     studio.seconds["low"] = 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,11 +30,20 @@ Values = Mapping[str, Any]
 """Dotted keys, or whole sections, and what they are set to."""
 
 
+class _Drag(NamedTuple):
+    """A drag that goes on."""
+
+    by: Hashable
+    keys: frozenset[str]
+
+
 class _Step(NamedTuple):
     """What was set before a step, and how large what it changed was."""
 
     values: Values
     size: int
+    drag: _Drag | None = None
+    """That adds to it."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +57,6 @@ class Edits:
     """In the order in which it was set last."""
     _past: tuple[_Step, ...] = ()
     _future: tuple[_Step, ...] = ()
-    _dragged: frozenset[str] | None = None
-    """Keys of the drag that goes on."""
 
     @property
     def can_undo(self) -> bool:
@@ -61,7 +68,7 @@ class Edits:
         """Whether there is one to be made again."""
         return bool(self._future)
 
-    def with_changes(self, changes: Values, *, drag: bool = False) -> Edits:
+    def with_changes(self, changes: Values, *, drag: bool = False, by: Hashable = None) -> Edits:
         """Set some keys.
 
         What says the same in another way, as ``camera.fov`` and ``camera.focal_length`` do, and keys of a
@@ -73,32 +80,36 @@ class Edits:
             None takes a key back.
         drag
             Whether more of the same keys follows: all of it, and the first that is no drag, is one step.
+        by
+            Who does it: each may drag something at the same time, and all of it is one step for each.
 
         Raises
         ------
         InputError
             More than a scene file holds.
         """
-        values = dict(self.values)
-        for key, value in changes.items():
-            values.pop(key, None)
-            if value is not None:
-                values = {name: said for name, said in values.items() if not _is_outdone(name, key, value)}
-                values[key] = _without_none(value)
-        size = len(repr(changes))
+        values = _changed(self.values, changes)
         if len(repr(values)) > MOST_SET:
             raise InputError(f"edit: more than {MOST_SET:,} letters are set; save the scene and open it")
-        keys = frozenset(changes)
-        goes_on = keys if drag else None
-        if self._dragged == keys:
-            return replace(self, values=values, _future=(), _dragged=goes_on)
+        this = _Drag(by, frozenset(changes))
+        goes_on = this if drag else None
+        at = next((at for at, step in enumerate(self._past) if step.drag == this), None)
+        # Whatever else the same one has dragged is done.
+        past = tuple(_Step(*step[:2]) if step.drag and step.drag.by == by else step for step in self._past)
+        if at is not None:
+            # Steps that others made meanwhile are taken back to what is dragged, too.
+            later = (step._replace(values=_changed(step.values, changes)) for step in past[at + 1 :])
+            past = (*past[:at], past[at]._replace(drag=goes_on), *later)
+            return Edits(values, past)
         if values == self.values and not drag:
-            return replace(self, _dragged=None)
-        return replace(self._stepped(values, size), _dragged=goes_on)
+            return replace(self, _past=past)
+        return Edits(values, _bounded((*past, _Step(self.values, len(repr(changes)), goes_on))))
 
     def reset(self) -> Edits:
         """Set nothing: a step like others."""
-        return self._stepped({}, len(repr(self.values))) if self.values else self
+        if not self.values:
+            return self
+        return Edits({}, _bounded((*self._past, _Step(self.values, len(repr(self.values))))))
 
     def undo(self) -> Edits:
         """Take the last step back; without one nothing changes."""
@@ -114,11 +125,24 @@ class Edits:
         *future, step = self._future
         return Edits(step.values, (*self._past, _Step(self.values, step.size)), tuple(future))
 
-    def _stepped(self, values: Values, size: int) -> Edits:
-        past = [*self._past, _Step(self.values, size)][-MOST_STEPS:]
-        while len(past) > 1 and sum(step.size for step in past) > MOST_KEPT:
-            past.pop(0)
-        return Edits(values, tuple(past))
+
+def _bounded(past: tuple[_Step, ...]) -> tuple[_Step, ...]:
+    """Return the last steps, as many as are kept."""
+    kept = list(past[-MOST_STEPS:])
+    while len(kept) > 1 and sum(step.size for step in kept) > MOST_KEPT:
+        kept.pop(0)
+    return tuple(kept)
+
+
+def _changed(values: Values, changes: Values) -> Values:
+    """Return what is set after changes."""
+    after = dict(values)
+    for key, value in changes.items():
+        after.pop(key, None)
+        if value is not None:
+            after = {name: said for name, said in after.items() if not _is_outdone(name, key, value)}
+            after[key] = _without_none(value)
+    return after
 
 
 def over(base: Iterable[tuple[str, Any]], values: Values) -> list[tuple[str, Any]]:

@@ -278,6 +278,7 @@ class Session:
         TfmError, and anything a renderer raises: `failed` is to be called.
         """
         told = self._telling(progress if work >= Work.FULL else _silent)
+
         if work is Work.LISTEN:
             self._listen()
         elif work is Work.LOW:
@@ -367,7 +368,7 @@ class Session:
         said, edits = one.said, settings.edits
         match said:
             case Edit():
-                edits = edits.with_changes(said.changes, drag=said.drag)
+                edits = edits.with_changes(said.changes, drag=said.drag, by=id(one.mailbox))
             case SetFrame():
                 whole = float(said.frame).is_integer()
                 return replace(settings, frame=int(said.frame) if whole else said.frame)
