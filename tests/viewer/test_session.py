@@ -260,6 +260,19 @@ def test_a_slow_picture_tells_how_far_it_is(studio):
     client.wait("work", fraction=1.0)
 
 
+def test_no_page_gets_as_many_pixels_as_it_likes(studio):
+    client = studio.client()
+
+    before = client.say("edit", changes={"camera.res": [16384, 16384]})
+
+    assert client.wait("failed", before)["line"] == (
+        "camera.res = [16384, 16384]: the viewer shows at most 33,554,432 pixels; set fewer, and let tfm "
+        "render make the larger picture"
+    )
+    assert client.state["options"]["camera"]["res"] == [640, 360]
+    assert all(scene.camera.res <= (640, 360) for _, scene, _ in studio.renderer.rendered)
+
+
 def test_pages_that_drag_at_once_undo_each_as_one_step(studio):
     one = studio.client()
     other = Client(one.session)

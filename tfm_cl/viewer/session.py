@@ -72,6 +72,8 @@ RATE_WEIGHT = 0.3
 """Of the last low picture, in the rate that is told."""
 PAUSE = 1.0
 """Seconds between two low pictures from which on they are no stream of them."""
+MOST_PIXELS = 1 << 25
+"""Of a picture: one of 7680×4320 is shown, but no page can ask for any amount of memory."""
 FIRST = "first picture"
 """Stage that clients are told at once."""
 
@@ -425,6 +427,12 @@ class Session:
         file = settings.file(*also)
         self._files.check(file.files())
         read = self._read_frame(file, settings.frame, like)
+        width, height = read.scene.camera.res
+        if width * height > MOST_PIXELS:
+            raise InputError(
+                f"camera.res = [{width}, {height}]: the viewer shows at most {MOST_PIXELS:,} pixels; set "
+                "fewer, and let tfm render make the larger picture"
+            )
         read.read_files()
         return read
 
