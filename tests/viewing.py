@@ -145,6 +145,9 @@ class FakeRenderer:
         self.rendered, self.closed, self.cancelled = [], False, threading.Event()
         self.errors = []
         """Raised by the next pictures, one each; None: none."""
+        self.on_compiling = None
+        self.compiles = []
+        """Programs that the next picture needs compiled."""
         self.seconds = {"low": 0.0, "full": 0.0}
         self.busy = threading.Event()
         """Set while a full picture is made."""
@@ -153,6 +156,8 @@ class FakeRenderer:
         quality = "low" if samples is None else "full"
         self.rendered.append((quality, scene, tuple(aovs)))
         self.cancelled.clear()
+        while self.compiles:
+            self.on_compiling(self.compiles.pop(0))
         end = time.monotonic() + self.seconds[quality]
         if quality == "full":
             self.busy.set()

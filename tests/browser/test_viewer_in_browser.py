@@ -590,7 +590,12 @@ def test_what_a_picture_cost_is_told(viewer):
     assert "2 new maps" in viewer.page.locator(".costs").text_content()
     viewer.hear({"type": "work", "stage": "light pass", "fraction": 0.5})
     assert viewer.page.locator(".status progress").evaluate("(bar) => bar.value") == 0.5
+    viewer.hear({"type": "work", "stage": "compiling kernels: view pass", "fraction": 0})
+    work = "document.querySelector('.work').textContent"
+    assert viewer.page.evaluate(work) == "compiling kernels: view pass"
+    until(viewer.page, f"{work} === 'compiling kernels: view pass, 1 s'")
     viewer.hear({"type": "work", "stage": "", "fraction": 1})
+    assert viewer.page.evaluate(work) == ""
     assert viewer.page.locator(".status progress").is_hidden()
 
 

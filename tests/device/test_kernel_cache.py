@@ -359,9 +359,9 @@ def cache(tmp_path, store):
     made.close()
 
 
-def compile_into(cache, program, size="4-4-1"):
+def compile_into(cache, program, size="4-4-1", compiling=lambda: None):
     """Do what PoCL does: a folder for the program, and in there one for each kernel and work-group size."""
-    with program.building():
+    with program.building(compiling):
         folder = cache.folder / "AB" / program._name[:8]
         found = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
         folder.mkdir(parents=True, exist_ok=True)
@@ -376,11 +376,16 @@ def compile_into(cache, program, size="4-4-1"):
 def test_a_program_comes_back_in_the_next_process(tmp_path, store, cache):
     assert compile_into(cache, cache.program("text", "options")) == []
     assert compile_into(cache, cache.program("other text", "options")) == []
-    found = []
+    found, told = [], []
     for size in ("64-1-1", "4-4-4"):
         (tmp_path / size).mkdir()
         following = KernelCache(Scratch(tmp_path / size), store)
-        found.append(compile_into(following, following.program("text", "options"), size))
+        found.append(
+            compile_into(following, following.program("text", "options"), size, lambda: told.append(1))
+        )
+    assert not told  # it was kept
+    compile_into(following, following.program("new text"), compiling=lambda: told.append(1))
+    assert told == [1]
     first = ["kernel/4-4-1/kernel.so", "program.bc"]
     assert found == [first, sorted([*first, "kernel/64-1-1/kernel.so"])]
 

@@ -260,6 +260,18 @@ def test_a_slow_picture_tells_how_far_it_is(studio):
     client.wait("work", fraction=1.0)
 
 
+def test_what_is_compiled_is_told_at_once(studio):
+    client = studio.client()
+    studio.renderer.compiles = ["light pass"]
+    studio.seconds["low"] = 0.5
+
+    before = client.say("edit", changes={"camera.fov": 20})
+
+    told = client.wait("work", before)
+    assert (told["stage"], told["fraction"]) == ("compiling kernels: light pass", 0)
+    client.wait("work", before, fraction=1.0)
+
+
 def test_no_page_gets_as_many_pixels_as_it_likes(studio):
     client = studio.client()
 

@@ -17,7 +17,7 @@ import tempfile
 import threading
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tfm_cl.device.scratch import Scratch, make_scratch
@@ -161,8 +161,8 @@ class KernelCache:
         """Return PoCL's folders, one per program."""
         return {path for path in self.folder.glob("*/*") if path.is_dir()}
 
-    def restore(self, name: str) -> None:
-        """Give PoCL the kept copy of a program, or make sure that there is room to compile it.
+    def restore(self, name: str, compiling: Callable[[], None]) -> None:
+        """Give PoCL the kept copy of a program, or make sure that there is room to compile it, and say so.
 
         Raises
         ------
@@ -174,6 +174,7 @@ class KernelCache:
             if packed is None:
                 self._scratch.check_room()
                 say_compiling()
+                compiling()
             else:
                 zipfile.ZipFile(io.BytesIO(packed)).extractall(self.folder)
         except OSError as error:
@@ -208,8 +209,13 @@ class KeptProgram:
         self._kept: set[Path] = set()
 
     @contextlib.contextmanager
-    def building(self) -> Iterator[None]:
+    def building(self, compiling: Callable[[], None] = lambda: None) -> Iterator[None]:
         """Build the program inside this context, from its kept copy if there is one.
+
+        Parameters
+        ----------
+        compiling
+            Called if there is none.
 
         Raises
         ------
@@ -222,7 +228,7 @@ class KeptProgram:
                 return
             before = self._cache.folders()
             try:
-                self._cache.restore(self._name)
+                self._cache.restore(self._name, compiling)
                 restored = self._cache.folders() - before
                 yield
             except BaseException:

@@ -13,7 +13,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -88,14 +88,24 @@ def _versions(device: cl.Device) -> tuple[str, ...]:
     return device.name, device.version, device.driver_version, device.platform.version, added
 
 
-def build(context: cl.Context, text: str, options: tuple[str, ...]) -> tuple[cl.Program, KeptProgram | None]:
-    """Build a program; returns it, and what keeps it where the driver leaves that to us."""
+def build(
+    context: cl.Context,
+    text: str,
+    options: tuple[str, ...],
+    compiling: Callable[[], None] = lambda: None,
+) -> tuple[cl.Program, KeptProgram | None]:
+    """Build a program; returns it, and what keeps it where the driver leaves that to us.
+
+    ``compiling`` is called first if it is not kept.
+    """
     (device,) = context.devices
     kept = None
     if cache := _cache_of(device):
         _check_linker(device.platform.version)
         kept = cache.program(text, *options, *_versions(device))
-    keeping = kept.building() if kept else contextlib.nullcontext()
+    else:
+        compiling()
+    keeping = kept.building(compiling) if kept else contextlib.nullcontext()
     with warnings.catch_warnings(), keeping, interrupts_ours():
         # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
         warnings.simplefilter("ignore", cl.CompilerWarning)
@@ -231,6 +241,8 @@ class KernelLibrary:
         self._kernels: dict[tuple[object, ...], Kernel] = {}
         self._build_seconds = 0.0
         self._clock = _LaunchClock()
+        self.on_compiling: Callable[[str], None] | None = None
+        """Called before a program is compiled that is not kept from before, with its name in words."""
 
     @functools.cached_property
     def _fingerprint(self) -> str:
@@ -282,7 +294,12 @@ class KernelLibrary:
     def _build(self, text: str, entry: str) -> tuple[cl.Program, KeptProgram | None]:
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
         text += f"/* kernels: {self._fingerprint} */\n"
+        options = (*self._options, "-I", str(kernels_dir()))
         try:
-            return build(self._context, text, (*self._options, "-I", str(kernels_dir())))
+            return build(self._context, text, options, lambda: self._tell_compiling(entry))
         except cl.Error as error:
             raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error
+
+    def _tell_compiling(self, entry: str) -> None:
+        if self.on_compiling is not None:
+            self.on_compiling(Path(entry).stem.replace("_", " "))

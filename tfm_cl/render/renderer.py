@@ -149,6 +149,18 @@ class Renderer:
         """Rays that a work-item carries."""
         return self._launcher.lanes
 
+    @property
+    def on_compiling(self) -> Callable[[str], None] | None:
+        """Called before each program is compiled that is not kept from before, which may take seconds.
+
+        With its name, as ``"light pass"``, in the thread that renders. None: nobody wants to know.
+        """
+        return self._launcher.kernels.on_compiling
+
+    @on_compiling.setter
+    def on_compiling(self, heard: Callable[[str], None] | None) -> None:
+        self._launcher.kernels.on_compiling = heard
+
     def close(self) -> None:
         """Release the device's memory, when what is being done has ended; nothing can be rendered afterwards.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -67,6 +67,13 @@ class LightMap(Protocol):
 
 class Renderer(Protocol):
     """Renders and builds maps: `tfm_cl.render.renderer.Renderer`."""
+
+    @property
+    def on_compiling(self) -> Callable[[str], None] | None:
+        """Called before a kernel is compiled, with its name."""
+
+    @on_compiling.setter
+    def on_compiling(self, heard: Callable[[str], None] | None) -> None: ...
 
     def render(
         self,

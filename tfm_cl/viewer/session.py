@@ -281,17 +281,22 @@ class Session:
         """
         told = self._telling(progress if work >= Work.FULL else _silent)
 
+        def ready() -> Renderer:
+            there = renderer()
+            there.on_compiling = self._tell_compiling
+            return there
+
         if work is Work.LISTEN:
             self._listen()
         elif work is Work.LOW:
-            self._make_low(renderer(), told)
+            self._make_low(ready(), told)
         elif work is Work.SHOW:
             self._needs.discard(Work.SHOW)
             self._show_again()
         elif work is Work.FULL:
-            self._make_full(renderer(), told)
+            self._make_full(ready(), told)
         else:
-            self._answer(renderer, told)
+            self._answer(ready, told)
         if self._is_telling:
             self._is_telling = False
             self._clients.send({"type": "work", "stage": "", "fraction": 1.0})
@@ -652,6 +657,11 @@ class Session:
                 )
 
         return told
+
+    def _tell_compiling(self, what: str) -> None:
+        """Tell clients at once what is compiled: nothing can be told while a compiler works."""
+        self._is_telling = True
+        self._clients.send({"type": "work", "stage": f"compiling kernels: {what}", "fraction": 0.0})
 
     # Going back.
 

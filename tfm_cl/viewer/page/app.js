@@ -39,6 +39,7 @@ class App {
   close() {
     this.keys.close();
     this.stage.close();
+    this.status.close();
     this.curve.resized.disconnect();
     this.element.replaceChildren();
   }

@@ -23,10 +23,23 @@ class Status {
 
   #work(stage, fraction) {
     const isOn = stage !== "" && !(fraction >= 1);
-    this.work.textContent = isOn ? stage : "";
+    const isMeasured = Number.isFinite(fraction) && fraction > 0;
+    if (stage !== this.stage) Object.assign(this, { stage, since: performance.now() });
+    const say = () => {
+      const seconds = Math.floor((performance.now() - this.since) / 1000);
+      this.work.textContent = !isOn ? "" : isMeasured || seconds < 1 ? stage : `${stage}, ${seconds} s`;
+    };
+    this.close();
+    if (isOn && !isMeasured) this.ticking = setInterval(say, 1000);
+    say();
     this.bar.hidden = !isOn;
-    if (Number.isFinite(fraction) && fraction > 0) this.bar.value = fraction;
+    if (isMeasured) this.bar.value = fraction;
     else this.bar.removeAttribute("value");
+  }
+
+  /** Count no seconds any more. */
+  close() {
+    clearInterval(this.ticking);
   }
 
   #cost({ quality, resolution, seconds, made, rate, latency }) {
