@@ -285,6 +285,36 @@ def test_the_camera_turns_about_its_target(viewer):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("apart", "by"), [(120, 0), (-30, 90)], ids=["apart", "together and aside"])
+def test_two_fingers_move_the_camera(view, apart, by):
+    viewer = view(has_touch=True)
+    touch = viewer.page.context.new_cdp_session(viewer.page)
+    x, y = viewer.centre()
+
+    def fingers(kind, *places):
+        points = [{"x": place, "y": y, "id": number} for number, place in enumerate(places)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    fingers("touchStart", x - 60)
+    fingers("touchStart", x - 60, x + 60)
+    for part in np.linspace(0.2, 1, 5):
+        fingers("touchMove", x - 60 + part * (by - apart / 2), x + 60 + part * (by + apart / 2))
+    fingers("touchEnd")
+
+    changes, before = viewer.edited(), viewer.options["camera"]
+    arms = [np.subtract(camera["from"], camera["to"]) for camera in (before, _camera(changes))]
+    nearer = 120 / (120 + apart)
+    assert np.allclose(arms[1], nearer * arms[0], rtol=1e-3, atol=1e-4)
+    # The target goes with the fingers: so many pixels at its distance.
+    places = [np.array(viewer.place(before["to"], camera)) for camera in (before, before | _camera(changes))]
+    assert np.allclose(places[1] - places[0], [by, 0], atol=PIXEL)
+
+
+def _camera(changes):
+    return {key: changes[f"camera.{key}"] for key in ("from", "to")}
+
+
+@pytest.mark.slow
 def test_a_camera_of_a_matrix_turns_too(viewer):
     matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 6], [0, 0, 0, 1]]
     camera = viewer.options["camera"] | {"from": None, "to": None, "up": None, "matrix": matrix}

@@ -3,6 +3,7 @@
 const KEY_SHEET = [
   ["Look", [
     ["Left drag, Alt + left drag", "turn about the target"], ["Middle drag, Shift + left drag", "shift"], ["Wheel, right drag", "nearer, away"],
+    ["One finger", "turn"], ["Two fingers", "shift; apart or together: nearer, away"],
     ["F", "frame everything"], ["H", "back to the file's camera"], ["Arrows", "turn; with Shift: shift"], ["+ −", "zoom into pixels"],
   ]],
   ["Light and things", [

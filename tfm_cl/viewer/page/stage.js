@@ -153,26 +153,33 @@ class Stage {
     let drag = null;
     stage.addEventListener("pointerdown", (event) => {
       stage.focus({ preventScroll: true });
-      if (drag !== null || this.app.model.state === null || event.target.closest(".divider")) return;
-      const does = this.#meant(event);
-      if (does === null) return;
+      if (this.app.model.state === null || event.target.closest(".divider")) return;
+      const isSecond = drag?.isTouch && event.pointerType === "touch" && drag.at.size === 1;
+      const does = isSecond ? "pinch" : this.#meant(event);
+      if ((drag !== null && !isSecond) || does === null) return;
       event.preventDefault();
       stage.setPointerCapture(event.pointerId);
-      drag = { does, id: event.pointerId, x: event.clientX, y: event.clientY, moved: false, start: this.place(event) };
+      drag ??= { at: new Map(), isTouch: event.pointerType === "touch", moved: false, start: this.place(event) };
+      drag.at.set(event.pointerId, [event.clientX, event.clientY]);
+      drag.does = does;
+      if (does === "pinch") drag.from = { view: this.view(), ...held(drag.at) };
     });
     stage.addEventListener("pointermove", (event) => {
-      if (drag === null || event.pointerId !== drag.id) return;
-      const [x, y] = [event.clientX - drag.x, event.clientY - drag.y];
-      if (!drag.moved && Math.hypot(x, y) < CLICK) return;
-      Object.assign(drag, { moved: true, x: event.clientX, y: event.clientY });
+      const at = drag?.at.get(event.pointerId);
+      if (at === undefined) return;
+      const now = [event.clientX, event.clientY];
+      if (!drag.moved && distance2(at, now) < CLICK) return;
+      drag.at.set(event.pointerId, now);
+      drag.moved = true;
       const height = this.size[1] || 1;
-      this.#drag(drag.does, x / height, y / height);
+      if (drag.does === "pinch") this.#pinch(drag, height);
+      else this.#drag(drag.does, ...times(minus(now, at), 1 / height));
     });
     const end = (event) => {
-      if (drag === null || event.pointerId !== drag.id) return;
+      if (!drag?.at.has(event.pointerId)) return;
       if (drag.moved) this.app.model.drop();
-      else if (event.type === "pointerup") this.#click(drag, event);
-      drag = null;
+      else if (event.type === "pointerup" && drag.at.size === 1) this.#click(drag);
+      drag = null; // a finger that stays does nothing more
     };
     stage.addEventListener("pointerup", end);
     stage.addEventListener("pointercancel", end);
@@ -197,6 +204,14 @@ class Stage {
     if (event.shiftKey) return "pan";
     if (this.app.keys.held.has("l") && this.app.gizmos.turnable()) return "light";
     return "orbit";
+  }
+
+  /** What is at the target's distance stays under two fingers; they move one after the other, so both count from where they began. */
+  #pinch({ at, from }, height) {
+    const { middle, span } = held(at);
+    const factor = from.span / span;
+    const [x, y] = times(minus(middle, from.middle), factor / height);
+    this.move(dollied(panned(from.view, x, y), factor, this.#least));
   }
 
   #drag(does, x, y) {
@@ -242,4 +257,10 @@ class Stage {
   home() {
     this.app.model.takeBack("camera.from", "camera.to", "camera.up", "camera.matrix");
   }
+}
+
+/** Where two fingers are on the screen: the middle between them, and how far apart they are. */
+function held(at) {
+  const [one, other] = at.values();
+  return { middle: times(plus(one, other), 1 / 2), span: Math.max(distance2(one, other), 1) };
 }
