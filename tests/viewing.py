@@ -148,6 +148,8 @@ class FakeRenderer:
         self.on_compiling = None
         self.compiles = []
         """Programs that the next picture needs compiled."""
+        self.maps = []
+        """Of any light."""
         self.seconds = {"low": 0.0, "full": 0.0}
         self.busy = threading.Event()
         """Set while a full picture is made."""
@@ -182,7 +184,7 @@ class FakeRenderer:
         return RenderResult(image, layers, RenderStats("fake"), scene, crop)
 
     def maps_of(self, *_scene_and_light, **_others):
-        return []
+        return self.maps
 
     def cancel(self):
         self.cancelled.set()

@@ -603,6 +603,25 @@ def test_a_curve_is_picked_and_read(viewer):
 
 
 @pytest.mark.slow
+def test_coefficients_of_any_field_are_shown(viewer):
+    viewer.press("m")
+    field = viewer.page.get_by_label("Field of the map")
+    assert viewer.said("map") == [{"type": "map", "light": 0, "coefficient": 0, "field": 0}]
+    shown = {"which": "map", "light": 0, "coefficient": 0}
+    viewer.picture(2, [0, 0, 9], **shown, field=0, fields=1)
+    assert field.is_hidden()
+    viewer.picture(3, [0, 0, 9], **shown, field=0, fields=3)
+    assert field.locator("option").all_text_contents() == ["red", "green", "blue"]
+    field.select_option("blue")
+    assert viewer.said("map") == [{"type": "map", "light": 0, "coefficient": 0, "field": 2}]
+    viewer.picture(4, [0, 0, 9], **shown, field=1, fields=2)
+    assert field.input_value() == "1"
+    label = viewer.page.locator(".layer.shown").get_attribute("aria-label")
+    assert label.startswith("coefficient 0 of")
+    assert label.endswith("field 2")
+
+
+@pytest.mark.slow
 def test_what_a_picture_cost_is_told(viewer):
     cost = {
         "type": "cost",

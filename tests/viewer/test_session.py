@@ -2,6 +2,7 @@
 
 import io
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -270,6 +271,18 @@ def test_what_is_compiled_is_told_at_once(studio):
     told = client.wait("work", before)
     assert (told["stage"], told["fraction"]) == ("compiling kernels: light pass", 0)
     client.wait("work", before, fraction=1.0)
+
+
+def test_any_field_of_a_map_is_shown(studio):
+    client = studio.client()
+    studio.renderer.maps = [
+        SimpleNamespace(coefficients=np.full((4, 4, 2), value, np.float32)) for value in (1, 2)
+    ]
+
+    for said, shown in ((1, 1), (2, 1), (0, 0)):
+        before = client.say("map", light=0, coefficient=1, field=said)
+        found = client.wait("picture", before, which="map")
+        assert (found["field"], found["fields"], found["range"]) == (shown, 2, [shown + 1, shown + 1])
 
 
 def test_no_page_gets_as_many_pixels_as_it_likes(studio):

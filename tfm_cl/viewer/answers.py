@@ -235,8 +235,9 @@ class Answers:
         maps = renderer.maps_of(scene, said.light, progress=progress)
         if not maps:
             raise InputError("map: there is none: all media are of constant density, or nothing lights them")
-        shown = pictures.shown_map(maps[0], said.coefficient)
-        of = {"light": said.light, "coefficient": said.coefficient}
+        field = min(said.field, len(maps) - 1)
+        shown = pictures.shown_map(maps[field], said.coefficient)
+        of = {"light": said.light, "coefficient": said.coefficient, "field": field, "fields": len(maps)}
         self._clients.send_shown("map", shown, now.revision, "full", **of)
 
 

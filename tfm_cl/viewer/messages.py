@@ -15,6 +15,7 @@ from tfm_cl.errors import InputError, unknown_key
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.render.shown import PICTURE
+from tfm_cl.scene.fields import MOST_FIELDS
 from tfm_cl.scene.layers import NAMES
 
 MOST_BYTES = 1 << 20
@@ -154,6 +155,8 @@ class ShowMap(_Checked):
     light: LightNumber = 0
     coefficient: int = Field(ge=-1, lt=1024)
     """From 0; -1: no longer."""
+    field: int = Field(default=0, ge=0, lt=MOST_FIELDS)
+    """From 0, as of `tfm_cl.scene.fields`; the last one where the scene has fewer by now."""
 
 
 class Save(_Checked):
