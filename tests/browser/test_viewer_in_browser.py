@@ -493,6 +493,39 @@ def test_what_is_out_of_range_is_said_by_the_session(viewer):
 
 
 @pytest.mark.slow
+def test_phase_functions_are_mixed_and_listed(viewer):
+    page, key = viewer.page, "medium.phase"
+
+    def told():
+        phase = viewer.edited()[key]
+        viewer.state(options=viewer.options | {"medium": viewer.options["medium"] | {"phase": phase}})
+        return phase
+
+    row = page.locator('[data-section="medium"] [data-key="phase"]')
+    row.locator("select").first.select_option("mix")
+    before = viewer.options["medium"]["phase"]
+    assert told() == {"type": "mix", "phases": [before, {"type": "rayleigh"}], "weights": [1, 1]}
+    page.get_by_label("phase, part 1: weight").last.fill("3")
+    page.keyboard.press("Enter")
+    assert told()["weights"] == [3, 1]
+    row.get_by_role("button", name="Add a part").click()
+    assert told()["phases"][2] == {"type": "isotropic"}
+    page.get_by_label("phase, part 3", exact=True).select_option("hg")
+    phase = told()
+    assert (phase["phases"][2], phase["weights"]) == ({"type": "hg", "g": 0.0}, [3, 1, 1])
+    page.get_by_role("button", name="Remove phase, part 2").click()
+    phase = told()
+    assert (phase["phases"], phase["weights"]) == ([before, {"type": "hg", "g": 0.0}], [3, 1])
+    row.locator("select").first.select_option("table")
+    assert told() == {"type": "table", "values": [1, 1]}
+    values = page.get_by_label("phase values")
+    assert values.input_value() == "1 1"
+    values.fill("1, 0.5 4")
+    values.press("Enter")
+    assert told() == {"type": "table", "values": [1, 0.5, 4]}
+
+
+@pytest.mark.slow
 def test_what_was_changed_is_marked_and_taken_back(viewer):
     row = viewer.page.locator('[data-section="map"] [data-key="steps"]')
     assert "edited" not in row.get_attribute("class")

@@ -253,27 +253,43 @@ const FIELDS = {
     };
   },
 
-  /** A kind, and the numbers of that kind. */
+  /** Any number of numbers. */
+  list(key, label, change) {
+    const field = textInput(label);
+    hint(field, "numbers");
+    field.addEventListener("change", () => {
+      const numbers = (field.value.match(/[^\s,;]+/g) ?? []).map(Number);
+      field.setAttribute("aria-invalid", String(!numbers.every(Number.isFinite)));
+      if (numbers.every(Number.isFinite)) change(numbers, false);
+    });
+    return {
+      element: make("span", { className: "line" }, field),
+      set(value) { if (document.activeElement !== field) field.value = (value ?? []).join(" "); },
+    };
+  },
+
+  /** A kind, and what is to be said of that kind. */
   phase(key, label, change, app) {
-    const kinds = app.schema.named("phase").filter(({ name }) => !["table", "mix"].includes(name));
+    const kinds = app.schema.named("phase").filter(({ name }) => !key.isPart || name !== "mix");
     const select = make("select", { "aria-label": label });
     const inner = make("div", { className: "inner" });
     let value = { type: "isotropic" };
     let built = "";
     let fields = [];
+    const shown = ({ key: name, kind }) => (value.type === "table" ? (value.file ? ["file"] : ["values", "cosines"]).includes(name) : kind === "number");
     const build = () => {
-      built = value.type;
       const { one } = kinds.find(({ name }) => name === value.type) ?? { one: { properties: {} } };
-      fields = Object.entries(one.properties).map(([name, said]) => app.schema.key(name, said)).filter(({ kind }) => kind === "number").map((part) => {
-        const field = FIELDS.number(part, `${label} ${part.key}`, (number_, drag) => change({ ...value, [part.key]: number_ }, drag));
-        return { part, field };
+      fields = Object.entries(one.properties).map(([name, said]) => app.schema.key(name, said)).filter(shown).map((part) => {
+        const field = FIELDS[part.kind](part, `${label} ${part.key}`, (next, drag) => change({ ...value, [part.key]: next }, drag), app);
+        return { element: named(part.key, part.description, field), set: () => field.set(value[part.key] ?? part.initial) };
       });
-      inner.replaceChildren(...fields.map(({ part, field }) => make("div", { className: "row" }, make("span", { className: "name", textContent: part.key, title: part.description }), field.element)));
+      if (value.type === "mix") fields.push(mixture(label, (next, drag) => change({ ...value, ...next }, drag), app));
+      inner.replaceChildren(...fields.map(({ element }) => element));
     };
     select.addEventListener("change", () => {
       const { one } = kinds.find(({ name }) => name === select.value);
       const initial = Object.entries(one.properties).filter(([name, said]) => name !== "type" && said.default !== undefined).map(([name, said]) => [name, said.default]);
-      change({ type: select.value, ...Object.fromEntries(initial) }, false);
+      change({ type: select.value, ...(BEGINS[select.value]?.(value) ?? Object.fromEntries(initial)) }, false);
     });
     return {
       element: make("div", { className: "phase" }, make("span", { className: "line" }, select), inner),
@@ -282,12 +298,61 @@ const FIELDS = {
         const options = kinds.map(({ name }) => ({ value: name, text: name }));
         if (!kinds.some(({ name }) => name === value.type)) options.push({ value: value.type, text: value.type });
         setOptions(select, options, value.type);
-        if (built !== value.type) build();
-        for (const { part, field } of fields) field.set(value[part.key] ?? part.initial);
+        const kind = `${value.type} ${Boolean(value.file)}`;
+        if (built !== kind) build();
+        built = kind;
+        for (const field of fields) field.set(value);
       },
     };
   },
 };
+
+/** What phase functions begin with that have no defaults. */
+const BEGINS = {
+  table: () => ({ values: [1, 1] }),
+  mix: (before) => ({ phases: [before, { type: "rayleigh" }], weights: [1, 1] }),
+};
+const MOST_PARTS = 8;
+const WEIGHT = { key: "weight", description: "the part of what is scattered that it scatters, over the sum of all", kind: "number", least: 0, initial: 1, choices: [] };
+
+/** A control in a row with its name. */
+const named = (name, title, field) => make("div", { className: "row" }, make("span", { className: "name", textContent: spaced(name), title }), field.element);
+
+/** The parts of a mixture of phase functions, each with its weight. */
+function mixture(label, change, app) {
+  const add = make("button", { type: "button", className: "small", textContent: "Add a part" });
+  const element = make("div", { className: "parts" }, add);
+  const parts = [];
+  let value = { phases: [], weights: [] };
+  const without = (list, index) => list.filter((_, at) => at !== index);
+  add.addEventListener("click", () => change({ phases: [...value.phases, { type: "isotropic" }], weights: [...value.weights, 1] }, false));
+  const append = () => {
+    const index = parts.length;
+    const name = `${label}, part ${index + 1}`;
+    const phase = FIELDS.phase({ isPart: true }, name, (next, drag) => change({ phases: value.phases.with(index, next) }, drag), app);
+    const weight = FIELDS.number(WEIGHT, `${name}: weight`, (next, drag) => change({ weights: value.weights.with(index, next) }, drag));
+    const remove = iconButton("remove", `Remove ${name}`, "", () => change({ phases: without(value.phases, index), weights: without(value.weights, index) }, false));
+    phase.element.firstChild.append(remove);
+    phase.element.append(named("weight", WEIGHT.description, weight));
+    add.before(phase.element);
+    parts.push({ phase, weight, remove });
+  };
+  return {
+    element,
+    set(given) {
+      value = given;
+      const count = value.phases.length;
+      while (parts.length < count) append();
+      while (parts.length > count) parts.pop().phase.element.remove();
+      parts.forEach(({ phase, weight, remove }, index) => {
+        phase.set(value.phases[index]);
+        weight.set(value.weights[index]);
+        remove.disabled = count === 1;
+      });
+      add.disabled = count >= MOST_PARTS;
+    },
+  };
+}
 
 const toLinear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
 const toDisplay = (v) => (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055);

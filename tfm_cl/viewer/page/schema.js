@@ -44,6 +44,7 @@ class Schema {
     if (list?.minItems === 16 || of.minItems === 4) return { ...told, kind: "matrix" };
     if (list && list.maxItems === 3 && COLOURS.has(key)) return { ...told, kind: "colour", least: of.minimum, most: of.maximum, choices };
     if (list && list.maxItems <= 4) return { ...told, kind: "numbers", count: list.maxItems, whole: of.type === "integer", least: of.minimum, most: of.maximum, choices };
+    if (list && of.type === "number") return { ...told, kind: "list" };
     if (list && of.enum) return { ...told, kind: "several", choices: of.enum };
     if (numbers) return { ...told, kind: "number", whole: numbers.type === "integer", ...limits(numbers), isAuto, choices: choices.filter((name) => name !== "auto") };
     if (ways.some((way) => way.type === "boolean")) return { ...told, kind: "boolean" };
