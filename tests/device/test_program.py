@@ -54,11 +54,11 @@ def test_arguments_in_any_order(launcher, echo):
     assert launcher.download(found, (4,), np.float32).tolist() == [-3, 0.25, 4, 7.5]
 
 
-def test_a_launch_as_large_as_the_last_one_has_nothing_new_to_keep(launcher, echo, monkeypatch):
+def test_a_launch_as_large_as_one_before_has_nothing_new_to_keep(launcher, echo, monkeypatch):
     kept = []
     monkeypatch.setattr(echo, "_kept", SimpleNamespace(keep=lambda: kept.append(1)))
     found = launcher.empty("found", 16)
-    for size, expected in ((1, 1), (1, 1), (1000, 2), (1000, 2), (1, 3)):
+    for size, expected in ((1, 1), (1, 1), (1000, 2), (1001, 2), (1, 2)):
         launcher.run(echo, (size,), {**GIVEN, "found": found})
         assert len(kept) == expected
 

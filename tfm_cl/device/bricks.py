@@ -175,9 +175,11 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
         [list(_slabs(launcher, leaves, count[2])) for leaves in channels]
         for channels, count in zip(grids, counts, strict=True)
     ]
+    told = _LeafArguments(launcher, stay=sum(len(one) for of_grid in slabs for one in of_grid) == 1)
     flags = [
         np.any(
-            [np.concatenate([_occupied(launcher, slab, count) for slab in one]) for one in of_grid], axis=0
+            [np.concatenate([_occupied(launcher, slab, count, told) for slab in one]) for one in of_grid],
+            axis=0,
         )
         for of_grid, count in zip(slabs, counts, strict=True)
     ]
@@ -204,7 +206,7 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
                 begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
                 corners = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
                 numbers = first + channel + channels * np.arange(done, done + len(corners), dtype=np.int64)
-                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers)
+                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers, told)
                 done += len(corners)
         first += channels * int(np.count_nonzero(blocks[i]))
     launcher.write(table, np.concatenate(tables))
@@ -265,14 +267,7 @@ def brick_table(
     Each block has so many ``records``, numbered from ``first_record``, z-major. Distances stop at
     `FARTHEST`: a jump may be shorter than it could.
     """
-    table = np.full(flags.shape, -FARTHEST, np.int32)
-    reached = flags
-    for distance in range(1, FARTHEST):
-        grown: NDArray[np.bool_] = _dilated(reached)
-        table[grown & ~reached] = -distance
-        if np.array_equal(grown, reached):
-            break
-        reached = grown
+    table = -_distances(flags).astype(np.int32)
     numbers = np.zeros(blocks.shape, np.int32)
     count = int(np.count_nonzero(blocks))
     numbers[blocks] = first_record + records * np.arange(count, dtype=np.int32)
@@ -282,16 +277,31 @@ def brick_table(
     return table
 
 
-def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Every brick that touches one of the flagged, corners too."""
-    for axis in range(3):
-        grown = flags.copy()
-        low, high = [slice(None)] * 3, [slice(None)] * 3
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        grown[tuple(low)] |= flags[tuple(high)]
-        grown[tuple(high)] |= flags[tuple(low)]
-        flags = grown
-    return flags
+def _distances(flags: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Chessboard distance of every brick from the next that is flagged, at most `FARTHEST`."""
+    if not flags.any():
+        return np.full(flags.shape, FARTHEST, np.uint8)
+    found = np.zeros(flags.shape, np.uint8)
+    # With an empty layer on every side, neighbours along each axis are a fixed number of bricks away.
+    reached = np.pad(flags, 1)
+    grown = np.empty_like(reached)
+    inside = (slice(1, -1),) * 3
+    for _ in range(FARTHEST):
+        missing = ~reached[inside]
+        if not missing.any():
+            break
+        found += missing
+        for axis in range(3):
+            step = math.prod(reached.shape[axis + 1 :])
+            before, after = reached.reshape(-1), grown.reshape(-1)
+            np.copyto(after, before)
+            after[step:] |= before[:-step]
+            after[:-step] |= before[step:]
+            reached, grown = grown, reached
+        for axis in range(3):
+            layers = np.moveaxis(reached, axis, 0)
+            layers[0] = layers[-1] = False
+    return found
 
 
 @dataclass(frozen=True)
@@ -339,18 +349,33 @@ def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: 
     return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
 
 
-def _leaf_arguments(launcher: Launcher, slab: _Slab) -> dict[str, object]:
-    z, y, x = slab.table.shape
-    values = slab.values if len(slab.values) else np.zeros(1, np.float32)
-    return {
-        "table": launcher.upload("the leaf table", slab.table),
-        "leaves": launcher.upload("the leaves", values),
-        "leaf_count": (x, y, z, 0),
-        "first": (*slab.first, 0),
-    }
+class _LeafArguments:
+    """What kernels are told of a slab; where there is but one, its leaves ``stay`` on the device."""
+
+    def __init__(self, launcher: Launcher, *, stay: bool) -> None:
+        self._launcher, self._stay = launcher, stay
+        self._last: dict[str, object] = {}
+
+    def of(self, slab: _Slab) -> dict[str, object]:
+        """Put a slab on the device."""
+        if self._last:
+            return self._last
+        z, y, x = slab.table.shape
+        values = slab.values if len(slab.values) else np.zeros(1, np.float32)
+        found: dict[str, object] = {
+            "table": self._launcher.upload("the leaf table", slab.table),
+            "leaves": self._launcher.upload("the leaves", values),
+            "leaf_count": (x, y, z, 0),
+            "first": (*slab.first, 0),
+        }
+        if self._stay:
+            self._last = found
+        return found
 
 
-def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> NDArray[np.bool_]:
+def _occupied(
+    launcher: Launcher, slab: _Slab, count: tuple[int, int, int], told: _LeafArguments
+) -> NDArray[np.bool_]:
     """Which bricks [z, y, x] of a slab hold density."""
     shape = (slab.end_layer - slab.first_layer, count[1], count[0])
     if not len(slab.values):
@@ -361,7 +386,7 @@ def _occupied(launcher: Launcher, slab: _Slab, count: tuple[int, int, int]) -> N
         kernel,
         shape[::-1],
         {
-            **_leaf_arguments(launcher, slab),
+            **told.of(slab),
             "brick_count": (*shape[::-1], 0),
             "first_layer": slab.first_layer,
             "occupied": flags,
@@ -400,10 +425,11 @@ def _fill(
     exponent: int,
     places: NDArray[np.int64],
     numbers: NDArray[np.int64],
+    told: _LeafArguments,
 ) -> None:
     """Write the records ``numbers`` [N], rising, of the blocks at ``places`` [N, 3] (x, y, z)."""
     kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), bricks.defines | ANY_GRID)
-    leaf_arguments = _leaf_arguments(launcher, slab)
+    leaf_arguments = told.of(slab)
     in_pools, within = np.divmod(numbers, bricks.pool_size)
     for pool in np.flatnonzero(np.bincount(in_pools)).tolist():
         here = in_pools == pool

@@ -44,6 +44,8 @@ TILE = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
 LEAST_BYTES = 16
 """Of a device buffer, so that none is empty."""
 
+UPLOADED = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+
 LANES_PROBE = """
 #if defined(__AVX512F__)
 __kernel void lanes_16(void) {}
@@ -320,9 +322,8 @@ class Launcher:
         if content.size < LEAST_BYTES:
             content = np.concatenate([content, np.zeros(LEAST_BYTES - content.size, np.uint8)])
         # Filled as it is made: a command for it would have to wake the threads of a CPU's driver.
-        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
         with self._allocating(what, content.nbytes):
-            return cl.Buffer(self.context, flags, hostbuf=content)
+            return cl.Buffer(self.context, UPLOADED, hostbuf=content)
 
     def write(self, buffer: cl.Buffer, array: NDArray[Any]) -> None:
         """Copy an array into a buffer of its size."""

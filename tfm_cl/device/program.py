@@ -173,7 +173,7 @@ class Kernel(cl.Kernel):
     def __init__(self, program: cl.Program, name: str, clock: _LaunchClock, kept: KeptProgram | None) -> None:
         super().__init__(program, name)
         self._clock, self._kept = clock, kept
-        self._last_size: tuple[int, ...] = ()
+        self._sizes: set[tuple[int, ...]] = set()
         info = cl.kernel_arg_info
         self.parameters: dict[str, str] = {
             str(self.get_arg_info(i, info.NAME)): str(self.get_arg_info(i, info.TYPE_NAME))
@@ -183,10 +183,11 @@ class Kernel(cl.Kernel):
 
     def keep(self, size: tuple[int, ...]) -> None:
         """Keep what was compiled for its launches so far; the last one, of that size, has ended."""
-        # Nothing is compiled for the size of the launch before.
-        if self._kept is not None and size != self._last_size:
+        # Nothing is compiled for sizes like those before: drivers tell small ones from large ones.
+        like = tuple(n.bit_length() for n in size)
+        if self._kept is not None and like not in self._sizes:
             self._kept.keep()
-            self._last_size = size
+            self._sizes.add(like)
 
     def ordered(self, arguments: Mapping[str, Any]) -> list[Any]:
         """Put arguments in the order of its signature, as the types that it has.
@@ -219,9 +220,7 @@ def _argument(value: Any, kind: str) -> Any:
     """Make a number, or numbers in a tuple, what a kernel's argument of that OpenCL type takes."""
     if kind in SCALARS:
         return SCALARS[kind](value)
-    if isinstance(value, tuple):
-        return getattr(cltypes, f"make_{kind}")(*value)
-    return value
+    return np.array(value, getattr(cltypes, kind)) if isinstance(value, tuple) else value
 
 
 class KernelLibrary:

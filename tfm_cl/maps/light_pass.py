@@ -117,7 +117,7 @@ class LightPass:
     def __init__(self, launcher: Launcher) -> None:
         self._launcher, self.turn = launcher, launcher.turn
         self._prefilter = Prefilter(launcher)
-        self._last_tables: tuple[ResolvedMap, tuple[NDArray[np.float32], NDArray[np.int32]]] | None = None
+        self._last_tables: tuple[ResolvedMap, tuple[cl.Buffer, cl.Buffer]] | None = None
 
     def room(self, settings: ResolvedMap, maps: int) -> list[Numbers]:
         """Allocate room for some maps, in as few buffers as the device allows."""
@@ -175,8 +175,8 @@ class LightPass:
                 "light": of_light,
                 "map": launcher.upload("the map's parameters", struct),
                 "ranges": launcher.upload("the ranges of the rays", plan.field),
-                "tables": launcher.upload("the basis's tables", tables),
-                "table_starts": launcher.upload("their starts", starts),
+                "tables": tables,
+                "table_starts": starts,
                 "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
                 "coefficients": target,
                 "occupied": occupied,
@@ -194,12 +194,15 @@ class LightPass:
             seconds += blurring + packing
         return MapBuffers(room, limits, seconds, seen.samples, seen.hits, occupied)
 
-    def _tables(self, plan: MapPlan) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def _tables(self, plan: MapPlan) -> tuple[cl.Buffer, cl.Buffer]:
         """Return the tables of the basis, one behind the other, and where each begins.
 
         Those of functions that are not learnt are the same in the next frame.
         """
-        if self._last_tables is not None and self._last_tables[0] == plan.settings:
+        settings = plan.settings
+        if settings.target != "transmittance":  # α, which follows each frame, means nothing to it
+            settings = settings.replace(density_weighting=None)
+        if self._last_tables is not None and self._last_tables[0] == settings:
             return self._last_tables[1]
         basis, functions = BASES[plan.settings.basis], plan.functions
         tables = [
@@ -209,9 +212,12 @@ class LightPass:
             for steps in steps_of_tables(plan.settings)
         ]
         starts = np.cumsum([0, *map(len, tables[:-1])], dtype=np.int32)
-        found = np.concatenate(tables), starts
+        found = (
+            self._launcher.upload("the basis's tables", np.concatenate(tables)),
+            self._launcher.upload("their starts", starts),
+        )
         if not plan.settings.learns:
-            self._last_tables = plan.settings, found
+            self._last_tables = settings, found
         return found
 
     def _floats(self, settings: ResolvedMap) -> cl.Buffer:
@@ -417,5 +423,5 @@ class _Counts:
         """Add what a launch over a window counted."""
         tiles = self._launcher.tiles(window)
         counts = self._launcher.download(self._buffer, (*tiles, 2), np.uint32)
-        met, read = counts.sum(axis=(0, 1), dtype=np.int64)
+        met, read = counts.sum(axis=0, dtype=np.int64).sum(axis=0)
         self.hits, self.samples = self.hits + int(met), self.samples + int(read)

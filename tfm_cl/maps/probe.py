@@ -210,7 +210,10 @@ def light_defines(light: Light) -> dict[str, int | str]:
 
 def _over_neighbours(values: NDArray[np.floating], choose: np.ufunc) -> NDArray[np.floating]:
     """Reduce every entry and its eight neighbours."""
-    padded = np.pad(values, 1, mode="edge")
-    rows = choose(choose(padded[:-2], padded[1:-1]), padded[2:])
-    chosen: NDArray[np.floating] = choose(choose(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+    rows = values.copy()
+    choose(rows[1:], values[:-1], out=rows[1:])
+    choose(rows[:-1], values[1:], out=rows[:-1])
+    chosen = rows.copy()
+    choose(chosen[:, 1:], rows[:, :-1], out=chosen[:, 1:])
+    choose(chosen[:, :-1], rows[:, 1:], out=chosen[:, :-1])
     return chosen

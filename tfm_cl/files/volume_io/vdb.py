@@ -44,6 +44,7 @@ in batches, which go into a dense array or stay leaves.
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -582,6 +583,10 @@ def _read_bool_leaves(file: Cursor, masks: NDArray[np.uint8], stored: StoredTree
 # ---------------------------------------------------------------------------------- blocks of values
 
 
+_LEAF_HEAD = struct.Struct("<64sBq")
+"""Mask, kind and bytes of a leaf whose block is compressed and has no values for inactive voxels."""
+
+
 class _Block(NamedTuple):
     """The values of a node as stored."""
 
@@ -601,8 +606,24 @@ class _Block(NamedTuple):
 def _read_leaf_blocks(
     file: Cursor, stored: StoredTree, background: NDArray[Any], masks: NDArray[np.uint8]
 ) -> Iterator[_Block]:
-    for mask, count in zip(masks, _bits(masks).sum(axis=1).tolist(), strict=True):
-        if file.take(64, "leaf mask") != mask.data:
+    """Read the blocks of leaves, of which there are tens of thousands: usual ones in one step each."""
+    counts = _bits(masks).sum(axis=1).tolist()
+    codec = stored.compression & (_BLOSC | _ZLIB) if stored.has_kinds else 0
+    plus = background.tobytes()
+    usual = {6: plus + plus, 0: plus + plus, 1: _negated(background, stored).tobytes() + plus}
+    saves = stored.compression & _ACTIVE_MASK
+    item, data, end = stored.stored.itemsize, file.data, len(file.data) - _LEAF_HEAD.size
+    for mask, count in zip(masks.view("V64").ravel().tolist(), counts, strict=True):
+        if codec and count and file.at <= end:
+            stored_mask, kind, packed_size = _LEAF_HEAD.unpack_from(data, file.at)
+            begin = file.at + _LEAF_HEAD.size
+            if stored_mask == mask and kind in usual and 0 < packed_size <= len(data) - begin:
+                file.at = begin + packed_size
+                is_complete = kind == 6 or not saves  # noqa: PLR2004 - as in `_read_block`
+                size = (LEAF_VOXELS if is_complete else count) * item
+                yield _Block(is_complete, usual[kind], None, codec, size, data[begin : file.at])
+                continue
+        if file.take(64, "leaf mask") != mask:
             raise file.damaged("active voxels of a leaf are not those of the topology")
         if not stored.has_kinds and file.numbers("3ib", "origin and buffers of a leaf")[-1] != 1:
             raise file.damaged("a leaf should have 1 buffer")
@@ -659,9 +680,9 @@ def _unpack_blocks(
         if block.choice is not None:
             values[row, _bits(block.choice)] = inactive[row, 1]
     is_stored = active | np.array([block.is_complete for block in blocks])[:, None]
-    plain = b"".join(_unpack(block, file) for block in blocks)
+    plain = b"".join([_unpack(block, file) for block in blocks])
     with np.errstate(invalid="ignore"):  # a signalling half stays a NaN
-        values[is_stored] = np.frombuffer(plain, stored.stored)
+        values.reshape(-1)[np.flatnonzero(is_stored)] = np.frombuffer(plain, stored.stored)
     return values
 
 
