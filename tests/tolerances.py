@@ -91,3 +91,10 @@ LEARNT_TOGETHER = 0.01
 
 LEARNT = 1e-3
 """Of a projection onto learnt functions: their normal equations are summed in float32, six rounds long."""
+
+PXR24 = 2.0**-15
+"""EXR's PXR24 keeps 16 bits of a float's significand, relative."""
+
+DWA = 0.02
+"""EXR's DWAA and DWAB on smooth colours near 1: they drop what the eye does not see at 45, the
+default level."""

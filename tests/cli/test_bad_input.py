@@ -168,6 +168,7 @@ def scene(cloud):
         ("--set medium.self=1", "unknown key 'self' in [medium]"),
         ("--set image.aov=[1]", "image.aov = [1]: should be a list of names"),
         ("--set image.pixel_type=double", "image.pixel_type = 'double': should be 'float' or 'half'"),
+        ("--set image.compression=lzw", "image.compression = 'lzw': should be 'none', 'rle', 'zips'"),
     ],
 )
 def test_impossible_options(bad, cloud, arguments, message):

@@ -142,6 +142,7 @@ KEYS = [
     ("image.transparent", "true", True),
     ("image.dither", "false", False),
     ("image.pixel_type", "half", "half"),
+    ("image.compression", "htj2k", "htj2k"),
     ("light.from", "9,9,9", [9, 9, 9]),
     ("light.to", "9,9,9", [9, 9, 9]),
     ("light.intensity", "4", [4, 4, 4]),

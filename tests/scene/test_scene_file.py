@@ -144,6 +144,7 @@ png_bits = 16
 dither = false
 aov = ["depth", "samples"]
 pixel_type = "half"
+compression = "piz"
 deep_tolerance = 0.02
 deep_colour = true
 shutter = [-0.25, 0.25]
@@ -265,6 +266,7 @@ def test_every_key_arrives(folder):
         dither=False,
         aov=("depth", "samples"),
         pixel_type="half",
+        compression="piz",
         deep_tolerance=0.02,
         deep_colour=True,
         shutter=(-0.25, 0.25),

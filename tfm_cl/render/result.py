@@ -180,6 +180,7 @@ class RenderResult:
         exposure: image_io.Exposure = 0.0,
         aovs: tuple[str, ...] = (),
         pixel_type: image_io.PixelType = "float",
+        compression: image_io.Compression = "zip",
         metadata: dict[str, Metadata] | None = None,
         **png: Unpack[image_io.PngOptions],
     ) -> None:
@@ -194,6 +195,8 @@ class RenderResult:
             (`image_io.holds_layers`).
         pixel_type
             ``float`` or ``half``, of an EXR's colours.
+        compression
+            Of an EXR, as of `image_io.save`.
         metadata
             Further EXR attributes; camera matrices and the version are always written.
         **png
@@ -223,7 +226,7 @@ class RenderResult:
                 **(metadata or {}),
             },
         )
-        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type, **png)
+        image_io.save(path, picture, exposure=exposure, pixel_type=pixel_type, compression=compression, **png)
 
     def _repr_png_(self, *, exposure: image_io.Exposure = 0.0, **png: Unpack[image_io.PngOptions]) -> bytes:
         """Show the picture in a notebook, which gives no options; those of `save` may be given by hand."""

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from tfm_cl.errors import unknown_key, words
-from tfm_cl.files.image_io import PngOptions
+from tfm_cl.files.image_io import Compression, PngOptions
 from tfm_cl.files.image_io.views import VIEWS
 from tfm_cl.limits import MOST_STOPS
 from tfm_cl.maps.bases import BASES, BEST, MOST_COEFFS
@@ -365,6 +365,7 @@ class ImageSettings(Model):
             "aov": "aovs layers passes channels outputs",
             "transparent": "alpha filmtransparent",
             "pixel_type": "componentformat exrtype depth colordepth",
+            "compression": "exrcompression codec exrcodec",
             "shutter": "motionblur shutterangle exposuretime",
             "motion_samples": "motionsteps timesamples shuttersamples",
             "name the picture on the command line: -o FILE": "file filename output path",
@@ -430,6 +431,11 @@ class ImageSettings(Model):
     )
     pixel_type: Literal["float", "half"] = Field(
         default="float", description="type of the colour channels in EXR files"
+    )
+    compression: Compression = Field(
+        default="zip",
+        description="compression of EXR files, but for deep images: pxr24 rounds floats to 24 bits, dwaa and "
+        "dwab change colours a little, all others keep every bit; htj2k needs OpenEXR 3.4 to be read",
     )
     shutter: Accepts[Numbers | None, Annotated[tuple[float, float] | None, BeforeValidator(_shutter)]] = (
         Field(

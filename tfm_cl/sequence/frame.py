@@ -136,6 +136,7 @@ class RenderedFrame:
                 exposure=self.options["image"]["exposure"],
                 aovs=image.aov,
                 pixel_type=image.pixel_type,
+                compression=image.compression,
                 metadata={"tfm_cl:options": json.dumps(self.options)},
                 **image.png,
             )

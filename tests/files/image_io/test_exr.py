@@ -3,13 +3,28 @@ import struct
 import subprocess
 import sys
 import zlib
+from typing import get_args
 
 import numpy as np
 import OpenEXR
 import pytest
+from tolerances import DWA, PXR24
 
 from tfm_cl.errors import ImageError
-from tfm_cl.files.image_io import Image, check_writable, exr, load_image, save
+from tfm_cl.files.image_io import Compression, Image, check_writable, exr, load_image, save
+
+COMPRESSIONS = {
+    "none": 0,
+    "rle": 1,
+    "zips": 2,
+    "zip": 3,
+    "piz": 4,
+    "pxr24": 5,
+    "dwaa": 8,
+    "dwab": 9,
+    "htj2k": 10,
+}
+"""Name -> number in the header, as in OpenEXR's ``openexr_attr.h``."""
 
 
 def picture(height=5, width=7, *, seed=0):
@@ -63,6 +78,27 @@ def test_float_round_trips_to_the_bit(tmp_path):
     loaded = load_image(tmp_path / "a.exr")
     assert loaded.dtype == np.float32
     assert loaded.tobytes() == rgba.tobytes()
+
+
+@pytest.mark.parametrize("compression", get_args(Compression))
+def test_compressions(tmp_path, compression):
+    """Their numbers in the file are those of the format, and what they keep is what they say."""
+    rows, columns = np.mgrid[:40, :50]
+    rgba = np.stack([np.sin(0.1 * rows + 0.03 * columns * i) + 1 for i in range(4)], axis=2, dtype=np.float32)
+    picture = Image(rgba=rgba, aovs={"depth": rgba[..., 0]})
+    save(tmp_path / "a.exr", picture, pixel_type="float", compression=compression)
+    assert attributes(tmp_path / "a.exr")["compression"][1] == bytes([COMPRESSIONS[compression]])
+    loaded, depth = load_image(tmp_path / "a.exr"), exr.read_aov(tmp_path / "a.exr", "depth")
+    if compression == "pxr24":
+        np.testing.assert_allclose(loaded, rgba, rtol=PXR24)
+        np.testing.assert_allclose(depth, picture.aovs["depth"], rtol=PXR24)
+        return
+    if compression in {"dwaa", "dwab"}:
+        np.testing.assert_allclose(loaded[..., :3], rgba[..., :3], atol=DWA)
+    else:
+        assert loaded[..., :3].tobytes() == rgba[..., :3].tobytes()
+    assert loaded[..., 3].tobytes() == rgba[..., 3].tobytes()
+    assert depth.tobytes() == picture.aovs["depth"].tobytes()
 
 
 def test_half_clips_instead_of_infinity(tmp_path):
@@ -321,7 +357,9 @@ def test_a_read_only_image_is_kept(tmp_path, monkeypatch):
         check_writable(tmp_path / "a.exr")
 
 
-@pytest.mark.parametrize("options", [{"pixel_type": "double"}, {"exposure": np.nan}, {"exposure": 1e4}])
+@pytest.mark.parametrize(
+    "options", [{"pixel_type": "double"}, {"compression": "lzw"}, {"exposure": np.nan}, {"exposure": 1e4}]
+)
 def test_wrong_options(tmp_path, options):
     with pytest.raises(ImageError, match=next(iter(options))):
         save(tmp_path / "a.png", Image(rgba=picture()), **options)

@@ -7,7 +7,7 @@ To add a format, write a module with ``write(path, image, options)`` and ``read(
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, TypedDict, Unpack, cast
+from typing import Literal, Protocol, TypedDict, Unpack, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,15 @@ MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image that is read (4 GiB of float32 RGBA)."""
 
 PixelType = Literal["half", "float"]
+Compression = Literal["none", "rle", "zips", "zip", "piz", "pxr24", "dwaa", "dwab", "htj2k"]
+"""Of OpenEXR; ``htj2k`` is its HTJ2K of 256 lines."""
 Exposure = float | Literal["auto"]
 """Stops; ``"auto"``: chosen from the picture, by `tfm_cl.files.image_io.display.automatic_exposure`."""
 
 __all__ = [
     "FORMATS",
     "MAX_PIXELS",
+    "Compression",
     "Exposure",
     "Image",
     "Picture",
@@ -72,6 +75,8 @@ class WriteOptions:
 
     pixel_type: PixelType = "half"
     """EXR: type of the colours; scalar AOVs are always float."""
+    compression: Compression = "zip"
+    """EXR, but for deep images."""
     exposure: Exposure = 0.0
     """PNG: exposure in stops; the image is multiplied by 2 to this power."""
     view: str = "standard"
@@ -83,6 +88,9 @@ class WriteOptions:
     def __post_init__(self) -> None:
         if self.pixel_type not in {"half", "float"}:
             raise ImageError(f"pixel_type is 'half' or 'float'; got {self.pixel_type!r}")
+        if self.compression not in get_args(Compression):
+            known = ", ".join(get_args(Compression))
+            raise ImageError(f"compression is one of {known}; got {self.compression!r}")
         stops: object = self.exposure
         is_number = isinstance(stops, int | float | np.floating) and abs(float(stops)) <= MOST_STOPS
         if stops != "auto" and not is_number:
@@ -123,6 +131,7 @@ def save(
     image: Image,
     *,
     pixel_type: PixelType = "half",
+    compression: Compression = "zip",
     exposure: Exposure = 0.0,
     **png: Unpack[PngOptions],
 ) -> None:
@@ -140,6 +149,9 @@ def save(
         The picture.
     pixel_type
         EXR only: type of the colours, ``half`` (clipped to ±65504) or ``float``.
+    compression
+        EXR only, but for deep images: ``pxr24`` rounds floats to 24 bits, ``dwaa`` and ``dwab`` change
+        colours a little, and all others keep every bit.
     exposure
         PNG only: stops, or ``"auto"``.
     **png
@@ -151,7 +163,7 @@ def save(
         Unknown extension, an option that is none, or the file cannot be written (the message says why).
     """
     path = path_of(path, ImageError)
-    options = WriteOptions(pixel_type=pixel_type, exposure=exposure, **png)
+    options = WriteOptions(pixel_type=pixel_type, compression=compression, exposure=exposure, **png)
     module = _format(path)
     with replacing(path, ImageError) as temporary:
         try:

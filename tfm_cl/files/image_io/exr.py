@@ -19,7 +19,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from tfm_cl.errors import ImageError, unknown_key
-from tfm_cl.files.image_io import MAX_PIXELS, PixelType, WriteOptions, with_alpha
+from tfm_cl.files.image_io import MAX_PIXELS, Compression, PixelType, WriteOptions, with_alpha
 from tfm_cl.files.image_io.channels import Bits
 from tfm_cl.files.image_io.exr_header import header_of, line_of
 from tfm_cl.files.image_io.exr_layers import Part, beauty
@@ -27,6 +27,17 @@ from tfm_cl.files.image_io.image import Image, Picture, Window
 
 HOLDS_LAYERS = True
 _HALF_MAX = 65504.0
+_COMPRESSIONS: dict[Compression, Any] = {
+    "none": OpenEXR.NO_COMPRESSION,
+    "rle": OpenEXR.RLE_COMPRESSION,
+    "zips": OpenEXR.ZIPS_COMPRESSION,
+    "zip": OpenEXR.ZIP_COMPRESSION,
+    "piz": OpenEXR.PIZ_COMPRESSION,
+    "pxr24": OpenEXR.PXR24_COMPRESSION,
+    "dwaa": OpenEXR.DWAA_COMPRESSION,
+    "dwab": OpenEXR.DWAB_COMPRESSION,
+    "htj2k": OpenEXR.HTJ2K256_COMPRESSION,
+}
 _MAX_RATIO = 1 << 16  # pixels per byte, more than any of the compressions reaches on real pictures
 _stderr_lock = threading.Lock()
 
@@ -37,8 +48,8 @@ def write_channels(path: Path, channels: NDArray[np.float32], _bits: Bits) -> No
 
 
 def write(path: Path, image: Image, options: WriteOptions) -> None:
-    """Write the colours, the AOVs and the metadata; ZIP compression."""
-    header = header_of(image, OpenEXR.scanlineimage, OpenEXR.ZIP_COMPRESSION)
+    """Write the colours, the AOVs and the metadata."""
+    header = header_of(image, OpenEXR.scanlineimage, _COMPRESSIONS[options.compression])
     channels = {"RGBA": _colours(image.rgba, options.pixel_type)}
     for name, aov in image.aovs.items():
         scalar = aov.ndim == 2  # noqa: PLR2004 - height and width
