@@ -284,23 +284,21 @@ def _distances(flags: NDArray[np.bool_]) -> NDArray[np.uint8]:
     found = np.zeros(flags.shape, np.uint8)
     # With an empty layer on every side, neighbours along each axis are a fixed number of bricks away.
     reached = np.pad(flags, 1)
-    grown = np.empty_like(reached)
-    inside = (slice(1, -1),) * 3
+    inside = reached[1:-1, 1:-1, 1:-1]
+    margin = [(slice(None),) * axis + (end,) for axis in range(3) for end in (0, -1)]
+    row = reached.reshape(-1)
+    before = np.empty_like(row)
     for _ in range(FARTHEST):
-        missing = ~reached[inside]
+        missing = ~inside
         if not missing.any():
             break
         found += missing
-        for axis in range(3):
-            step = math.prod(reached.shape[axis + 1 :])
-            before, after = reached.reshape(-1), grown.reshape(-1)
-            np.copyto(after, before)
-            after[step:] |= before[:-step]
-            after[:-step] |= before[step:]
-            reached, grown = grown, reached
-        for axis in range(3):
-            layers = np.moveaxis(reached, axis, 0)
-            layers[0] = layers[-1] = False
+        for stride in reached.strides:
+            before[:] = row
+            row[stride:] |= before[:-stride]
+            row[:-stride] |= before[stride:]
+        for layer in margin:
+            reached[layer] = False
     return found
 
 
