@@ -93,6 +93,20 @@ TFM_INLINE Floats texel_clip(Texels texels, int res, __global const float *clip)
 /* c: of each lane's texel. */
 TFM_INLINE void store_coefficients(__global float *coefficients, Ints texel, Ints inside, const Floats *c)
 {
+#if TFM_LANES > 1
+  if (all_lanes(inside)) {
+    int j = 0;
+#define STORED(s) (coefficients + (size_t)LANE(texel, s) * TFM_N_COEFF + j)
+#define FOUR(s) (float4)(LANE(c[j], s), LANE(c[j + 1], s), LANE(c[j + 2], s), LANE(c[j + 3], s))
+#define STORE4(p, i, s) (*(__global Unaligned4 *)STORED(s) = FOUR(s), 0)
+#define STORE1(p, i, s) (*STORED(s) = LANE(c[j], s), 0)
+    for (; j + 4 <= TFM_N_COEFF; j += 4)
+      (void)(Ints)FOR_LANES(STORE4, 0, 0);
+    for (; j < TFM_N_COEFF; ++j)
+      (void)(Ints)FOR_LANES(STORE1, 0, 0);
+    return;
+  }
+#endif
   FloatArray stored[TFM_N_COEFF];
   for (int j = 0; j < TFM_N_COEFF; ++j)
     stored[j].lanes = c[j];

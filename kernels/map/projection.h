@@ -138,6 +138,10 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
   (void)most;
   __global const float *rows[MOST_STEPS];
   Floats factor[MOST_STEPS];
+#if TFM_FIT
+  Floats weight[MOST_STEPS], weighted[MOST_STEPS];
+#endif
+  /* In one loop, as each step has to wait for the one before it. */
   for (int k = 0; k < steps->count; ++k) {
     rows[k] = table + TABLE_HEAD + steps->n[k] * TABLE_ROW;
 #if TFM_TARGET == TARGET_EXTINCTION && !TFM_FIT
@@ -147,23 +151,23 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
     factor[k] = value - state->value;
     state->value = value;
 #endif
+#if TFM_FIT
+    weight[k] = visibility(map, steps->before[k], steps->depth[k], &state->left);
+    state->weight += weight[k];
+    weighted[k] = weight[k] * value;
+#endif
   }
   /* Always as many terms, so that the sums below are straight: what is not there weighs nothing. */
   for (int k = steps->count; k < MOST_STEPS; ++k) {
     rows[k] = rows[0];
     factor[k] = floats(0.0f);
+#if TFM_FIT
+    weight[k] = weighted[k] = floats(0.0f);
+#endif
   }
   add_steps(state->sum, TFM_N_COEFF, factor, rows, 0);
 #if TFM_FIT
-  Floats weight[MOST_STEPS];
-  for (int k = 0; k < steps->count; ++k) {
-    weight[k] = visibility(map, steps->before[k], steps->depth[k], &state->left);
-    state->weight += weight[k];
-    factor[k] = weight[k] * target_value(map, steps->before[k] + 0.5f * steps->depth[k]);
-  }
-  for (int k = steps->count; k < MOST_STEPS; ++k)
-    weight[k] = floats(0.0f);
-  add_steps(state->weighted, TFM_N_COEFF, factor, rows, TFM_N_COEFF);
+  add_steps(state->weighted, TFM_N_COEFF, weighted, rows, TFM_N_COEFF);
   add_steps(state->gram, WHOLE_PRODUCTS, weight, rows, 2 * TFM_N_COEFF);
 #endif
 }
