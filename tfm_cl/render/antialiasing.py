@@ -1,8 +1,9 @@
 """Anti-aliasing: pixels that differ from those beside them are sampled again, and all are filtered.
 
-One sample says enough where a picture is smooth: its second differences tell. Pixels whose new samples differ
-get four times as many. Nothing depends on what lies further away than `MARGIN`: a crop shows what the whole
-frame would.
+One sample says enough where a picture is smooth: its second differences tell. Pixels whose samples differ, or
+differ from those across their border, get four times as many more: an edge passes there. A pixel is the mean
+of all samples that it has. Nothing depends on what lies further away than `MARGIN`: a crop shows what the
+whole frame would.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.render.raster import BLOCK, in_blocks, pack, pattern
+from tfm_cl.render.raster import BLOCK, block_order, in_blocks, pack, pattern
 from tfm_cl.scene.pixel_filters import FILTERS
 
 if TYPE_CHECKING:
@@ -28,10 +29,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-BEND = 0.15
+BEND = 0.1
 """Second difference beyond which a pixel is sampled again: of RGB over the brightest near; of alpha."""
 SPREAD = 0.2
-"""Difference between samples, likewise, beyond which a pixel and those beside it get four times as many."""
+"""Difference between samples, likewise, beyond which their pixels get four times as many more."""
 AROUND = 8
 """Pixels to each side in which the brightest is looked for: what is dark beside it is hardly seen."""
 BLACK = 1e-4
@@ -42,6 +43,8 @@ MOST_SAMPLES = 1 << 20
 """That are held at once."""
 QUADRATURE = 64
 """Points along a side of a pixel at which filters are summed up."""
+SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0))
+"""Steps y, x to the four pixels beside one, each before its opposite."""
 
 
 class _Level(NamedTuple):
@@ -55,6 +58,8 @@ class _Level(NamedTuple):
     """[n, 5], normal and distance of the nearest solid, and 1 for a holdout; None without any."""
     counts: NDArray[np.uint32]
     """[n], densities read."""
+    taken: NDArray[np.float32]
+    """[n], samples that they are made of."""
 
 
 @dataclass(frozen=True)
@@ -111,24 +116,40 @@ class Antialiasing:
     ) -> list[_Level]:
         """Sample pixels again, in ever more samples; each pixel is of one level."""
         scale = _scale(sums.radiance)
-        wanted = _beside(_bends(sums.radiance, scale))
+        wanted = _bends(sums.radiance, scale)
         corner, levels = np.array(crop[:2]), []
-        counts = sums.samples.copy()
-        per_pixel = 2
-        while per_pixel**2 <= self.samples and wanted.any():
-            weights = self._weights.of_samples(per_pixel)
-            found, uneven = [], np.zeros_like(wanted)
-            for pixels in _parts_of(in_blocks(np.argwhere(wanted)[:, ::-1] + corner), per_pixel):
+        counts, is_single = sums.samples.copy(), ~wanted
+        before, per_pixel = self._single(sums, _in_blocks(wanted)), 2
+        while per_pixel**2 <= self.samples and len(before.pixels):
+            weights, nearest = self._weights.of_samples(per_pixel), _nearest_to_sides(per_pixel)
+            is_last = (2 * per_pixel) ** 2 > self.samples
+            found, wanted, outermost, done = [], np.zeros_like(wanted), [], 0
+            for pixels in _parts_of(before.pixels + corner, per_pixel):
                 samples = pack(pixels, per_pixel, lanes)
-                x, y = (pixels - corner).T
                 seen = look(samples).at(samples.index)
-                found.append(_level(pixels - corner, seen, weights))
-                uneven[y, x] = _spread(seen.radiance, sums.radiance[y, x], scale[y, x]) > SPREAD
-                counts[y, x] += found[-1].counts
-            per_pixel *= 2
-            wanted &= _beside(uneven) & (per_pixel**2 <= self.samples)
-            levels += [_some(part, ~wanted, counts) for part in _taken(found)]
+                part = _level(pixels - corner, seen, weights)
+                found.append(_joined(_rows(before, slice(done, done + len(pixels))), part))
+                done += len(pixels)
+                x, y = part.pixels.T
+                counts[y, x] += part.counts
+                if not is_last:
+                    wanted[y, x] = _spread(seen.radiance, sums.radiance[y, x], scale[y, x]) > SPREAD
+                    outermost.append(seen.radiance[:, nearest])
+            if outermost:
+                sides = np.concatenate(outermost)
+                wanted |= _across(before.pixels, sides, sums.radiance, scale, is_single)
+            more = [self._single(sums, np.argwhere(wanted & is_single)[:, ::-1])]
+            is_single &= ~wanted
+            for part in _taken(found):
+                levels.append(_some(part, ~wanted, counts))
+                more.append(_some(part, wanted, counts))
+            before, per_pixel = _concatenated(more), 2 * per_pixel
         return levels
+
+    def _single(self, sums: Sums, pixels: NDArray[np.int64]) -> _Level:
+        """Return the single samples of some pixels."""
+        index = pixels[:, 1:] * sums.samples.shape[1] + pixels[:, :1]
+        return _level(pixels, sums.at(index), self._weights.of_samples(1))
 
     def _put_together(self, sums: Sums, levels: list[_Level]) -> Sums:
         """Filter single samples and levels."""
@@ -307,20 +328,57 @@ def _bends(radiance: Floats, scale: Floats) -> Mask:
     return bends
 
 
-def _beside(mask: Mask) -> Mask:
-    """Add the four pixels beside each."""
-    grown = mask.copy()
-    grown[1:] |= mask[:-1]
-    grown[:-1] |= mask[1:]
-    grown[:, 1:] |= mask[:, :-1]
-    grown[:, :-1] |= mask[:, 1:]
-    return grown
-
-
 def _spread(samples: Floats, single: Floats, scale: Floats) -> Floats:
     """How far the samples of pixels, [n, samples, 4] and [n, 4], are from each other."""
     width = np.maximum(samples.max(axis=1), single) - np.minimum(samples.min(axis=1), single)
     return np.asarray(np.maximum(_together(width) / scale, width[:, 3]))
+
+
+def _nearest_to_sides(per_pixel: int) -> NDArray[np.intp]:
+    """Return which sample of a pixel is the nearest to each of its `SIDES`."""
+    return np.array([(pattern(per_pixel) @ (x, y)).argmax() for y, x in SIDES])
+
+
+def _across(
+    pixels: NDArray[np.int64], outermost: Floats, single: Floats, scale: Floats, is_single: Mask
+) -> Mask:
+    """Find pixels that differ by more than `SPREAD` from those beside them, where they meet.
+
+    Parameters
+    ----------
+    pixels
+        x, y [n, 2], all that were sampled.
+    outermost
+        [n, sides, 4], RGBA of their samples nearest to each of `SIDES`.
+    single
+        Of one sample for each pixel of the crop, [h, w, 4].
+    scale
+        Of all pixels.
+    is_single
+        Those that have no more than that, which are found too.
+    """
+    height, width = scale.shape
+    x, y = pixels.T
+    number = np.full((height + 2, width + 2), -1, np.int32)
+    number[y + 1, x + 1] = np.arange(len(pixels))
+    found = np.zeros_like(is_single)
+    for side, (dy, dx) in enumerate(SIDES):
+        row, column = y + dy, x + dx
+        other = number[row + 1, column + 1]
+        inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
+        alone = np.zeros_like(inside)
+        alone[inside] = is_single[row[inside], column[inside]]
+        one = np.flatnonzero((other >= 0) | alone)
+        row, column, other, alone = row[one], column[one], other[one], alone[one]
+        there = np.where(alone[:, None], single[row, column], outermost[other, side ^ 1])
+        differs = _spread(outermost[one, side, None], there, scale[row, column]) > SPREAD
+        found[row[differs], column[differs]] = True
+    return found
+
+
+def _in_blocks(wanted: Mask) -> NDArray[np.int64]:
+    """Return the pixels x, y [n, 2] of a mask, sorted by blocks."""
+    return in_blocks(np.argwhere(wanted)[:, ::-1])
 
 
 def _parts_of(pixels: NDArray[np.int64], per_pixel: int) -> Iterator[NDArray[np.int64]]:
@@ -353,11 +411,12 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats) -> _Level:
     return _Level(
         pixels,
         {
-            name: (flat.T @ part).reshape(len(pixels), *weights.shape[1:], -1)
+            name: (flat.T @ part).reshape(len(pixels), *weights.shape[1:], part.shape[-1])
             for name, part in _parts(seen).items()
         },
         nearest,
         seen.samples.sum(axis=1, dtype=np.uint32),
+        np.full(len(pixels), len(weights), np.float32),
     )
 
 
@@ -367,13 +426,44 @@ def _taken(parts: list[_Level]) -> Iterator[_Level]:
         yield parts.pop()
 
 
-def _some(level: _Level, kept: Mask, counts: NDArray[np.uint32]) -> _Level:
-    """Return what no finer level replaces, with all densities that were read for it."""
-    x, y = level.pixels.T
-    here = kept[y, x]
+def _rows(level: _Level, rows: slice | Mask | NDArray[np.intp]) -> _Level:
+    """Return some of the pixels."""
     return _Level(
-        level.pixels[here],
-        {name: part[here] for name, part in level.parts.items()},
-        None if level.nearest is None else level.nearest[here],
-        counts[y, x][here],
+        level.pixels[rows],
+        {name: part[rows] for name, part in level.parts.items()},
+        None if level.nearest is None else level.nearest[rows],
+        level.counts[rows],
+        level.taken[rows],
     )
+
+
+def _some(level: _Level, kept: Mask, counts: NDArray[np.uint32]) -> _Level:
+    """Return those of the pixels that are kept, with all densities that were read for them."""
+    x, y = level.pixels.T
+    part = _rows(level, kept[y, x])
+    x, y = part.pixels.T
+    return part._replace(counts=counts[y, x])
+
+
+def _joined(before: _Level, more: _Level) -> _Level:
+    """Add further samples of the same pixels: all weigh the same."""
+    nearest = more.nearest
+    if before.nearest is not None and nearest is not None:
+        nearest = np.where(before.nearest[:, 3:4] < nearest[:, 3:4], before.nearest, nearest)
+    taken = before.taken + more.taken
+    share: Floats = (more.taken / taken)[:, None, None, None]
+    parts = {name: (1 - share) * part + share * more.parts[name] for name, part in before.parts.items()}
+    return _Level(more.pixels, parts, nearest, more.counts, taken)
+
+
+def _concatenated(levels: list[_Level]) -> _Level:
+    """Put parts of a level together, sorted by blocks."""
+    nearest = [level.nearest for level in levels if level.nearest is not None]
+    together = _Level(
+        np.concatenate([level.pixels for level in levels]),
+        {name: np.concatenate([level.parts[name] for level in levels]) for name in levels[0].parts},
+        np.concatenate(nearest) if nearest else None,
+        np.concatenate([level.counts for level in levels]),
+        np.concatenate([level.taken for level in levels]),
+    )
+    return _rows(together, block_order(together.pixels))

@@ -246,8 +246,13 @@ def pack(pixels: NDArray[np.int64], per_pixel: int, lanes: int) -> Samples:
 
 def in_blocks(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sort pixels x, y [n, 2] by the blocks they lie in, row by row."""
+    return pixels[block_order(pixels)]
+
+
+def block_order(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return the order of `in_blocks`."""
     x, y = pixels.T
-    return pixels[np.lexsort((x, y, x // BLOCK, y // BLOCK))]
+    return np.lexsort((x, y, x // BLOCK, y // BLOCK))
 
 
 def _element(slot: NDArray[np.intp], lanes: int) -> NDArray[np.intp]:
