@@ -194,7 +194,9 @@ class Antialiasing:
         reach, out = self._weights.reach, part.copy()
         for level in levels:
             x, y = level.pixels.T
-            out[y, x] = 0
+            out[y, x] = 0 if reach else level.parts[name][:, 0, 0]
+        if not reach:
+            return out
         out = self._weights.spread(out)
         height, width = part.shape[:2]
         for level, dy, dx in product(levels, range(-reach, reach + 1), range(-reach, reach + 1)):

@@ -60,9 +60,11 @@ class GBuffer:
         """[blocks, 2, 3], low and high corner around each block's points, world; 0 where there are none."""
         boxes = np.zeros((len(self.pixels), 2, 3))
         shown = self.pixels[self.occupied]
-        points, empty = self.points[self.numbers[shown]], (shown < 0)[..., None]
-        boxes[self.occupied, 0] = np.where(empty, np.inf, points).min(axis=1)
-        boxes[self.occupied, 1] = np.where(empty, -np.inf, points).max(axis=1)
+        numbers, empty = self.numbers[shown], shown < 0
+        for axis, along in enumerate(np.ascontiguousarray(self.points.T)):  # short axes are slow to reduce
+            values = along[numbers]
+            boxes[self.occupied, 0, axis] = np.where(empty, np.inf, values).min(axis=1)
+            boxes[self.occupied, 1, axis] = np.where(empty, -np.inf, values).max(axis=1)
         return boxes
 
     @property
