@@ -15,6 +15,10 @@ demo-sequence: $(INSTALLED)  ## a plume that rises: 24 frames and a film of them
 	$(BIN)/tfm render out/rising_plume/rising_plume.toml --frames 1-24 --res 320x180 -o out/rising_plume/frame.####.png
 	$(BIN)/tfm movie out/rising_plume/frame.####.png -o out/rising_plume.mp4
 
+# Tests run on all cores by themselves: threads of FLIP and of NumPy would wait for each other there.
+test test-slow: export OMP_NUM_THREADS := 1
+test test-slow: export OPENBLAS_NUM_THREADS := 1
+
 test: $(INSTALLED)  ## the tests a change must pass: five minutes on two cores
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check

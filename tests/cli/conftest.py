@@ -33,7 +33,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def cli(folder, capsys):  # noqa: ARG001 - the command runs there
+def cli(folder, one_lane, capsys):  # noqa: ARG001 - the command runs there
     """``cli("render", …)`` runs a command line in ``folder``."""
 
     def run(*arguments):

@@ -79,6 +79,7 @@ ENDS = {signal.SIGINT: (130, "tfm: interrupted"), signal.SIGTERM: (143, "tfm: te
 """Signal -> exit code and last line."""
 
 
+@pytest.mark.quick("view pass-2", "view pass-15")
 @pytest.mark.parametrize(
     ("long_render", "number"),
     [("view pass", signal.SIGINT), ("light pass", signal.SIGINT), ("view pass", signal.SIGTERM)],

@@ -164,6 +164,7 @@ def test_cutoff_and_voxels_reach_the_render(render, cloud):
     np.testing.assert_allclose(pixels("d.npy"), pixels("a.npy"), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_deep_images_have_one_ray_a_pixel_and_that_is_told(render, cloud):
     done = render(cloud, "-o", "a.deep.exr", "-o", "a.npy", "--deep-tolerance", "0.1", "--samples", "4")
     assert "tfm: note: a.deep.exr: has one ray a pixel, through its centre (--samples 4 is" in done.err

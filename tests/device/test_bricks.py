@@ -413,6 +413,7 @@ def check_colours(launcher, volume, rng, voxels):
     return device
 
 
+@pytest.mark.quick("f32", "u8")
 @pytest.mark.parametrize("voxels", VOXELS)
 def test_colours_of_voxels(launcher, rng, voxels):
     volume = a_rainbow((20, 9, 33), 5, 0.1)

@@ -16,7 +16,7 @@ from tfm_cl.device.device import list_devices
 from scenes import make_scene
 
 def make_another():
-    with tfm.Renderer(DEVICE):
+    with tfm.Renderer(DEVICE, lanes=1):
         pass
 
 def use(queue, what):
@@ -28,7 +28,7 @@ def use(queue, what):
         queue.put("it worked")
 
 scene, device = make_scene(), DEVICE
-with tfm.Renderer(device, build_options=('-Werror',)) as renderer:
+with tfm.Renderer(device, build_options=('-Werror',), lanes=1) as renderer:
     image = renderer.render(scene).image
     (light_map,) = renderer.build_maps(scene)
     fork = multiprocessing.get_context("fork")

@@ -85,6 +85,7 @@ CHANGED = {
 }
 
 
+@pytest.mark.quick("volume", "light", "map settings")
 @pytest.mark.parametrize("what", CHANGED)
 def test_a_map_of_something_else_is_refused(what, file, renderer):
     with pytest.raises(SceneError, match=rf"^map 1 was built for another {what.strip()};"):

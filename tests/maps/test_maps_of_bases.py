@@ -102,6 +102,7 @@ def test_auto_is_the_most_accurate_of_its_size(renderer):
     assert errors["auto"] < errors["dct"] / 2
 
 
+@pytest.mark.slow
 def test_the_residual_is_the_error_along_the_texel_s_ray(renderer):
     scene = scene_with(basis="dct", coeffs=3, density_weighting=2.0)
     (light_map,) = renderer.build_maps(scene)
@@ -135,6 +136,7 @@ def test_map_error_shows_the_residual(renderer):
     assert coarse.aovs["map_error"][seen].mean() > 1.5 * fine.aovs["map_error"][seen].mean()
 
 
+@pytest.mark.quick("17-4")
 @pytest.mark.parametrize(("given", "numbers"), [(64, 8), (17, 4), (9, 2)])
 def test_bytes_ask_for_numbers(renderer, given, numbers):
     scene = make_scene(map=tfm.MapSettings(basis="dct", bytes=given, storage="f32"))
@@ -143,6 +145,7 @@ def test_bytes_ask_for_numbers(renderer, given, numbers):
     assert renderer.build_maps(scene_with(basis="hcos", bytes=4 * numbers))[0].bytes_per_texel <= given
 
 
+@pytest.mark.slow
 def test_half_precision_holds_any_units(renderer):
     """Densities of 1e7 with tiny coefficients: optical depths beyond what half precision can hold."""
     scene = scene_with(basis="klt")
@@ -221,6 +224,7 @@ def test_an_empty_volume_has_a_clear_map(renderer):
     assert light_map.error == 0
 
 
+@pytest.mark.slow
 def test_an_area_light_is_the_sum_of_its_points(renderer):
     light = make_scene().lights[0].replace(radius=1.5, samples=5)
     scene = make_scene(lights=[light])

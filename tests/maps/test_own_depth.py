@@ -123,6 +123,7 @@ def test_a_mixture_of_grids_strands_and_solids_is_the_reference(renderer, rng):
         assert (expected.reshape(-1, 6)[:, 0] > 0.1).mean() > 0.1
 
 
+@pytest.mark.slow
 def test_order_does_not_matter(renderer, rng):
     points = some_points(rng)
     mixed = rng.permutation(len(points.positions))

@@ -102,7 +102,7 @@ def test_it_takes_what_it_needs(renderer):
     assert steps[0] < steps[2]
 
 
-@pytest.mark.quick("{'res': 256, 'coeffs': 8}-{'steps': 222}")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "march"),
     [

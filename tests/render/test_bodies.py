@@ -372,7 +372,7 @@ def test_ambient_light_in_two_media_at_once(renderer):
     assert np.abs(result.image[..., :3] - limit).max() < 2 * CHORD
 
 
-@pytest.mark.quick("box-tfm")
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("body", [BOX, CLOUD, COLOURED], ids=["box", "grid", "coloured grid"])
 def test_phase_functions_of_bodies_in_one_place_add_up(renderer, body, method):
@@ -461,7 +461,7 @@ def test_lights_add_up(renderer, mixture, method):
         assert_close(each.aovs["transmittance"], together.aovs["transmittance"], PASS)
 
 
-@pytest.mark.quick("all kinds-tfm")
+@pytest.mark.quick("two boxes-tfm")
 @both_methods
 @pytest.mark.parametrize("mixture", ["all kinds", "two boxes"])
 def test_a_crop_is_a_part_of_the_frame(renderer, mixture, method):
@@ -559,6 +559,7 @@ def test_media_of_one_colour_have_the_map_error_of_one_medium(renderer):
     assert_close(two.aovs["map_error"], one.aovs["map_error"], MAP_PASS)
 
 
+@pytest.mark.slow
 def test_without_maps_there_is_no_map_error(renderer):
     result = renderer.render(scene_of(BOX, FOG), aovs=("map_error",))
     assert (result.aovs["map_error"] == 0).all()
@@ -786,6 +787,7 @@ def test_as_many_bodies_as_there_may_be(count):
         tfm.Scene([BOX] * count)
 
 
+@pytest.mark.slow
 def test_sixteen_bodies(renderer):
     thin = BOX.replace(density=BOX.density / 16)
     march = tfm.MarchSettings(steps=200, cutoff=0)

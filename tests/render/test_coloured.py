@@ -244,6 +244,7 @@ def test_maps_serve_other_colours_of_the_medium(renderer, basis):
     assert same.stats.map_bytes == sum(light_map.nbytes for light_map in maps)
 
 
+@pytest.mark.slow
 def test_maps_of_another_colour_are_refused(renderer):
     lights = make_scene().lights * 3
     scene, other = coloured_scene(rainbow()), coloured_scene(rainbow()[..., ::-1])

@@ -130,7 +130,7 @@ def test_what_a_thin_strand_hides_does_not_depend_on_the_resolution(renderer, op
         assert hidden == pytest.approx(expected, rel=SAMPLED + ENDS_IN_PIXELS / (res / 3)), res
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @every_light
 def test_what_a_thin_strand_hides_of_a_light_does_not_depend_on_the_resolution(renderer, light):
     width = 0.01
@@ -222,6 +222,7 @@ def arc(count, width):
     return tfm.Curves(points, [count + 1], width, opacity=0.9, medium=medium)
 
 
+@pytest.mark.slow
 @pytest.mark.lanes
 @pytest.mark.parametrize("count", [8, 16, 64])
 def test_an_arc_of_few_segments_shines_as_a_circle_does(renderer, count):

@@ -60,6 +60,7 @@ def test_a_slab_emits_in_closed_form(renderer, sigma):
     )
 
 
+@pytest.mark.quick("0.0")
 @pytest.mark.parametrize("sigma", [0.0, (0.3, 1.0, 4.0)])
 def test_a_grid_of_constant_density_emits_as_a_slab_does(renderer, sigma):
     medium = tfm.Medium(sigma_s=0, sigma_a=sigma, emission=GLOW)

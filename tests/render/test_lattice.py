@@ -418,7 +418,7 @@ HAS_AN_ERROR = {
 }
 
 
-@pytest.mark.quick("sun, spot, point")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", HAS_AN_ERROR)
 def test_the_error_of_the_lattice_is_that_of_the_pixel(renderer, case):
     # All lights of a lattice share the samples of the camera, which lie evenly in the world.

@@ -40,6 +40,7 @@ def test_equals_the_map_and_the_light_without_media(renderer, small_scene, rng):
         renderer.light_at(scene, [[0, 0, np.nan]])
 
 
+@pytest.mark.slow
 def test_of_primitives(renderer, small_scene, rng):
     points = rng.uniform(-0.8, 0.8, (50, 3))
     balls = tfm.Points([[0.0, 0.3, 0.0], [-0.4, 0.1, -0.3]], [0.5, 0.4], 1.5)

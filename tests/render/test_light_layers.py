@@ -155,6 +155,7 @@ def test_layers_are_bounded(renderer, monkeypatch):
         renderer.render(SCENE, aovs=("lights",))
 
 
+@pytest.mark.slow
 def test_lights_of_one_name_have_no_layers(renderer):
     scene = SCENE.replace(lights=[SKY, SKY])
     with pytest.raises(SceneError, match=r'^light 1: light\.name = "sky": light 0 is called so, too'):

@@ -91,6 +91,7 @@ def test_of_rays_that_end_where_nothing_is_left_all_are_alike(renderer, cutoff):
     assert np.abs(images[1] - images[0]).max() < 0.05 * images[0].max()
 
 
+@pytest.mark.slow
 def test_what_absorbs_all_scatters_nothing_again(renderer):
     black = tfm.Medium(sigma_s=0.0, sigma_a=1.0, phase=LOBE)
     scene = make_scene(volume=CLOUD, medium=black)

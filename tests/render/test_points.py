@@ -139,7 +139,7 @@ def test_one_point_in_a_map(renderer, light):
             assert (np.abs(found.depth - expected) <= rounded).all(), (profile, size)
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @every_light
 def test_the_mean_optical_depth_of_a_map_does_not_depend_on_its_resolution(renderer, light):
     """∫ τ over the light's area is what the point holds; over directions, that over its distance squared."""
@@ -257,8 +257,8 @@ def assert_equals_reference(renderer, save_on_failure, scene, method, **options)
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.lanes
-@pytest.mark.quick("gaussian-tfm")
 @both_methods
 @every_profile
 def test_every_profile(renderer, save_on_failure, profile, method):
@@ -479,6 +479,7 @@ ROUNDED = 50 * FAST_MATH
 """Of the brightest: sums of hundreds of points in another order."""
 
 
+@pytest.mark.slow
 def test_maps_serve_the_points_that_they_were_made_of(renderer):
     scene = scene_of(CLOUD)
     maps = renderer.build_maps(scene)

@@ -136,7 +136,7 @@ def test_what_a_triangle_hides_does_not_depend_on_the_resolution(renderer, opaci
         assert hidden == pytest.approx(expected, rel=2 * SAMPLED), res
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @every_light
 def test_what_a_triangle_hides_of_a_light_does_not_depend_on_the_resolution(renderer, light):
     size = 0.02

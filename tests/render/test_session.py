@@ -110,7 +110,7 @@ def session(new_renderer):
         yield renderer
 
 
-@pytest.mark.quick("camera", "albedo", "density", "camera, later orders")
+@pytest.mark.quick("camera", "albedo", "density")
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_frame_makes_what_it_must(session, renderer, change):
     before, after, expected = CHANGES[change]

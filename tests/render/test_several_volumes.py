@@ -156,6 +156,7 @@ def test_maps_serve_the_same_volumes_only(renderer):
     assert (again.image == renderer.render(scene).image).all()
 
 
+@pytest.mark.slow
 def test_curve_of_a_map_through_several(renderer):
     scene = joined_scene(SETS["overlapping"])
     scene = scene.replace(map=tfm.MapSettings(coeffs=8, res=64, steps=128))

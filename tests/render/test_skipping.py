@@ -398,7 +398,7 @@ def test_lanes_agree(check_lanes, method):
     check_lanes(scene.replace(camera=camera))
 
 
-@pytest.mark.quick("38-tfm")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("fov", [4, 38])
 def test_all_samples_are_taken_without_skipping(by_lanes, lanes_possible, fov, method):

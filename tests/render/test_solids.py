@@ -476,7 +476,7 @@ def test_brightness_is_continuous_across_the_silhouette(renderer, light, basis):
     assert np.abs(image - dual)[:, lit].max() < 0.02  # the map's error; no jump at the silhouette
 
 
-@pytest.mark.quick("spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("light", ["spot", "sun"])
 def test_lit_samples_beside_a_shadow_see_the_march(renderer, light):
     # The map keeps the T that reaches a solid, so that texels across its edge may be interpolated (E6).
@@ -510,6 +510,7 @@ def test_maps_serve_the_same_solids_only(renderer):
             renderer.render(scene.replace(solids=tuple(solids)), maps=maps)
 
 
+@pytest.mark.slow
 def test_equal_solids_made_twice_are_the_same(renderer):
     # What they keep of their transforms, arrays, has no part in it.
     first, again = ([PlaneSolid(point=(0, -0.8, 0)), BALL.replace(radius=0.3)] for _ in range(2))

@@ -450,6 +450,7 @@ def test_names_from_files_are_no_latex(tmp_path):
     assert caption.startswith(shown)
 
 
+@pytest.mark.slow
 def test_figures_for_papers(tmp_path):
     rows = [row(2), row(4), row(8, basis="klt")]
     make_folder(tmp_path, [*rows, row(3, volume="../fog", reference="b" * 24)])

@@ -14,6 +14,7 @@ LINEAR = ["fourier", "hcos", "moments", "piecewise", "slices", "slices-cubic", "
 """Bases whose default numbers are linear in the density."""
 
 
+@pytest.mark.quick("fourier", "moments", "slices")
 @pytest.mark.parametrize("basis", LINEAR)
 def test_numbers_of_two_media_add_up(renderer, basis):
     # In any order: what is before and what is behind is not known (FOM section 4.1, OSM note 4).
@@ -32,6 +33,7 @@ def test_numbers_of_two_media_add_up(renderer, basis):
     assert np.abs(of_one - of_other).max() > 0.1
 
 
+@pytest.mark.quick("fourier", "klt", "moments", "slices")
 def test_begin_and_far_end(renderer, any_basis):
     coeffs = 7 if 7 in any_basis.counts else 8
     scene = scene_of(slabs(13), basis=any_basis.name, coeffs=coeffs, range="auto")
@@ -49,8 +51,8 @@ def test_begin_and_far_end(renderer, any_basis):
     assert np.isfinite(found).all()
 
 
-QUICK = ("klt", "moments")
-"""One that is fitted, one that sums; the others' programs for the device's lanes are for the slow step."""
+QUICK = ("klt",)
+"""The others' programs for the device's lanes are for the slow step."""
 
 
 @pytest.mark.parametrize(

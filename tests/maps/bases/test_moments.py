@@ -116,6 +116,7 @@ def test_few_layers_are_told_apart(renderer, basis, coeffs):
     assert np.ptp(exact(depths, v), axis=1).min() > 0.5
 
 
+@pytest.mark.quick("f16-moments-7", "u8-trig-moments-9")
 @both_kinds
 @pytest.mark.parametrize("storage", ["f32", "f16", "u8"])
 def test_whatever_the_density_it_is_a_number(renderer, basis, coeffs, storage):

@@ -132,6 +132,7 @@ def test_empty_texels_are_clear(renderer):
     assert (stored(light_map, rays)[clear] == 0).all()
 
 
+@pytest.mark.slow
 def test_any_density_and_storage_is_a_number(renderer):
     density = np.zeros((16, 9, 9), np.float32)
     density[7, :4], density[:, 6, 6], density[3, 4:, :3], density[12:, 5:, :5] = 1e-3, 5, 1e-30, 1e20
