@@ -483,7 +483,7 @@ def test_an_unknown_device(bad, cloud, cli):
 @pytest.mark.parametrize(
     ("limit", "arguments", "message"),
     [
-        (4, (), "the volume (148×148×148 voxels) needs "),
+        (2, (), "the volume (148×148×148 voxels) needs "),
         (20, ("--map-res", "1024"), "the map needs a buffer of 32 MiB; "),
         (20, ("--res", "2000x1500"), "the image needs a buffer of 46 MiB; "),
     ],
