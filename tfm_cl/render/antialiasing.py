@@ -286,7 +286,8 @@ def _parts(sums: Sums) -> dict[str, Floats]:
     }
     for name, several in (("added", sums.added), ("up to orders", sums.of_orders_up_to)):
         if several is not None:
-            others[name] = np.moveaxis(several, 0, -2).reshape(*opacity.shape[:-1], -1)
+            beside = several.shape[0] * several.shape[-1]
+            others[name] = np.moveaxis(several, 0, -2).reshape(*opacity.shape[:-1], beside)
     return parts | {name: part for name, part in others.items() if part is not None}
 
 
