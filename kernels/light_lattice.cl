@@ -23,7 +23,8 @@ typedef struct {
   Ints inside;  /* the record */
 } Voxels;
 
-/* The item-th few: first those of the block itself, row by row. */
+/* The item-th few: first those of the block itself, row by row; then those behind it, layer by layer, of which few have
+   density beyond the first. */
 TFM_INLINE Voxels voxels_of(__global const int *block, int record, int item)
 {
   Voxels found;
@@ -31,13 +32,15 @@ TFM_INLINE Voxels voxels_of(__global const int *block, int record, int item)
   /* Behind along x, else along y, else along z. */
   const Ints nx = n - OWN_VOXELS, ny = nx - BEHIND_X, nz = ny - BEHIND_Y;
   const Ints own = nx < 0, by_x = ny < 0, by_y = nz < 0;
-  found.x = own ? n % BLOCK_EDGE : by_x ? BLOCK_EDGE + nx % BEHIND : by_y ? ny % RECORD_EDGE : nz % RECORD_EDGE;
+  found.x = own ? n % BLOCK_EDGE
+          : by_x ? BLOCK_EDGE + nx / (BLOCK_EDGE * BLOCK_EDGE)
+          : by_y ? ny % RECORD_EDGE : nz % RECORD_EDGE;
   found.y = own ? n / BLOCK_EDGE % BLOCK_EDGE
-          : by_x ? nx / BEHIND % BLOCK_EDGE
-          : by_y ? BLOCK_EDGE + ny / RECORD_EDGE % BEHIND : nz / RECORD_EDGE % RECORD_EDGE;
+          : by_x ? nx % BLOCK_EDGE
+          : by_y ? BLOCK_EDGE + ny / (RECORD_EDGE * BLOCK_EDGE) : nz / RECORD_EDGE % RECORD_EDGE;
   found.z = own ? n / (BLOCK_EDGE * BLOCK_EDGE)
-          : by_x ? nx / (BEHIND * BLOCK_EDGE)
-          : by_y ? ny / (RECORD_EDGE * BEHIND) : BLOCK_EDGE + nz / RECORD_LAYER;
+          : by_x ? nx / BLOCK_EDGE % BLOCK_EDGE
+          : by_y ? ny / RECORD_EDGE % BLOCK_EDGE : BLOCK_EDGE + nz / RECORD_LAYER;
   found.inside = n < ALL_VOXELS;
   found.at = record * RECORD_VOXELS + found.z * RECORD_LAYER + found.y * RECORD_ROW + found.x;
   const Ints after = (found.x >> BLOCK_SHIFT) + 2 * (found.y >> BLOCK_SHIFT) + 4 * (found.z >> BLOCK_SHIFT);
@@ -59,29 +62,66 @@ TFM_INLINE float intensity_of(LIGHT light, int c)
 #endif
 }
 
+/* Whether a cell of a brick with density touches any voxel that is wanted: no other is ever seen. */
+TFM_INLINE int any_seen(GRID grid, __global const int *bricks, __global const int *block, const Voxels *voxels, Ints wanted)
+{
+  __global const int *table = bricks + grid->first_brick;
+  const Ints x = voxels->x + block[0] * BLOCK_EDGE, y = voxels->y + block[1] * BLOCK_EDGE,
+             z = voxels->z + block[2] * BLOCK_EDGE;
+  int seen = 0;
+  for (int corner = 0; corner < 8 && !seen; ++corner) {
+    const Ints bx = (x - (corner & 1)) >> BRICK_SHIFT, by = (y - (corner >> 1 & 1)) >> BRICK_SHIFT,
+               bz = (z - (corner >> 2)) >> BRICK_SHIFT;
+    const Ints inside = wanted & (bx >= 0) & (by >= 0) & (bz >= 0) & (bx < grid->brick_count[0]) &
+                        (by < grid->brick_count[1]) & (bz < grid->brick_count[2]);
+    const Ints brick = (bz * grid->brick_count[1] + by) * grid->brick_count[0] + bx;
+    seen = any_lane(inside & (gather_ints(table, inside ? brick : ints(0)) > 0));
+  }
+  return seen;
+}
+
+/* Finds where light is to be looked up, and leaves zeros elsewhere.
+   marks  out, [records, CHUNKS]: 1 where a work-item of light_lattice has anything to do, else 0 */
+__kernel void mark_voxels(GRID grids, __global const int *bricks, __global const int *blocks, __global const int *records,
+                          __global float *lattice, __global uchar *marks, int2 window)
+{
+  const int place = window.x + (int)get_global_id(0) / CHUNKS, item = (int)get_global_id(0) % CHUNKS;
+  if (place >= window.y)
+    return;
+  const int record = records[place];
+  __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
+  const Voxels voxels = voxels_of(block, record, item);
+  const Ints own = voxels.inside & (voxels.same == voxels.at);
+  const int mark = any_lane(own) && any_seen(grids + block[3], bricks, block, &voxels, own);
+  marks[(size_t)record * CHUNKS + (size_t)item] = (uchar)mark;
+  if (!mark)
+    for (int n = 0; n < LATTICE_NUMBERS; ++n)
+      store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, own, floats(0.0f));
+}
+
 /* One work-item takes as many voxels of a record as there are lanes.
-   blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, and its grid, -1 for records without a light of
-            their own; and the records of the blocks after it
+   blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, its grid, and the records of the blocks after it
+   records  those with a light of their own, in an order in which the light's map stays in the cache
+   marks    of mark_voxels
    lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms
    number   of the light among those given: one after the other, as their maps would push each other out of the cache
    count    of all lights
    part     of the light that it belongs to, of those that are known apart
    begins   1: the first light; ends: the last
-   records  first of this launch and end */
+   window   first of this launch, and end, among the records */
 __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                            __global const int *blocks, __global float *lattice, int number, int count, int part,
-                            int begins, int ends, int2 records)
+                            __global const int *blocks, __global const int *records, __global const uchar *marks,
+                            __global float *lattice, int number, int count, int part, int begins, int ends, int2 window)
 {
-  const int record = records.x + (int)get_global_id(0) / CHUNKS;
-  if (record >= records.y)
+  const int place = window.x + (int)get_global_id(0) / CHUNKS;
+  if (place >= window.y)
+    return;
+  const int record = records[place], item = (int)get_global_id(0) % CHUNKS;
+  if (!marks[(size_t)record * CHUNKS + (size_t)item])
     return;
   __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
-  if (block[3] < 0)
-    return;
-  const Voxels voxels = voxels_of(block, record, (int)get_global_id(0) % CHUNKS);
+  const Voxels voxels = voxels_of(block, record, item);
   const Ints wanted = voxels.inside & (voxels.same == voxels.at);
-  if (!any_lane(wanted))
-    return;
   const Vec3 point = transform_point(grids[block[3]].world_from_index,
                                      vec3(TO_FLOATS(voxels.x + block[0] * BLOCK_EDGE),
                                           TO_FLOATS(voxels.y + block[1] * BLOCK_EDGE),
@@ -129,15 +169,14 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
 }
 
 /* Copies to every record the voxels that are another's own. */
-__kernel void share_lattice(__global const int *blocks, __global float *lattice, int2 records)
+__kernel void share_lattice(__global const int *blocks, __global const int *records, __global float *lattice,
+                            int2 window)
 {
-  const int record = records.x + (int)get_global_id(0) / CHUNKS;
-  if (record >= records.y)
+  const int place = window.x + (int)get_global_id(0) / CHUNKS, item = (int)get_global_id(0) % CHUNKS;
+  if (place >= window.y || (item + 1) * TFM_LANES <= OWN_VOXELS)
     return;
+  const int record = records[place];
   __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
-  const int item = (int)get_global_id(0) % CHUNKS;
-  if (block[3] < 0 || (item + 1) * TFM_LANES <= OWN_VOXELS)
-    return;
   const Voxels voxels = voxels_of(block, record, item);
   const Ints wanted = voxels.inside & (voxels.same != voxels.at);
   for (int n = 0; n < LATTICE_NUMBERS; ++n)

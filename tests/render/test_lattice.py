@@ -259,6 +259,24 @@ def test_launches_and_batches_do_not_show(renderer, monkeypatch):
     assert renderer.render(scene).image.tobytes() == whole.tobytes()
 
 
+def test_voxels_that_touch_no_density_are_not_seen(renderer, monkeypatch):
+    # No light is looked up there; what lies in memory before is no number, and lanes read it in windows.
+    specks = np.where(np.random.default_rng(5).random((30, 28, 32)) > 0.995, 20.0, 0.0)
+    volume = tfm.Volume(specks, voxel_size=2.4 / 32, origin=(-1.2, -1.1, -1.2))
+    scene = on_lattice(scene_of([SUN], volume, camera=CAMERA.replace(up=(1, 0, 0), res=(84, 96))))
+    expected, empty = renderer.render(scene).image, Launcher.empty
+
+    def no_numbers(self, what, nbytes, **how):
+        buffer = empty(self, what, nbytes, **how)
+        if "lattice" in what:
+            self.write(buffer, np.full(nbytes, 255, np.uint8))
+        return buffer
+
+    monkeypatch.setattr(Launcher, "empty", no_numbers)
+
+    assert renderer.render(scene).image.tobytes() == expected.tobytes()
+
+
 # -------------------------------------------------------------------- what is looked up at every sample
 
 EDGES = {

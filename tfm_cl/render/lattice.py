@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
+from tfm_cl.device.structs.bodies import padded_from_index
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
+    from tfm_cl.device.bricks import BrickGrid
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
@@ -35,6 +37,8 @@ MOST_APART = 8
 """Layers of lights that a lattice holds: each takes a look-up a sample."""
 LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
+BEAMS = 16
+"""Parts of a light's map, along each side, whose blocks are looked up one after the other."""
 
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
@@ -108,11 +112,28 @@ class Lattice:
     def _numbers(self) -> cl.Buffer:
         return self.launcher.empty("the lattice of light", self.nbytes, reuse=True)
 
+    @cached_property
+    def _marks(self) -> cl.Buffer:
+        """Which work-items have a voxel to look a light up at."""
+        return self.launcher.empty(
+            "the marks of a lattice of light", self._bricks.records * self._chunks, reuse=True
+        )
+
+    @property
+    def _bricks(self) -> BrickGrid:
+        assert self.media.bricks is not None  # noqa: S101 - there are grids
+        return self.media.bricks
+
+    @property
+    def _chunks(self) -> int:
+        """Work-items of a record."""
+        lanes = self.launcher.lanes
+        return -(-((BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]) ** 3) // lanes)
+
     @property
     def nbytes(self) -> int:
         """Size on the device."""
-        assert self.media.bricks is not None  # noqa: S101 - there are grids
-        voxels = self.media.bricks.records * record_voxels(self.launcher.lanes)
+        voxels = self._bricks.records * record_voxels(self.launcher.lanes)
         # All octaves but the first are known apart: how much there is of them differs from ray to ray.
         sorts = 2 if self.media.defines["TFM_OCTAVES"] != 1 else 1
         return 4 * voxels * (sorts * self._parts * self._colours + self._channels)
@@ -141,34 +162,63 @@ class Lattice:
         launcher, media = self.launcher, self.media
         headers, defines = voxels_variant(batch, media, self._colours, self._parts)
 
-        def run(name: str, arguments: dict[str, Any]) -> float:
+        def run(name: str, records: NDArray[np.int32], arguments: dict[str, Any]) -> float:
             kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
-            return self._over_records(kernel, arguments)
+            return self._over_records(kernel, records, arguments)
 
         of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
-        seconds = 0.0
+        marks, seconds = {"marks": self._marks}, 0.0
+        if self._added == 0:
+            of_grids = {name: media.arguments[name] for name in ("grids", "bricks")}
+            seconds += run("mark_voxels", self._records, of_grids | marks)
         for number, light in enumerate(batch.indices):
             begins, ends = self._added == 0, self._added + 1 == len(self.lights)
             of_light = {"number": number, "begins": int(begins), "ends": int(ends)}
             of_light["part"] = self._part(light)
-            seconds += run("light_lattice", of_all | of_light)
+            seconds += run("light_lattice", self._along_beams(light), of_all | of_light | marks)
             self._added += 1
         if self.is_full:
-            seconds += run("share_lattice", {})
+            seconds += run("share_lattice", self._records, {})
         return seconds
 
-    def _over_records(self, kernel: Kernel, arguments: dict[str, Any]) -> float:
-        """Run a kernel over all records, in launches of `LOOK_UPS`; returns device seconds."""
-        launcher, bricks = self.launcher, self.media.bricks
-        assert bricks is not None  # noqa: S101 - there are grids
-        voxels = (BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[launcher.lanes]) ** 3
-        chunks = -(-voxels // launcher.lanes)
+    @cached_property
+    def _blocks(self) -> NDArray[np.int32]:
+        """[records, `BLOCK_NUMBERS`], as of `BrickGrid.blocks`."""
+        shape = (self._bricks.records, BLOCK_NUMBERS)
+        return self.launcher.download(self._bricks.blocks, shape, np.int32)
+
+    @cached_property
+    def _records(self) -> NDArray[np.int32]:
+        """Numbers of the records that have light of their own, one for each block."""
+        return np.flatnonzero(self._blocks[:, 3] >= 0).astype(np.int32)
+
+    @cached_property
+    def _centres(self) -> NDArray[np.float64]:
+        """[records, 3]: the middles of their blocks, in the world."""
+        x, y, z, grids, *_ = self._blocks[self._records].T
+        centres = BLOCK_BRICKS * BRICK_EDGE * (np.stack([x, y, z], axis=-1) + 0.5)
+        for number, grid in enumerate(self.scene.grids):
+            world_from_padded = grid.world_from_index @ np.linalg.inv(padded_from_index())
+            here = grids == number
+            centres[here] = centres[here] @ world_from_padded[:3, :3].T + world_from_padded[:3, 3]
+        return centres
+
+    def _along_beams(self, light: int) -> NDArray[np.int32]:
+        """Sort the records so that those near each other read the same part of a light's map."""
+        arrival = self.scene.lights[light].arrival(self._centres)
+        u, v = np.floor(BEAMS * arrival.position.T)
+        return self._records[np.lexsort((arrival.distance, u, v))]
+
+    def _over_records(self, kernel: Kernel, records: NDArray[np.int32], arguments: dict[str, Any]) -> float:
+        """Run a kernel over records, in launches of `LOOK_UPS`; returns device seconds."""
+        launcher, chunks = self.launcher, self._chunks
         most = max(1, LOOK_UPS // (chunks * launcher.lanes))
-        arguments = {**arguments, "blocks": bricks.blocks, "lattice": self._numbers}
+        arguments = {**arguments, "blocks": self._bricks.blocks, "lattice": self._numbers}
+        arguments["records"] = launcher.upload("the order of a lattice", records)
         seconds = 0.0
-        for first in range(1, bricks.records, most):
-            end = min(first + most, bricks.records)
-            seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"records": (first, end)})
+        for first in range(0, len(records), most):
+            end = min(first + most, len(records))
+            seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"window": (first, end)})
         return seconds
 
     @property
