@@ -19,7 +19,7 @@ demo-sequence: $(INSTALLED)  ## a plume that rises: 24 frames and a film of them
 test test-slow: export OMP_NUM_THREADS := 1
 test test-slow: export OPENBLAS_NUM_THREADS := 1
 
-test: $(INSTALLED)  ## the tests a change must pass: five minutes on two cores
+test: $(INSTALLED)  ## the tests a change must pass: six to seven minutes on two cores
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	@# mypy takes one core only: it runs beside them.

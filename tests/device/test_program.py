@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tfm_cl.device.program import kernel_name
 from tfm_cl.errors import KernelBuildError
 
 KERNEL = """
@@ -44,6 +45,11 @@ def test_warnings_of_the_tests_kernels_are_errors(launcher, tmp_path):
 
     with pytest.raises(KernelBuildError, match="incompatible pointer types"):
         launcher.kernels.kernel("doubtful", str(tmp_path / "doubtful.cl"))
+
+
+def test_a_probe_that_does_not_compile_is_told(launcher):
+    with pytest.raises(KernelBuildError, match="the device's compiler does not serve"):
+        kernel_name(launcher.context, "nonsense", ())
 
 
 def test_arguments_in_any_order(launcher, echo):

@@ -65,12 +65,21 @@ def fingerprint(folder: Path, files: str = "**/*") -> str:
 
 
 def kernel_name(context: cl.Context, text: str, options: tuple[str, ...]) -> str:
-    """Return the name of a program's only kernel: it is kept where programs are, and saves building that."""
+    """Return the name of a program's only kernel: it is kept where programs are, and saves building that.
+
+    Raises
+    ------
+    KernelBuildError
+        With the compiler's log.
+    """
     (device,) = context.devices
     cache, key = _cache_of(device), (text, *options, *_versions(device))
     known = cache.answer(*key) if cache else None
     if known is None:
-        program, _ = build(context, text, options)
+        try:
+            program, _ = build(context, text, options)
+        except cl.Error as error:
+            raise KernelBuildError(f"the device's compiler does not serve: {error}") from error
         known = program.kernel_names
         if cache:
             cache.keep_answer(known, *key)
