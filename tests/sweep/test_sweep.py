@@ -135,10 +135,14 @@ def out(tmp_path):
 WRITE_REPORT = sweep_report.write
 
 
+def leave_out_report(patch):
+    """The report takes most of a small sweep's time; what looks at it asks for it."""
+    patch.setattr(sweep_report, "write", lambda *_, **__: None)
+
+
 @pytest.fixture(autouse=True)
 def _without_report(monkeypatch):
-    """The report takes most of a small sweep's time; what looks at it asks for it."""
-    monkeypatch.setattr(sweep_report, "write", lambda *_, **__: None)
+    leave_out_report(monkeypatch)
 
 
 @pytest.fixture
@@ -160,7 +164,7 @@ def swept_once(tmp_path_factory):
     """A complete sweep of `PAIRS`: its folder, and what `swept` returns."""
     folder, renderer = tmp_path_factory.mktemp("swept"), FakeRenderer()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sweep_report, "write", lambda *_, **__: None)
+        leave_out_report(patch)
         rows = run([blob(folder / "blob.npy")], folder / "sweep", renderer=renderer)
     return folder / "sweep", SimpleNamespace(rows=rows, renderer=renderer)
 

@@ -175,10 +175,10 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
         [list(_slabs(launcher, leaves, count[2])) for leaves in channels]
         for channels, count in zip(grids, counts, strict=True)
     ]
-    told = _LeafArguments(launcher, stay=sum(len(one) for of_grid in slabs for one in of_grid) == 1)
+    uploads = _LeafUploads(launcher, stay=sum(len(one) for of_grid in slabs for one in of_grid) == 1)
     flags = [
         np.any(
-            [np.concatenate([_occupied(launcher, slab, count, told) for slab in one]) for one in of_grid],
+            [np.concatenate([_occupied(launcher, slab, count, uploads) for slab in one]) for one in of_grid],
             axis=0,
         )
         for of_grid, count in zip(slabs, counts, strict=True)
@@ -206,7 +206,7 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
                 begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
                 corners = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
                 numbers = first + channel + channels * np.arange(done, done + len(corners), dtype=np.int64)
-                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers, told)
+                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers, uploads)
                 done += len(corners)
         first += channels * int(np.count_nonzero(blocks[i]))
     launcher.write(table, np.concatenate(tables))
@@ -347,7 +347,7 @@ def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: 
     return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
 
 
-class _LeafArguments:
+class _LeafUploads:
     """What kernels are told of a slab; where there is but one, its leaves ``stay`` on the device."""
 
     def __init__(self, launcher: Launcher, *, stay: bool) -> None:
@@ -372,7 +372,7 @@ class _LeafArguments:
 
 
 def _occupied(
-    launcher: Launcher, slab: _Slab, count: tuple[int, int, int], told: _LeafArguments
+    launcher: Launcher, slab: _Slab, count: tuple[int, int, int], uploads: _LeafUploads
 ) -> NDArray[np.bool_]:
     """Which bricks [z, y, x] of a slab hold density."""
     shape = (slab.end_layer - slab.first_layer, count[1], count[0])
@@ -384,7 +384,7 @@ def _occupied(
         kernel,
         shape[::-1],
         {
-            **told.of(slab),
+            **uploads.of(slab),
             "brick_count": (*shape[::-1], 0),
             "first_layer": slab.first_layer,
             "occupied": flags,
@@ -423,11 +423,11 @@ def _fill(
     exponent: int,
     places: NDArray[np.int64],
     numbers: NDArray[np.int64],
-    told: _LeafArguments,
+    uploads: _LeafUploads,
 ) -> None:
     """Write the records ``numbers`` [N], rising, of the blocks at ``places`` [N, 3] (x, y, z)."""
     kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), bricks.defines | ANY_GRID)
-    leaf_arguments = told.of(slab)
+    leaf_arguments = uploads.of(slab)
     in_pools, within = np.divmod(numbers, bricks.pool_size)
     for pool in np.flatnonzero(np.bincount(in_pools)).tolist():
         here = in_pools == pool

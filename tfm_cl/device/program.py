@@ -76,10 +76,7 @@ def kernel_name(context: cl.Context, text: str, options: tuple[str, ...]) -> str
     cache, key = _cache_of(device), (text, *options, *_versions(device))
     known = cache.answer(*key) if cache else None
     if known is None:
-        try:
-            program, _ = build(context, text, options)
-        except cl.Error as error:
-            raise KernelBuildError(f"the device's compiler does not serve: {error}") from error
+        program, _ = build(context, text, options, "a probe of the compiler")
         known = program.kernel_names
         if cache:
             cache.keep_answer(known, *key)
@@ -101,11 +98,22 @@ def build(
     context: cl.Context,
     text: str,
     options: tuple[str, ...],
+    what: str,
     compiling: Callable[[], None] = lambda: None,
 ) -> tuple[cl.Program, KeptProgram | None]:
     """Build a program; returns it, and what keeps it where the driver leaves that to us.
 
-    ``compiling`` is called first if it is not kept.
+    Parameters
+    ----------
+    what
+        That is compiled, for messages.
+    compiling
+        Called first if it is not kept.
+
+    Raises
+    ------
+    KernelBuildError
+        With the compiler's log.
     """
     (device,) = context.devices
     kept = None
@@ -118,7 +126,10 @@ def build(
     with warnings.catch_warnings(), keeping, interrupts_ours():
         # pyopencl warns of any compiler output, even empty remarks; errors raise all the same.
         warnings.simplefilter("ignore", cl.CompilerWarning)
-        program: cl.Program = cl.Program(context, text).build(list(options))
+        try:
+            program: cl.Program = cl.Program(context, text).build(list(options))
+        except cl.Error as error:
+            raise KernelBuildError(f"{what} does not compile on this device: {error}") from error
     return program, kept
 
 
@@ -303,10 +314,7 @@ class KernelLibrary:
         # Some drivers' caches know a program by its text alone, and miss that an included file has changed.
         text += f"/* kernels: {self._fingerprint} */\n"
         options = (*self._options, "-I", str(kernels_dir()))
-        try:
-            return build(self._context, text, options, lambda: self._tell_compiling(entry))
-        except cl.Error as error:
-            raise KernelBuildError(f"{entry} does not compile on this device: {error}") from error
+        return build(self._context, text, options, entry, lambda: self._tell_compiling(entry))
 
     def _tell_compiling(self, entry: str) -> None:
         if self.on_compiling is not None:

@@ -143,9 +143,6 @@ function textInput(label, properties = {}) {
   return make("input", { type: "text", className: "text", autocomplete: "off", spellcheck: false, "aria-label": label, ...properties });
 }
 
-/** Say in a field, for as long as it is empty, what belongs there. */
-const hint = (field, text) => { field.placeholder = text; };
-
 /** One of a few, as buttons beside each other; `choose(value)` is called, `set(value)` shows what holds. */
 function choiceButtons(label, options, choose) {
   const group = make("div", { className: "join", role: "group", "aria-label": label });

@@ -94,7 +94,6 @@ function within({ least, most, isOpen = [false, false], whole }, value) {
 const FIELDS = {
   number(key, label, change) {
     const field = numberInput(label, key);
-    hint(field, "–");
     const range = slider(label, key, (value, drag) => { field.put(value); change(value, drag); });
     const auto = key.isAuto || key.choices.length > 0 ? make("button", { type: "button", className: "small", textContent: key.isAuto ? "auto" : key.choices[0], "aria-pressed": "false", title: "Let it be chosen" }) : null;
     let last = null;
@@ -123,7 +122,7 @@ const FIELDS = {
     let value = null;
     const fields = names.map((name, index) => {
       const field = numberInput(`${label} ${name}`, { ...key, digits: key.whole ? 9 : 4 });
-      hint(field, name);
+      field.title = name;
       field.dataset.axis = name;
       field.addEventListener("change", () => {
         const typed = field.read();
@@ -156,7 +155,6 @@ const FIELDS = {
     const scaled = (size) => (peak() > 0 ? rounded(times(value, size / peak())) : Array(3).fill(size));
     const fields = ["red", "green", "blue"].map((name, index) => {
       const field = numberInput(`${label} ${name}`, { digits: 4 });
-      if (index === 0) hint(field, "–");
       field.dataset.axis = name[0];
       field.addEventListener("change", () => {
         const typed = field.read();
@@ -239,8 +237,7 @@ const FIELDS = {
   },
 
   matrix(key, label, change) {
-    const field = textInput(`${label}: 16 numbers`);
-    hint(field, "16 numbers");
+    const field = textInput(`${label}: 16 numbers`, { title: "16 numbers, row by row" });
     field.addEventListener("change", () => {
       const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map(Number);
       const isMatrix = numbers.length === 16 && numbers.every(Number.isFinite);
@@ -255,8 +252,7 @@ const FIELDS = {
 
   /** Any number of numbers. */
   list(key, label, change) {
-    const field = textInput(label);
-    hint(field, "numbers");
+    const field = textInput(label, { title: "Numbers, with spaces or commas between them" });
     field.addEventListener("change", () => {
       const numbers = (field.value.match(/[^\s,;]+/g) ?? []).map(Number);
       field.setAttribute("aria-invalid", String(!numbers.every(Number.isFinite)));

@@ -6,7 +6,6 @@ class FilesDialog {
     this.where = make("span", { className: "where" });
     this.list = make("ul", { className: "files", "aria-label": "Files" });
     this.path = textInput("Path within the folder");
-    hint(this.path, "or a path within the folder");
     this.chosen = make("input", { type: "file", hidden: true });
     const upload = make("button", { type: "button", textContent: "Upload a file …" });
     upload.addEventListener("click", () => this.chosen.click());
@@ -14,7 +13,7 @@ class FilesDialog {
       if (this.chosen.files.length > 0) this.upload(this.chosen.files[0]);
       this.chosen.value = "";
     });
-    this.dialog = dialog("Open", make("p", { className: "note" }, "In ", this.where), this.list, this.path, make("div", { className: "buttons" }, upload, this.chosen));
+    this.dialog = dialog("Open", make("p", { className: "note" }, "In ", this.where), this.list, labelled("Or a path within the folder", this.path), make("div", { className: "buttons" }, upload, this.chosen));
     this.path.addEventListener("keydown", (event) => { if (event.key === "Enter" && this.path.value) this.open(this.path.value); });
     app.model.on("listing", (listing) => this.#show(listing));
   }

@@ -24,7 +24,6 @@ class Panel {
   constructor(app, element) {
     Object.assign(this, { app, sections: new Map() });
     this.search = textInput("Search settings", { type: "search", className: "" });
-    hint(this.search, "Search settings");
     this.search.addEventListener("input", () => this.filter());
     this.search.addEventListener("keydown", (event) => {
       if (event.key !== "Escape") return;
@@ -36,7 +35,7 @@ class Panel {
     this.resetAll = iconButton("reset", "Take all changes back", "", () => app.model.send({ type: "reset" }));
     this.nothing = make("p", { className: "none", textContent: "No setting has these words.", hidden: true });
     this.body = make("div", { className: "sections" });
-    element.append(make("div", { className: "panel-head" }, this.search, this.resetAll), this.nothing, this.body);
+    element.append(make("div", { className: "panel-head" }, labelled("Search", this.search), this.resetAll), this.nothing, this.body);
     // Once for each frame of the screen, however much is said.
     app.model.on("options", () => { this.drawing ??= requestAnimationFrame(() => this.draw()); });
   }
