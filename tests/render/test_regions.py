@@ -44,6 +44,15 @@ def test_no_box_that_is_lit_is_missed(rng):
     assert touching.sum() < 1.5 * found.sum()
 
 
+def test_boxes_for_all_are_boxes_in_each_row(rng):
+    regions = LitRegions.of(random_lights(rng))
+    low = rng.normal(size=(5, 3)) * 2
+    boxes = np.stack([low, low + rng.uniform(0, 1, (5, 3))], axis=1)
+    rows = [regions.touch_boxes(np.broadcast_to(box, (COUNT, 2, 3))) for box in boxes]
+    assert 0 < np.mean(rows) < 1
+    assert (regions.touch_boxes(boxes[:, None]) == rows).all()
+
+
 def test_extents_are_those_of_all_points_that_are_lit(rng):
     lights = [light for light in random_lights(rng) if light.reach is not None]
     regions = LitRegions.of(lights)

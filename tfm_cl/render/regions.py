@@ -128,16 +128,27 @@ class LitRegions:
         return np.stack([low, high], axis=-2)
 
     def touch_boxes(self, boxes: Floats) -> NDArray[np.bool_]:
-        """Tell which may touch the box in their row, [n, 2, 3], world; those that do are among them; [n]."""
-        own, low, high = self.bounds, boxes[:, 0], boxes[:, 1]
-        overlap = ((own[:, 0] <= high) & (own[:, 1] >= low)).all(axis=1)
-        nearest = np.linalg.norm(np.clip(self.apex, low, high) - self.apex, axis=1)
+        """Tell which may touch the box in their row; those that do are among them.
+
+        Parameters
+        ----------
+        boxes
+            [..., n, 2, 3], low and high corners, world; [m, 1, 2, 3] are m boxes for all of them.
+
+        Returns
+        -------
+        numpy.ndarray
+            [..., n].
+        """
+        own, low, high = self.bounds, boxes[..., 0, :], boxes[..., 1, :]
+        overlap = ((own[:, 0] <= high) & (own[:, 1] >= low)).all(axis=-1)
+        nearest = np.linalg.norm(np.clip(self.apex, low, high) - self.apex, axis=-1)
         # The cone against the sphere around the box.
-        away, radius = (low + high) / 2 - self.apex, np.linalg.norm(high - low, axis=1) / 2
-        distance = np.linalg.norm(away, axis=1)
+        away, radius = (low + high) / 2 - self.apex, np.linalg.norm(high - low, axis=-1) / 2
+        distance = np.linalg.norm(away, axis=-1)
         outside = distance > radius
         safe = np.where(outside, distance, 1)
-        cosine = (away * self.axis).sum(axis=1) / safe
+        cosine = (away * self.axis).sum(axis=-1) / safe
         widest = self.angle + np.arcsin(np.where(outside, radius / safe, 1))
         within = ~outside | (np.arccos(np.clip(cosine, -1, 1)) <= widest)
         touching: NDArray[np.bool_] = overlap & (nearest < self.reach) & within

@@ -137,9 +137,8 @@ class Tracer:
         for boxes in self._boxes:
             whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
             left = np.flatnonzero(~met)
-            left = left[regions[left].touch_boxes(np.broadcast_to(whole, (len(left), 2, 3)))]
-            for box in boxes:
-                met[left] |= regions[left].touch_boxes(np.broadcast_to(box, (len(left), 2, 3)))
+            left = left[regions[left].touch_boxes(whole[None])]
+            met[left] = regions[left].touch_boxes(boxes[:, None]).any(axis=0)
         return met
 
     def nearest(self, origins: ArrayLike, directions: ArrayLike, spread: float = 0.0) -> Hits:
