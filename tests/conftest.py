@@ -54,9 +54,9 @@ both."""
 
 
 EVERY = 6
-"""Of the slow cases of a test that differ from others in the rays a work-item only, and that no CPU chooses,
-each sixth is run, from the first on: compiling them took a fifth of CI. For GPUs all of them are compiled."""
-MOST, OF_PICTURES = 12, ("render", "maps", "plan")
+"""Of a module's slow cases that differ from others in the rays a work-item only, and that no CPU chooses, so
+many are one that is run, from the first on: compiling took a fifth of CI. For GPUs all are compiled."""
+MOST, OF_PICTURES = 6, ("render", "maps", "plan")
 """Of more slow cases of one test of these folders so many are run, spread evenly: each compiles kernels of
 its own. ``--every-case``, or a test's own name, runs all."""
 
@@ -71,8 +71,10 @@ def pytest_collection_modifyitems(config, items):
         if is_slow or (quick and case_of(item) not in quick.args):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow"):
-            of_lanes = one_lane if slow and ONE[0] in item.name else others
-            of_lanes[item.path, item.originalname].append(item)
+            if slow and ONE[0] in item.name:
+                one_lane[item.path].append(item)
+            else:
+                others[item.path, item.originalname].append(item)
     if config.getoption("--every-case") or any("::" in argument for argument in config.args):
         return
     left_out = {case for cases in one_lane.values() for case in set(cases) - set(cases[::EVERY])}

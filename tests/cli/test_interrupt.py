@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX sen
 
 LONG = {
     "view pass": ("--method", "dual", "--res", "2048x2048", "--steps", "300", "--light-steps", "300"),
-    "light pass": ("--look", "plain", "--map-res", "8192", "--coeffs", "1", "--light-steps", "5000"),
+    "light pass": ("--look", "plain", "--map-res", "2048", "--coeffs", "1", "--light-steps", "5000"),
 }
 """Stage -> options with which it takes far longer than this test."""
 

@@ -265,7 +265,7 @@ def binary(folder):
 @pytest.mark.parametrize("extension", [".usda", ".usdc"])
 def test_damaged(tmp_path, extension):
     data = POINTS.encode() if extension == ".usda" else binary(tmp_path)
-    copies = truncated(data, every=len(data) // 20) + with_other_bytes(data, count=60)
+    copies = truncated(data, every=len(data) // 10) + with_other_bytes(data, count=30)
     assert_read_or_refused(read_points, tmp_path / f"c{extension}", copies)
 
 

@@ -399,8 +399,11 @@ def test_all_strands_behind_the_camera(renderer):
 
 
 @pytest.mark.slow
-@both_methods
-@pytest.mark.parametrize("bodies", [(many(medium=FIBRES),), (many(), GRID, FOG)], ids=["fibres", "mixed"])
+@pytest.mark.parametrize(
+    ("bodies", "method"),
+    [((many(medium=FIBRES),), "dual"), ((many(), GRID, FOG), "tfm")],
+    ids=["fibres", "mixed"],
+)
 def test_lanes_agree(new_renderer, device_name, bodies, method):
     scene = scene_of(*bodies, camera=CAMERA.replace(res=(45, 31)), lights=[LIGHT])
     assert_lanes_agree(new_renderer, device_name, scene, method)

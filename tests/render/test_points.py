@@ -562,9 +562,10 @@ def test_points_without_density_change_nothing(renderer):
 
 
 @pytest.mark.slow
-@both_methods
 @pytest.mark.parametrize(
-    "bodies", [(many(colour=colours(400)),), (many(), GRID, FOG)], ids=["coloured", "mixed"]
+    ("bodies", "method"),
+    [((many(colour=colours(400)),), "dual"), ((many(), GRID, FOG), "tfm")],
+    ids=["coloured", "mixed"],
 )
 def test_lanes_agree(new_renderer, device_name, bodies, method):
     scene = scene_of(*bodies, camera=CAMERA.replace(res=(45, 31)))

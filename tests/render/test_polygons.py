@@ -263,8 +263,11 @@ def test_extreme_triangles_make_numbers(renderer, extreme, method):
 
 
 @pytest.mark.slow
-@both_methods
-@pytest.mark.parametrize("bodies", [(many(),), (many(), GRID, STRANDS, FOG)], ids=["leaves", "mixed"])
+@pytest.mark.parametrize(
+    ("bodies", "method"),
+    [((many(),), "dual"), ((many(), GRID, STRANDS, FOG), "tfm")],
+    ids=["leaves", "mixed"],
+)
 def test_lanes_agree(new_renderer, device_name, bodies, method):
     scene = scene_of(*bodies, camera=CAMERA.replace(res=(45, 31)))
     assert_lanes_agree(new_renderer, device_name, scene, method)

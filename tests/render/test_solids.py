@@ -586,7 +586,7 @@ def test_a_light_crosses_the_box_without_a_jump(renderer, solids, method):
         ]
         return np.array(images)
 
-    coarse, fine = brightness(10), brightness(40)
+    coarse, fine = brightness(5), brightness(20)
     # Four times the steps, a quarter of each change; a jump would stay as it is.
     changes = [np.abs(np.diff(images, axis=0)).max() for images in (coarse, fine)]
     assert fine.max() > 0.01
