@@ -19,20 +19,15 @@ demo-sequence: $(INSTALLED)  ## a plume that rises: 24 frames and a film of them
 test test-slow: export OMP_NUM_THREADS := 1
 test test-slow: export OPENBLAS_NUM_THREADS := 1
 
-test: $(INSTALLED)  ## the tests a change must pass: six to seven minutes on two cores
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	@# mypy takes one core only: it runs beside them.
-	$(BIN)/mypy & types=$$!; \
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"; tests=$$?; \
-	wait $$types && exit $$tests
+test: $(INSTALLED)  ## the tests a change must pass: five minutes on two cores
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-test-slow: $(INSTALLED)  ## the rest: minutes
+test-slow: $(INSTALLED)  ## the rest of the tests: 45 minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
 
-test-all: test test-slow  ## every test: an hour on two cores
+test-all: lint test test-slow  ## all that CI checks: an hour on two cores
 
-lint: $(INSTALLED)
+lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

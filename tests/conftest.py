@@ -35,6 +35,10 @@ SLOW_LANES = {
     "kernels": (),
     "bases": DEVICE,
     "test_antialiasing": DEVICE,
+    "test_bodies": DEVICE,
+    "test_curves": DEVICE,
+    "test_emission": DEVICE,
+    "test_flames": DEVICE,
     "lights": DEVICE,
     "test_maps": DEVICE,
     "test_homogeneous": DEVICE,
@@ -44,8 +48,10 @@ SLOW_LANES = {
     "test_lit_stretches": DEVICE,
     "test_maps_of_bases": DEVICE,
     "test_points": DEVICE,
+    "test_polygons": DEVICE,
     "test_several_volumes": DEVICE,
     "test_solids": DEVICE,
+    "test_view_pass": DEVICE,
 }
 """Module or folder -> how many rays a work-item are left to the slow step; else one, which no CPU chooses by
 itself. Compiling takes most of the time, and less than half as much with one: where a module has many kernels
@@ -132,6 +138,13 @@ def renderer(device_name, strict, request):
 def new_renderer(device_name, strict):
     """Make one more renderer, which is to be closed: what it shares with the others is compiled once."""
     return partial(tfm.Renderer, device_name, build_options=strict)
+
+
+@pytest.fixture(scope="session")
+def one_lane_renderer(new_renderer):
+    """One for tests of what does not depend on the rays a work-item: its kernels compile fastest."""
+    with new_renderer(lanes=1) as renderer:
+        yield renderer
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,11 @@ AWAY = (9.0, 9.0, 9.0)
 DARK = LIGHT.replace(intensity=0)
 
 
+@pytest.fixture(scope="session")
+def renderer(one_lane_renderer):
+    return one_lane_renderer
+
+
 def told(renderer, scene, method="dual", **options):
     """Render what must be black; return the one reason told."""
     result = renderer.render(scene, method=method, **options)

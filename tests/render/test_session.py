@@ -30,6 +30,11 @@ TWICE = SCENE.replace(lights=[SPOT], medium=SCENE.medium.replace(orders=2))
 TWO = SCENE.replace(volume=[GRID, SMALL.transformed(np.diag([0.5, 0.5, 0.5, 1.0]))])
 
 
+@pytest.fixture(scope="session")
+def renderer(one_lane_renderer):
+    return one_lane_renderer
+
+
 def other_grid():
     """The same place, other voxels."""
     return tfm.Volume(blobs(seed=8), world_from_index=GRID.world_from_index, density_scale=4.0)
@@ -106,7 +111,7 @@ CHANGES = {
 @pytest.fixture
 def session(new_renderer):
     """A renderer of its own, which has made nothing yet."""
-    with new_renderer() as renderer:
+    with new_renderer(lanes=1) as renderer:
         yield renderer
 
 
@@ -252,7 +257,7 @@ def test_threads_share_a_renderer_in_turn(session):
 
 def test_threads_have_renderers_of_their_own(new_renderer):
     def work(scene):
-        with new_renderer() as own:
+        with new_renderer(lanes=1) as own:
             return own.render(scene).image
 
     with ThreadPoolExecutor(2) as threads:
@@ -281,7 +286,7 @@ def test_decisions_are_told_the_logger_and_nothing_is_shown(session, caplog, cap
 
 
 def test_close_is_final(new_renderer):
-    with new_renderer() as closed:
+    with new_renderer(lanes=1) as closed:
         (light_map, _), image = closed.build_maps(SCENE), closed.render(SCENE).image
     closed.close()
 
