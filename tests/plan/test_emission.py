@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import make_scene
+from scenes import make_scene, turned
 
 import tfm_cl as tfm
 from tfm_cl.plan import emission
@@ -66,3 +66,30 @@ def test_many_lights_have_fewer_points(monkeypatch):
     assert why.endswith("points allow")
     # No light is so small that it is lost between them.
     assert min(light.core for light in emission.lights_of(scene)) >= coarse.spacing
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_where_a_grid_grows_points_stay(sparse):
+    """A dense grid, wherever it lies; leaves of cubes along the world's axes, which come and go."""
+    place = turned(0 if sparse else 20, (1, 2, 0.5), (0.15, 0.15 if sparse else 0.2, 0.15), (1, 2, 3))
+    voxels = np.zeros((24, 24, 24), np.float32)
+    lattices = []
+    for low, high in ((9, 15), (8, 15), (7, 16), (1, 22)):
+        voxels[low:high, low:high, low:high] = 1
+        start, matrix = (low // 8 * 8 if sparse else 0), place.copy()
+        matrix[:3, 3] += matrix[:3, :3] @ np.full(3, start)
+        volume = tfm.Volume(voxels[start:, start:, start:], world_from_index=matrix)
+        if sparse:
+            volume = tfm.Volume(volume.leaves, world_from_index=matrix)
+        lattice, _ = emission.lattice_of(make_scene(volume=volume, medium=GLOWING))
+        box = np.array([lattice.origin, lattice.origin + lattice.spacing * (np.array(lattice.size) - 1)])
+        occupied = volume.occupied_bounds
+        assert (box[0] < occupied[0] + 1e-9).all()
+        assert (box[1] > occupied[1] - 1e-9).all()
+        lattices.append(lattice)
+    first = lattices[0]
+    assert len({lattice.size for lattice in lattices}) == 4
+    for lattice in lattices:
+        assert lattice.spacing == first.spacing
+        apart = np.subtract(lattice.origin, first.origin) / first.spacing
+        assert np.abs(apart - np.round(apart)).max() < 1e-9

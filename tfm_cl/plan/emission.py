@@ -11,16 +11,20 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfm_cl.plan.marched import distances, marched, occupied_bounds
-from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, VOXELS_APART, Lattice, points_along
+from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, SAME, VOXELS_APART, Lattice, points_along
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tfm_cl.scene.bodies.volume import Volume
     from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.scene import Scene
+
+Floats = NDArray[np.float64]
 
 TEXELS = (64, 128)
 """Fewest and most along a side of a map of such a light."""
@@ -104,13 +108,27 @@ def lattice_of(scene: Scene) -> OnLattice:
     if spacing > COARSEST * core:
         return OnLattice(None, f"points {spacing:.2g} apart would lose lights of a radius of {core:.2g}")
     size = points_along(extent, spacing)
-    x, y, z = ((low + high) / 2 - spacing * (np.array(size) - 1) / 2).tolist()
+    x, y, z = _first(grids, low, high, spacing, size).tolist()
     why = f"{spacing:.2g} apart, " + (
         f"as near as {VOXELS_APART:g} voxels, or as bodies are thin"
         if spacing == wanted
         else f"as near as {most:,} points allow"
     )
     return OnLattice(Lattice((x, y, z), spacing, size, 1, why), why)
+
+
+def _first(
+    grids: Sequence[Volume], low: Floats, high: Floats, spacing: float, size: tuple[int, int, int]
+) -> Floats:
+    """Return where the first point lies, world.
+
+    Points lie fast to the voxels of a grid: as it grows from frame to frame there are more, but at the same
+    places, and light does not jump.
+    """
+    if not grids:
+        return np.asarray((low + high) / 2 - spacing * (np.array(size) - 1) / 2)
+    anchor = min(grids, key=lambda grid: grid.detail).anchor
+    return np.asarray(anchor + spacing * np.floor((low - anchor) / spacing + SAME))
 
 
 def numbers_of(lights: Sequence[Light]) -> list[int]:

@@ -1,29 +1,44 @@
-"""Many weighted points as a few clusters: a recursive split, then Lloyd's iterations of weighted k-means.
+"""Many weighted points as a few clusters that change as little as the points do: soft k-means.
 
-The cluster with the largest weighted sum of squared distances is split at its weighted median, along the axis
-on which it is widest, until there are enough; each iteration then gives every point to the nearest centroid.
-Nothing is left to chance, and time is bounded by the number of points.
+Where points belong to the nearest of some centres, a small change sends many of them elsewhere: clusters that
+are found anew in each frame of a fire jump. So nothing here is chosen, and clusters are a continuous function
+of the points and their weights.
 
-Source: S. Lloyd, "Least Squares Quantization in PCM", IEEE Transactions on Information Theory 28(2), 1982.
+1. Points are halved at their mean, again and again, and the number of clusters with them; those near the mean
+   go to both sides, in part. All splits of a level have one direction: a diagonal of the body, another one at
+   each level, drawn out as the points are by their covariance, of which less is left after each split.
+2. Every point belongs to all clusters, but little to those that are further away than the nearest by more
+   than a part of their size. The centroids of that are found, and points shared among them once more; further
+   iterations would come nearer to the best of clusters, but these jump.
+
+Source: D. MacKay, "Information Theory, Inference, and Learning Algorithms", Cambridge 2003, chapter 20.
 """
 
 from __future__ import annotations
 
-import heapq
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ITERATIONS = 4
-"""Of Lloyd's: more move centroids by little."""
+OVERLAP = 0.6
+"""Half of the width over which points go to both sides of a split, in standard deviations across it."""
+DIAGONALS = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]) / math.sqrt(3)
+"""Of a body's axes: each axis has a part in all of them, so that no flat or narrow body lies across one."""
+SOFT = 0.35
+"""Standard deviation of a cluster's border, in that of the clusters themselves."""
+FARTHEST = 14.0
+"""Exponent from which on a point has no share in a cluster."""
+ROUNDED = 1e-12
+"""Part of what is largest that may be rounding."""
 AT_ONCE = 1024
 """Points whose distances from all centroids are in memory."""
 
 
-def clusters_of(points: Floats, weights: Floats, count: int) -> NDArray[np.intp]:
-    """Return the cluster of each point, [n], numbers from 0 on without gaps; at most ``count`` clusters.
+def sums_of_clusters(points: Floats, weights: Floats, values: Floats, count: int, axes: Floats) -> Floats:
+    """Return what clusters hold of some values of points, [clusters, values]; their sums are the points'.
 
     Parameters
     ----------
@@ -31,53 +46,78 @@ def clusters_of(points: Floats, weights: Floats, count: int) -> NDArray[np.intp]
         [n, 3].
     weights
         [n], > 0.
+    values
+        [n, values].
+    count
+        Of clusters, at most: a cluster that gets nothing is left out.
+    axes
+        3×3: unit vectors of the body's axes are its columns; they and all points may be turned together.
     """
     if len(points) <= count:
-        return np.arange(len(points))
-    points = points - points.mean(axis=0)  # which keeps digits of squares
-    labels = _split(points, weights, count)
-    for _ in range(ITERATIONS):
-        nearest = _nearest(points, centroids_of(points, weights, labels))
-        labels = np.unique(nearest, return_inverse=True)[1]
-    return labels
+        return values
+    points = points - np.average(points, axis=0, weights=weights)  # which keeps digits of squares
+    weights = weights / weights.sum()
+    centres, shares = _split(points, weights, count, axes)
+    size = float(weights @ (points**2).sum(axis=1))
+    spread = max(size - float(shares @ (centres**2).sum(axis=1)), ROUNDED * size)
+    if spread == 0:
+        return np.asarray(values.sum(axis=0, keepdims=True))
+    stiffness = 0.5 / (SOFT**2 * spread)
+    moments = _shared(points, np.column_stack([weights, weights[:, None] * points]), centres, stiffness)
+    moments = moments[moments[:, 0] > 0]
+    centres = moments[:, 1:] / moments[:, :1]
+    sums = _shared(points, np.column_stack([weights, values]), centres, stiffness)
+    return np.asarray(sums[sums[:, 0] > 0, 1:])
 
 
-def centroids_of(points: Floats, weights: Floats, labels: NDArray[np.intp]) -> Floats:
-    """Weighted means of clusters, [clusters, 3]."""
-    total = np.bincount(labels, weights)
-    moments = [np.bincount(labels, weights * along) for along in points.T]
-    centroids: Floats = np.stack(moments, axis=1) / total[:, None]
-    return centroids
+def _split(points: Floats, weights: Floats, count: int, axes: Floats) -> tuple[Floats, Floats]:
+    """Return centroids of parts of the points, around 0, and the parts' weights."""
+    directions = _directions((points * weights[:, None]).T @ points, count, axes)
+    projected = [points @ direction for direction in directions]
+    least = max(ROUNDED * float(np.abs(points).max()), 1e-150)
+    centroids, totals, left = [], [], [(np.arange(len(points)), weights, count, 0)]
+    while left:
+        members, shares, number, level = left.pop()
+        total = shares.sum()
+        if number == 1:
+            centroids.append(shares @ points[members] / total)
+            totals.append(total)
+            continue
+        along = projected[level][members]
+        along -= shares @ along / total
+        deviation = max(math.sqrt(shares @ along**2 / total), least)
+        # Of points that lie evenly, which side gets one more is the larger by as much.
+        first = (number + 1) // 2
+        border = math.sqrt(3) * (2 * first / number - 1)
+        part = np.clip(0.5 + (border - along / deviation) / (2 * OVERLAP), 0, 1)
+        for side, of_side in ((part, first), (1 - part, number - first)):
+            has = side.nonzero()[0]
+            left.append((members[has], shares[has] * side[has], of_side, level + 1))
+    return np.array(centroids), np.array(totals)
 
 
-def _nearest(points: Floats, centroids: Floats) -> NDArray[np.intp]:
-    """Which centroid is nearest to each point."""
-    found = np.empty(len(points), np.intp)
-    squares = (centroids**2).sum(axis=1)
+def _directions(covariance: Floats, count: int, axes: Floats) -> list[Floats]:
+    """Return unit vectors across the splits of each level."""
+    directions = []
+    for level in range((count - 1).bit_length()):
+        direction = covariance @ axes @ DIAGONALS[level % len(DIAGONALS)]
+        direction /= max(float(np.linalg.norm(direction)), 1e-300)
+        directions.append(direction)
+        halved = np.eye(3) - np.outer(direction, direction) / 2
+        covariance = halved @ covariance @ halved
+    return directions
+
+
+def _shared(points: Floats, values: Floats, centres: Floats, stiffness: float) -> Floats:
+    """Return sums of values, [centres, values], where each point is shared among centres."""
+    sums = np.zeros((len(centres), values.shape[1]))
+    squares = (centres**2).sum(axis=1)
     for start in range(0, len(points), AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        found[part] = (squares - 2 * points[part] @ centroids.T).argmin(axis=1)
-    return found
-
-
-def _split(points: Floats, weights: Floats, count: int) -> NDArray[np.intp]:
-    heap = [(*_spread(points, weights), 0, np.arange(len(points)))]
-    while len(heap) < count and heap[0][0] < 0:
-        _, axis, _, members = heapq.heappop(heap)
-        members = members[np.argsort(points[members, axis], kind="stable")]
-        before = weights[members].cumsum()
-        middle = int(np.clip(np.searchsorted(before, before[-1] / 2), 1, len(members) - 1))
-        for part in (members[:middle], members[middle:]):
-            # The first member of each is its own: no two entries compare beyond it.
-            heapq.heappush(heap, (*_spread(points[part], weights[part]), int(part[0]), part))
-    labels = np.empty(len(points), np.intp)
-    for number, (*_, members) in enumerate(heap):
-        labels[members] = number
-    return labels
-
-
-def _spread(points: Floats, weights: Floats) -> tuple[float, int]:
-    """Minus the weighted sum of squared distances to the centroid, and the axis with most of it."""
-    offsets = points - np.average(points, axis=0, weights=weights)
-    squares = weights @ offsets**2
-    return -float(squares.sum()), int(squares.argmax())
+        further = stiffness * (squares - 2 * points[part] @ centres.T)
+        further -= further.min(axis=1, keepdims=True)
+        # Which falls to 0 without a step, and knows no numbers so small that they are slow.
+        shares = np.exp(-np.minimum(further, FARTHEST)) - math.exp(-FARTHEST)
+        shares /= shares.sum(axis=1, keepdims=True)
+        sums += shares.T @ values[part]
+    return sums

@@ -3,7 +3,8 @@
 A piece of a medium of the volume dV that emits the radiance j per world unit has the radiant intensity
 j dV, in all directions. Cells of a body (voxels, or some of them together) are gathered in clusters
 (`tfm_cl.scene.clusters`), whose lights stand at their centroids and have their intensities' sums, so that no
-energy is lost. On its way out, from the centroid on, light is dimmed by what is there, as any other.
+energy is lost. A cell may belong to several in part, and as what glows changes from frame to frame, lights
+change no faster. On its way out, from the centroid on, light is dimmed by what is there, as any other.
 
 A light's falloff is that of a ball that shines evenly, `Light.core`, with the cluster's mean square σ² of
 distances from its centroid: its radius is √(5/3) σ. Near the cluster, and in it, light is as finite as it is.
@@ -24,7 +25,7 @@ from tfm_cl.files.volume_io.leaves import LEAF
 from tfm_cl.limits import LARGEST_COLOUR
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
 from tfm_cl.scene.bodies.volume import Volume
-from tfm_cl.scene.clusters import centroids_of, clusters_of
+from tfm_cl.scene.clusters import sums_of_clusters
 from tfm_cl.scene.lights.point import PointLight
 
 if TYPE_CHECKING:
@@ -112,9 +113,7 @@ def emission_lights_of(body: Body, medium: Medium, flame: Volume | None) -> tupl
     if not medium.emission_lights or not (medium.emits or medium.temperature is not None):
         return ()
     if isinstance(body, Volume):
-        return _once(
-            body, medium, "emission lights", lambda: _lights(_of_volume(body, medium, flame), medium)
-        )
+        return _once(body, medium, "emission lights", lambda: _lights_of_volume(body, medium, flame))
     if isinstance(body, Homogeneous):
         return _lights_of_shape(body.with_medium(None), medium)
     return ()
@@ -145,44 +144,61 @@ def _once(volume: Volume, medium: Medium, what: str, make: Callable[[], T]) -> T
 
 
 def _radius(cells: Cells) -> float:
-    weights = cells.weights
-    if not 0 < float(weights.sum()) < math.inf:
+    if not 0 < float(cells.weights.sum()) < math.inf:
         return 0.0
-    together = np.zeros(len(weights), np.intp)
-    return float(_cores(cells, centroids_of(cells.places, weights, together), together)[0])
+    return float(_cores(_gathered(cells, 1, np.eye(3)))[0])
 
 
-def _cores(cells: Cells, places: Floats, labels: NDArray[np.intp]) -> Floats:
-    """Radii of balls that spread as far as the cells of each label do around its place."""
-    squares, weights = ((cells.places - places[labels]) ** 2).sum(axis=1) + cells.squares, cells.weights
-    cores: Floats = np.sqrt(BALL * np.bincount(labels, weights * squares) / np.bincount(labels, weights))
+def _cores(cells: Cells) -> Floats:
+    """Radii of balls that spread as far as cells do."""
+    cores: Floats = np.sqrt(BALL * cells.squares)
     return cores
+
+
+def _gathered(cells: Cells, count: int, axes: Floats) -> Cells:
+    """Make clusters of those cells that shine, ``count`` at most: larger cells."""
+    shines = cells.weights > 0
+    places, intensities, squares = (values[shines] for values in cells)
+    if not len(places):
+        return NOTHING
+    weights = intensities.sum(axis=1)
+    middle = np.average(places, axis=0, weights=weights)
+    offsets = places - middle
+    moments = np.column_stack([offsets, (offsets**2).sum(axis=1), squares])
+    sums = sums_of_clusters(
+        places, weights, np.column_stack([intensities, weights[:, None] * moments]), count, axes
+    )
+    intensities, totals = sums[:, :3], sums[:, :3].sum(axis=1)
+    *offsets, lengths, squares = sums[:, 3:].T / totals
+    offsets = np.stack(offsets, axis=1)
+    spread = np.maximum(lengths - (offsets**2).sum(axis=1), 0)
+    return Cells(middle + offsets, intensities, spread + squares)
 
 
 @lru_cache(maxsize=16)
 def _lights_of_shape(body: Homogeneous, medium: Medium) -> tuple[EmissionLight, ...]:
-    return _lights(_cells_of_shape(body, medium.emission), medium)
+    return _lights(_cells_of_shape(body, medium.emission), medium, np.eye(3))
 
 
-def _lights(cells: Cells, medium: Medium) -> tuple[EmissionLight, ...]:
+def _lights_of_volume(volume: Volume, medium: Medium, flame: Volume | None) -> tuple[EmissionLight, ...]:
+    edges = volume.world_from_index[:3, :3]
+    return _lights(_of_volume(volume, medium, flame), medium, edges / np.linalg.norm(edges, axis=0))
+
+
+def _lights(cells: Cells, medium: Medium, axes: Floats) -> tuple[EmissionLight, ...]:
     """Gather cells in clusters, a light each."""
-    shines = cells.weights > 0
-    cells = Cells(*(values[shines] for values in cells))
-    if not len(cells.places):
-        return ()
-    weights = cells.weights
-    labels = clusters_of(cells.places, weights, medium.emission_lights)
-    places = centroids_of(cells.places, weights, labels)
-    cores = _cores(cells, places, labels)
-    intensities = np.stack([np.bincount(labels, colour) for colour in cells.intensities.T], axis=1)
-    if intensities.max() > LARGEST_COLOUR:
+    clusters = _gathered(cells, medium.emission_lights, axes)
+    brightest = float(clusters.intensities.max(initial=0.0))
+    if brightest > LARGEST_COLOUR:
         raise SceneError(
-            f"medium.emission_lights = {medium.emission_lights}: a light of {intensities.max():.3g} per "
+            f"medium.emission_lights = {medium.emission_lights}: a light of {brightest:.3g} per "
             f"steradian; the limit is {LARGEST_COLOUR:g}: lower medium.emission or medium.Le_scale"
         )
     return tuple(
         EmissionLight(from_=place, intensity=intensity, core_radius=core)
-        for place, intensity, core in zip(places, intensities.tolist(), cores.tolist(), strict=True)
+        for place, intensity, core in zip(
+            clusters.places, clusters.intensities.tolist(), _cores(clusters).tolist(), strict=True
+        )
     )
 
 

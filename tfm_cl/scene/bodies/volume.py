@@ -395,6 +395,14 @@ class Volume(MarchedBody):
         return bounds_of(self.shape, self.world_from_index)
 
     @property
+    def anchor(self) -> NDArray[np.float64]:
+        """World position [3] of a voxel that begins a leaf; in frames of a sparse grid, leaves apart."""
+        leaves = self._voxels.leaves
+        z, y, x = (0, 0, 0) if leaves is None else leaves.first
+        start: NDArray[np.float64] = (self.world_from_index @ [-x, -y, -z, 1])[:3]
+        return start
+
+    @property
     def occupied_bounds(self) -> NDArray[np.float64]:
         """World-space box around the voxels > 0, border included; `bounds` when there are none."""
         box = self._voxels.occupied_box
