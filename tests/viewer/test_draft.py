@@ -110,6 +110,14 @@ def test_low_pictures_keep_the_maps_of_the_full_one(folder):
     assert turned.map.res == 64
 
 
+def test_low_pictures_take_half_the_steps_where_these_are_left_open(folder):
+    draft, before = Draft(10.0), frame(folder, ("march.steps", "auto"))
+    steps = before.planned.scene.march.steps
+    assert draft.scene(before).march == before.planned.scene.march.replace(steps=math.ceil(steps / 2))
+    draft.rendered(before, Full(before.planned.scene))
+    assert draft.scene(before).march.steps == math.ceil(steps / 2)
+
+
 def took(draft, scene, seconds, **made):
     stats = SimpleNamespace(made=made, seconds={"view_pass": seconds / 2})
     draft.took(seconds, SimpleNamespace(scene=scene, stats=stats))

@@ -146,7 +146,7 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
     to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
     found = []
     for number, light in enumerate(scene.lights):
-        if light.is_smooth_in(bounds):
+        if light.is_smooth_in(bounds) and not light.is_at_points:
             of_light = edge / max(light.nearest(bounds), edge)
             angle = edge / max(to_camera, edge) + of_light
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)

@@ -123,7 +123,13 @@ class SkyLight(Surroundings):
             spreads.append(0.0)
         directions = turned(directions, self._world_from_sky.T)
         return tuple(
-            SunLight.of_part(direction, np.multiply(self.intensity, part), spread, self.map_res)
+            SunLight.of_part(
+                direction,
+                np.multiply(self.intensity, part),
+                spread,
+                self.part_texels,
+                at_points=self.lookup == "points",
+            )
             for direction, part, spread in zip(directions, light, spreads, strict=True)
         )
 
