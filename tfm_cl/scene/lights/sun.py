@@ -1,6 +1,7 @@
 """The sun: parallel light."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -45,8 +46,6 @@ class SunLight(Light):
     _spread: float = PrivateAttr(default=0.0)
     _most_texels: int | None = PrivateAttr(default=None)
     _is_at_points: bool = PrivateAttr(default=False)
-    _frame: LightFrame | None = PrivateAttr(default=None)
-    """Kept, as it is asked for often; it follows from the direction and the corners."""
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -62,7 +61,7 @@ class SunLight(Light):
         sun = self.model_copy()
         sun._corners = corners_of(bounds)  # noqa: SLF001 - of the same class
         sun._all_corners = None if everything is None else corners_of(everything)  # noqa: SLF001
-        sun._frame = None  # noqa: SLF001
+        vars(sun).pop("_frame", None)
         return sun
 
     def fit(self) -> dict[str, Floats]:
@@ -75,7 +74,7 @@ class SunLight(Light):
         sun = self.model_copy()
         sun._corners = fit_array(fit, "corners", (8, 3))  # noqa: SLF001 - of the same class
         sun._all_corners = fit_array(fit, "all_corners", (8, 3)) if "all_corners" in fit else None  # noqa: SLF001
-        sun._frame = None  # noqa: SLF001
+        vars(sun).pop("_frame", None)
         return sun
 
     @classmethod
@@ -141,11 +140,11 @@ class SunLight(Light):
 
         The origin is the centre of the plane where rays begin; shape = half width, half height of the map.
         """
-        if self._frame is None:
-            self._frame = self._placed()
         return self._frame
 
-    def _placed(self) -> LightFrame:
+    @cached_property
+    def _frame(self) -> LightFrame:
+        """Kept: it is asked for some times in a frame."""
         if self._corners is None:
             raise SceneError("light: fit the sun's map to the medium first, with SunLight.fitted(bounds)")
         axes = facing(self.from_, self.to)
