@@ -128,6 +128,19 @@ def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
         assert not np.array_equal(recoloured.image, first.image)
 
 
+def test_small_maps_of_parts_stay_where_others_become_finer(new_renderer):
+    scene = beneath_a_sky(lights=[SKY.replace(map_res=16), SUN])
+    finer = scene.replace(map=FINE.replace(res=64))
+    with new_renderer() as session:
+        assert session.render(scene).stats.made["map"] == 6
+        found = session.render(finer)
+        assert found.stats.made == {"map": 1}
+        kept = [light_map for light in (0, 1) for light_map in session.maps_of(finer, light)]
+    assert [light_map.requested for light_map in kept] == 2 * [finer.map]
+    with new_renderer() as session:
+        assert np.array_equal(session.render(finer).image, found.image)
+
+
 def test_maps_that_are_given_are_looked_up_at_points(renderer):
     scene = beneath_a_sky()
     given = renderer.render(scene, maps=renderer.build_maps(scene))

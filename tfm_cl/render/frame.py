@@ -503,16 +503,18 @@ class Frame:
         """Return what arrives in this or an earlier frame; maps that were given are known by nothing."""
         if not work.builds:
             return make()
-        scene = work.scene
+        scene, settings = work.scene, resolve(work.scene.map)
+        # By α, maps may depend on the ways of all lights.
+        weighs = settings.target == "transmittance" and settings.density_weighting is None
         key = (
             lattice.lattice,
             lattice.media.channels(textured=False)["TFM_CHANNELS"],
             tuple(scene.lights[light].map_key() for light in lattice.lights),
+            tuple(settings.of_light(scene.lights[light]) for light in lattice.lights),
+            tuple(light.map_key() for light in scene.lights) if weighs else (),
             tuple(body.density_key for body in scene.marched),
             tuple(body.with_medium(None) for body in scene.homogeneous),
             tuple(scene.medium_of(body).sigma_t.tobytes() for body in scene.bodies),
-            scene.map,
-            tuple(scene.lights[light].most_texels for light in lattice.lights),
             scene.march.voxels,
             scene.solids,
             scene.shadow,

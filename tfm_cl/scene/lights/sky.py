@@ -1,7 +1,7 @@
 """A clear sky with its sun."""
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -115,6 +115,11 @@ class SkyLight(Surroundings):
 
         Each has all the light from around its direction.
         """
+        return self._parts
+
+    @cached_property
+    def _parts(self) -> tuple[Light, ...]:
+        """Kept: they are asked for some times in a frame."""
         directions, light = _shares(self._sky, self.samples)
         spreads = [self.spread_of(self.samples)] * len(directions)
         if self.sun and self._sky.sun_irradiance.any():
