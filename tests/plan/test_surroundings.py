@@ -147,3 +147,9 @@ def test_the_march_through_points_takes_half_the_steps():
 
 def test_numbers_are_decided_elsewhere_too():
     assert resolution.resolved(scene_of()).lights == plan(scene_of()).scene.lights
+
+
+def test_points_that_are_too_far_apart_are_not_taken(monkeypatch):
+    monkeypatch.setattr(surroundings, "MOST_POINTS", 1000)
+    value, why = lookup_of(scene_of())
+    assert (value, why.partition(", ")[2]) == ("samples", "as near as 1,000 points allow")

@@ -42,7 +42,7 @@ OF_STEPS = 0.5
 """Of the steps of a camera ray, those that its march through the lattice takes: the light there is smooth."""
 MOST_POINTS = 1 << 22
 """Of a lattice."""
-MOST_NUMBERS = 1 << 26
+MOST_NUMBERS = 1 << 25
 """Optical depths, of a way to each point from each light, from which on points are further apart."""
 MANY_PARTS = 8
 """From which on points are worth their error where nothing else is asked for."""
@@ -142,6 +142,8 @@ def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
     share = share_of(scene)
     if _tolerated(scene, share) < VOXELS_APART[0] * _finest(scene):
         yield f"{share:.0%} of the light is from all around: points would be nearer than voxels"
+    if lattice.spacing > _tolerated(scene, share):
+        yield why
     near, far = distances(scene.occupied_bounds, np.asarray(scene.camera.from_))
     if lattice.spacing > WIDEST_TURN * near:
         yield f"the camera is as near as points, {lattice.spacing:.2g} apart"
