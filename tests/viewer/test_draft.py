@@ -132,7 +132,7 @@ def test_lights_that_are_many_are_fewer_while_maps_take_long(folder):
 
     later = draft.scene(frame(folder, ("light", [SKY[1][0] | {"elevation": 31}])))
 
-    assert later.lights[0].samples == 8
+    assert (later.lights[0].samples, later.lights[0].lookup) == (8, "samples")
     draft.rendered(before, Full(before.planned.scene))
     assert draft.scene(before).lights[0].samples == 64
 

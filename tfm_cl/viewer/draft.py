@@ -162,4 +162,6 @@ def _fewer(light: Light, factor: int) -> Light:
     """Return a light that is many as fewer."""
     if factor == 1 or not _is_many(light):
         return light
-    return light.replace(samples=max(getattr(light, "samples", 0) // factor, LEAST_SAMPLES))
+    # What points would find is of no use to the next picture, and so few lights need none.
+    few = {"samples": max(getattr(light, "samples", 0) // factor, LEAST_SAMPLES)}
+    return light.replace(**few, **({"lookup": "samples"} if light.surrounds else {}))
