@@ -180,6 +180,24 @@ def test_the_error_of_points_is_told(renderer):
 
 
 @pytest.mark.slow
+def test_it_goes_with_a_lattice_of_voxels(renderer):
+    """Which holds other lights; the error of both is told."""
+    lights = [SKY, SUN, SUN.replace(from_=(-1, 2, 3)), SUN.replace(from_=(2, 1, -1))]
+    scene = beneath_a_sky(lights=lights, map=FINE.replace(lookup="lattice"))
+    exact = renderer.render(at_samples(scene.replace(map=FINE)))
+    found = renderer.render(scene, aovs=["lattice_error"])
+    of_voxels = renderer.render(scene.replace(lights=lights[1:]), aovs=["lattice_error"])
+    assert found.warnings == ()
+    assert 0 < relative_rmse(found.image, exact.image) < 2 * AT_POINTS
+    errors = [np.mean(one.aovs["lattice_error"]) for one in (of_voxels, found)]
+    assert 0 < errors[0] != errors[1]
+    one, other = found.image[..., :3].astype(np.float64), exact.image[..., :3]
+    largest = np.maximum(one, other).sum(axis=-1)
+    expected = np.abs(one - other).sum(axis=-1) / np.where(largest > 0, largest, 1)
+    assert np.abs(found.aovs["lattice_error"] - expected).max() < 0.05 * expected.max()
+
+
+@pytest.mark.slow
 def test_primitives_are_too_fine_for_points(renderer):
     points = tfm.Points(np.zeros((1, 3), np.float32), radius=0.2)
     scene = beneath_a_sky(volume=[make_scene().volume, points], medium=tfm.Medium())

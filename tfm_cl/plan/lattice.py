@@ -89,6 +89,8 @@ def smooth_lights(scene: Scene) -> list[int]:
 def left_out(scene: Scene) -> str:
     """Tell why lights of a scene are looked up at every sample instead; empty where a lattice holds all."""
     singles = _single_lights(scene)
+    # Those at points are on a lattice of their own.
+    singles = singles.replace(lights=[light for light in singles.lights if not light.is_at_points])
     smooth, lights = len(smooth_lights(singles)), len(singles.lights)
     if smooth == lights:
         return ""
