@@ -68,12 +68,17 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        lights = self._structs(scene)
         of_fields = [
             self._of_field(scene, lights, medium, clip, field_key(scene, media, medium.index))
             for medium in media.of_fields
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
+
+    def _structs(self, scene: Scene) -> list[cl.Buffer]:
+        """Put each light of a scene on the device."""
+        structs = light_structs(scene, scene.lights)
+        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
 
     def curves(
         self, scene: Scene, media: MediaOnDevice, clip: Clip
@@ -82,7 +87,7 @@ class Planner:
 
         Arguments as of `plans`.
         """
-        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        lights = self._structs(scene)
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
             seen = self._seen(scene, lights, medium, clip, key)
