@@ -304,9 +304,9 @@ class Launcher:
         mapped[0].base.release(self.queue)
         return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
 
-    def clear(self, buffer: cl.Buffer, nbytes: int) -> None:
-        """Fill a buffer with zeros."""
-        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, LEAST_BYTES))
+    def clear(self, buffer: cl.Buffer, nbytes: int, first: int = 0) -> None:
+        """Fill a buffer, from byte ``first`` on, with zeros."""
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), first, max(nbytes, LEAST_BYTES))
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""

@@ -10,6 +10,7 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, OWN_DEPTH_ROWS, STORAGE_BITS, TARGETS
+from tfm_cl.device.launch import Windows
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS
 from tfm_cl.maps.prefilter import Prefilter
@@ -158,17 +159,22 @@ class LightPass:
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
         tables, starts = self._tables(plan)
-        occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
+        occupied = launcher.zeros("the map's occupied ranges", 8 * res * res)
         # Straight to where they stay, unless something is still done to them.
         is_last = settings.storage == "f32" and settings.blur == 0
         struct = plan.struct()
         struct["first_number"] = room.first if is_last else 0
         target = room.buffer if is_last else self._floats(settings)
+        window = 0, 0, res, res
+        if settings.target != "transmittance":  # else zeros may mean something
+            floats = 4 * NUMBERS_UNIT
+            launcher.clear(target, floats * numbers_size(settings), floats * int(struct["first_number"]))
+            window = _whole_tiles(plan.window, res)
         seen = _Counts(launcher)
         met = medium.met_by(light, of_light, res)
         seconds = launcher.run_windows(
             kernel,
-            (0, 0, res, res),
+            window,
             settings.steps + met.longest,
             {
                 **met.arguments,
@@ -180,7 +186,7 @@ class LightPass:
                 "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
                 "coefficients": target,
                 "occupied": occupied,
-                "counts": seen.buffer(res),
+                "counts": seen.buffer(window),
             },
             done=lambda part: progress("light pass", part),
             after=seen.add,
@@ -406,6 +412,18 @@ class LightPass:
         )
 
 
+def _whole_tiles(window: tuple[int, int, int, int], res: int) -> tuple[int, int, int, int]:
+    """Widen a window until it begins where tiles and work-groups do."""
+    x0, y0, x1, y1 = window
+    edge = Windows.EDGE
+    return (
+        x0 // edge * edge,
+        y0 // edge * edge,
+        min(-(-x1 // edge) * edge, res),
+        min(-(-y1 // edge) * edge, res),
+    )
+
+
 class _Counts:
     """What the tiles of each launch counted: texels whose ray has a range, and densities read."""
 
@@ -413,9 +431,9 @@ class _Counts:
         self._launcher = launcher
         self.hits = self.samples = 0
 
-    def buffer(self, res: int) -> cl.Buffer:
-        """Room for the tiles of any launch."""
-        tiles = self._launcher.tiles((0, 0, res, res))
+    def buffer(self, whole: tuple[int, int, int, int]) -> cl.Buffer:
+        """Room for the tiles of any launch in a window."""
+        tiles = self._launcher.tiles(whole)
         self._buffer = self._launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
         return self._buffer
 
