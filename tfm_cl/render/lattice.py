@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, LATTICE_AT_ONCE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
 from tfm_cl.device.structs.bodies import padded_from_index
 from tfm_cl.scene.lights.colours import common_colour
@@ -114,9 +114,9 @@ class Lattice:
 
     @cached_property
     def _marks(self) -> cl.Buffer:
-        """Which work-items have a voxel to look a light up at."""
+        """Which work-items have voxels to look a light up at, and which of theirs."""
         return self.launcher.empty(
-            "the marks of a lattice of light", self._bricks.records * self._chunks, reuse=True
+            "the marks of a lattice of light", self._bricks.records * self._groups, reuse=True
         )
 
     @property
@@ -125,10 +125,10 @@ class Lattice:
         return self.media.bricks
 
     @property
-    def _chunks(self) -> int:
+    def _groups(self) -> int:
         """Work-items of a record."""
         lanes = self.launcher.lanes
-        return -(-((BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]) ** 3) // lanes)
+        return -(-((BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]) ** 3) // (lanes * LATTICE_AT_ONCE[lanes]))
 
     @property
     def nbytes(self) -> int:
@@ -211,14 +211,14 @@ class Lattice:
 
     def _over_records(self, kernel: Kernel, records: NDArray[np.int32], arguments: dict[str, Any]) -> float:
         """Run a kernel over records, in launches of `LOOK_UPS`; returns device seconds."""
-        launcher, chunks = self.launcher, self._chunks
-        most = max(1, LOOK_UPS // (chunks * launcher.lanes))
+        launcher, groups = self.launcher, self._groups
+        most = max(1, LOOK_UPS // record_voxels(launcher.lanes))
         arguments = {**arguments, "blocks": self._bricks.blocks, "lattice": self._numbers}
         arguments["records"] = launcher.upload("the order of a lattice", records)
         seconds = 0.0
         for first in range(0, len(records), most):
             end = min(first + most, len(records))
-            seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"window": (first, end)})
+            seconds += launcher.run(kernel, ((end - first) * groups,), arguments | {"window": (first, end)})
         return seconds
 
     @property
