@@ -10,7 +10,6 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, OWN_DEPTH_ROWS, STORAGE_BITS, TARGETS
-from tfm_cl.device.launch import Windows
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS
 from tfm_cl.maps.prefilter import Prefilter
@@ -169,7 +168,7 @@ class LightPass:
         if settings.target != "transmittance":  # else zeros may mean something
             floats = 4 * NUMBERS_UNIT
             launcher.clear(target, floats * numbers_size(settings), floats * int(struct["first_number"]))
-            window = _whole_tiles(plan.window, res)
+            window = launcher.widened(plan.window, (res, res))
         seen = _Counts(launcher)
         met = medium.met_by(light, of_light, res)
         seconds = launcher.run_windows(
@@ -410,18 +409,6 @@ class LightPass:
             | medium.defines
             | {"TFM_SHADOW": int(clipped), "TFM_OWN_DEPTH": int(settings.deposits == "depth")},
         )
-
-
-def _whole_tiles(window: tuple[int, int, int, int], res: int) -> tuple[int, int, int, int]:
-    """Widen a window until it begins where tiles and work-groups do."""
-    x0, y0, x1, y1 = window
-    edge = Windows.EDGE
-    return (
-        x0 // edge * edge,
-        y0 // edge * edge,
-        min(-(-x1 // edge) * edge, res),
-        min(-(-y1 // edge) * edge, res),
-    )
 
 
 class _Counts:
