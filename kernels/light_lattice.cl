@@ -91,10 +91,10 @@ TFM_INLINE int any_seen(GRID grid, __global const int *bricks, __global const in
 /* A work-item takes a few voxels LATTICE_AT_ONCE times. */
 #define GROUPS ((CHUNKS + LATTICE_AT_ONCE - 1) / LATTICE_AT_ONCE)
 
-/* Finds where light is to be looked up, and leaves zeros elsewhere.
+/* Finds where light is to be looked up.
    marks  out, [records, GROUPS]: a bit for each few of light_lattice, 1 where there is anything to do */
 __kernel void mark_voxels(GRID grids, __global const int *bricks, __global const int *blocks, __global const int *records,
-                          __global float *lattice, __global uchar *marks, int2 window)
+                          __global uchar *marks, int2 window)
 {
   const int place = window.x + (int)get_global_id(0) / GROUPS, group = (int)get_global_id(0) % GROUPS;
   if (place >= window.y)
@@ -105,11 +105,7 @@ __kernel void mark_voxels(GRID grids, __global const int *bricks, __global const
   for (int i = 0; i < LATTICE_AT_ONCE; ++i) {
     const Voxels voxels = voxels_of(block, record, group * LATTICE_AT_ONCE + i);
     const Ints own = voxels.inside & (voxels.same == voxels.at);
-    const int mark = any_lane(own) && any_seen(grids + block[3], bricks, block, &voxels, own);
-    marked |= mark << i;
-    if (!mark)
-      for (int n = 0; n < LATTICE_NUMBERS; ++n)
-        store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, own, floats(0.0f));
+    marked |= (any_lane(own) && any_seen(grids + block[3], bricks, block, &voxels, own)) << i;
   }
   marks[(size_t)record * GROUPS + (size_t)group] = (uchar)marked;
 }
@@ -147,7 +143,7 @@ TFM_INLINE LookUp look_up_of(const Scene *scene, LIGHT light, const LightBuffers
    blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, its grid, and the records of the blocks after it
    records  those with a light of their own, in an order in which the light's map stays in the cache
    marks    of mark_voxels
-   lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms
+   lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms; else as it was
    number   of the light among those given: one after the other, as their maps would push each other out of the cache
    count    of all lights
    part     of the light that it belongs to, of those that are known apart
