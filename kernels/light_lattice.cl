@@ -138,6 +138,19 @@ TFM_INLINE LookUp look_up_of(const Scene *scene, LIGHT light, const LightBuffers
   return found;
 }
 
+/* Asks for the numbers of some voxels before they are needed. */
+TFM_INLINE void lattice_prefetch(__global const float *lattice, Ints at)
+{
+#ifdef PREFETCH
+#define NUMBERS(p, i, s) (PREFETCH(lattice + (size_t)LANE(at, s) * LATTICE_NUMBERS), 0)
+  (void)(Ints)FOR_LANES(NUMBERS, 0, 0);
+#undef NUMBERS
+#else
+  (void)lattice;
+  (void)at;
+#endif
+}
+
 /* A work-item takes as many voxels of a record as there are lanes, LATTICE_AT_ONCE times: it finds where they are in the
    light's map, and asks for what is there, before it reads any.
    blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, its grid, and the records of the blocks after it
@@ -171,8 +184,11 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
   LookUp look_ups[LATTICE_AT_ONCE];
   int found = 0;
   for (int i = 0; i < LATTICE_AT_ONCE; ++i)
-    if (marked >> i & 1)
-      look_ups[found++] = look_up_of(&scene, light, &buffers, block, record, group * LATTICE_AT_ONCE + i);
+    if (marked >> i & 1) {
+      look_ups[found] = look_up_of(&scene, light, &buffers, block, record, group * LATTICE_AT_ONCE + i);
+      lattice_prefetch(lattice, look_ups[found].at);
+      ++found;
+    }
 
   for (int i = 0; i < found; ++i) {
     const LookUp *look_up = look_ups + i;
