@@ -92,7 +92,7 @@ class Planner:
             key = field_key(scene, media, medium.index)
             seen = self._seen(scene, lights, medium, clip, key)
             rays = [
-                self._curves(seen.settings, light, of_light, medium, probe)
+                self._curves(seen.settings, light, of_light, medium, probe, _field(seen.settings, probe))
                 for light, of_light, probe in zip(scene.lights, lights, seen.probes, strict=True)
             ]
             yield seen.settings, rays
@@ -191,14 +191,21 @@ class Planner:
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
     ) -> Fitted:
         """Find the ranges of a map, and make the functions of its basis."""
-        curves = self._curves(settings, light, of_light, medium, probe) if settings.learns else None
-        return Fitted(_field(settings, probe), functions_of(settings, curves))
+        field = _field(settings, probe)
+        curves = self._curves(settings, light, of_light, medium, probe, field) if settings.learns else None
+        return Fitted(field, functions_of(settings, curves))
 
     def _curves(
-        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
+        self,
+        settings: ResolvedMap,
+        light: Light,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
+        probe: Probe,
+        field: np.ndarray,
     ) -> Curves:
         """Sample the rays that functions are learnt from."""
-        ranges = None if settings.range == "box" else _field(settings, probe)
+        ranges = None if settings.range == "box" else field
         return self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
 
 

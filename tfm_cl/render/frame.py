@@ -630,7 +630,7 @@ class Frame:
         lights = [light for light in smooth_lights(self.scene) if work.batches.is_seen(light)]
         if not lights:
             return None
-        lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights, work.layers)
+        lattice = Lattice(self.launcher, self.cache, self.scene, self.media, work.view, lights, work.layers)
         if len(lattice.apart) > MOST_APART:
             why = f"a lattice holds layers of {MOST_APART} lights, and {len(lattice.apart)} are asked for"
         elif lattice.fits:
