@@ -130,6 +130,13 @@ def _several(scene: tfm.Scene) -> tfm.Scene:
     return scene.replace(volume=[volume, volume.transformed(moved), volume.with_density_scale(0.2)])
 
 
+def _on_lattice(renderer: tfm.Renderer) -> Array:
+    """The picture, and the lattice's error."""
+    result = renderer.render(_other_lights(_map(lookup="lattice")), aovs=["lattice_error"])
+    error = result.aovs["lattice_error"]
+    return np.dstack([result.image, error])
+
+
 def _layers(renderer: tfm.Renderer, scene: tfm.Scene) -> Array:
     layers = renderer.render(scene, aovs=("lights", "ambient")).aovs
     return np.stack([layer for name, layer in layers.items() if name.startswith(("light.", "ambient"))])
@@ -261,12 +268,12 @@ CASES: dict[str, Callable[[tfm.Renderer], Array]] = {
     ),
     "solids, learnt basis": lambda r: r.render(_with_solids(_map(basis="klt"))).image,
     "other lights": lambda r: r.render(_other_lights(_scene())).image,
-    "light on a lattice": lambda r: r.render(_other_lights(_map(lookup="lattice"))).image,
-    "error of a lattice": lambda r: r.render(
-        _other_lights(_map(lookup="lattice")), aovs=["lattice_error"]
-    ).aovs["lattice_error"],
+    "light on a lattice": _on_lattice,
     "coloured light on a lattice, several volumes": lambda r: (
         r.render(_several(_coloured_suns(_map(lookup="lattice")))).image
+    ),
+    "light from all around at points": lambda r: (
+        r.render(_with_solids(_scene(lights=[tfm.EnvironmentLight(samples=2, lookup="points")]))).image
     ),
     "several volumes": lambda r: r.render(_several(_scene())).image,
     "later orders": lambda r: r.render(_map().replace(medium=TWICE)).image,
