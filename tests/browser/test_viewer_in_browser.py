@@ -762,6 +762,56 @@ def test_it_fits_and_can_be_read(view, size, scheme):
     assert page.locator("#viewer").get_attribute("data-theme") != scheme
 
 
+BEYOND = """() => {
+  const room = document.querySelector(".panel .sections");
+  const right = room.getBoundingClientRect().left + room.clientWidth;
+  const all = [...room.querySelectorAll("button, input, select, label")];
+  const controls = all.filter((one) => one.offsetParent);
+  const isBeyond = (one) => {
+    const group = one.closest(".line, .several, .parts, summary, .section-body").getBoundingClientRect();
+    const box = one.getBoundingClientRect();
+    return box.left < group.left - 0.5 || box.right > Math.min(group.right, right) + 0.5;
+  };
+  const name = (one) => `${one.closest("[data-path]")?.dataset.path} ${one.getAttribute("aria-label")}`;
+  const phases = controls.filter((one) => one.closest(".phase")).length;
+  return { phases, beyond: controls.filter(isBeyond).map(name) };
+}"""
+"""How many controls phase functions have, and which of the panel stick out of their group or of the panel."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (500, "light")])
+def test_no_control_sticks_out_of_the_panel(view, width, scheme):
+    viewer = view(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    kinds = {section: _kinds(section) for section in ("phase", "light", "solid")}
+    parts = [kinds["phase"][kind] for kind in ("hg", "double-hg", "draine", "mie")]
+    parts += [{"type": "table"} | said for said in ({"values": [1, 0.5, 4]}, {"file": "a/long/name.txt"})]
+    phase = {"type": "mix", "phases": parts, "weights": [0.12345] * len(parts)}
+    options = viewer.options | {"medium": viewer.options["medium"] | {"phase": phase}}
+    # More than one volume, each with a medium of its own: groups in groups.
+    options["volume"] = [options["volume"] | {"name": name, "medium": options["medium"]} for name in "ab"]
+    viewer.state(options=options | {name: [*kinds[name].values()] for name in ("light", "solid")})
+    for _ in range(3):  # what is opened makes further groups
+        viewer.page.evaluate("for (const one of document.querySelectorAll('.panel details')) one.open = true")
+        viewer.page.wait_for_timeout(100)
+    found = viewer.page.evaluate(BEYOND)
+    assert found["phases"] > 3 * 3 * len(parts)  # of three media: each part's kind, numbers and weight
+    assert found["beyond"] == []
+
+
+def _kinds(section):
+    """Return a table of each kind that a section of scene files has, with all keys that have a default."""
+    tables = {}
+    for one in scene_schema()["$defs"][section]["oneOf"]:
+        keys = {
+            key: said for key, said in one.get("properties", {}).items() if set(said) & {"const", "default"}
+        }
+        table = {key: said.get("const", said.get("default")) for key, said in keys.items()}
+        if "type" in table or "shape" in table:
+            tables[table.get("type") or table["shape"]] = table
+    return tables
+
+
 @pytest.mark.slow
 def test_everything_has_a_name(viewer):
     viewer.page.locator('[data-handle="light.0:from"]').click()

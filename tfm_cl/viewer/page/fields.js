@@ -328,6 +328,7 @@ function mixture(label, change, app) {
     const phase = FIELDS.phase({ isPart: true }, name, (next, drag) => change({ phases: value.phases.with(index, next) }, drag), app);
     const weight = FIELDS.number(WEIGHT, `${name}: weight`, (next, drag) => change({ weights: value.weights.with(index, next) }, drag));
     const remove = iconButton("remove", `Remove ${name}`, "", () => change({ phases: without(value.phases, index), weights: without(value.weights, index) }, false));
+    remove.classList.add("tiny");
     phase.element.firstChild.append(remove);
     phase.element.append(named("weight", WEIGHT.description, weight));
     add.before(phase.element);
