@@ -182,6 +182,16 @@ class Viewer:
         y = 0.5 - (arm @ above) / (2 * reach)
         return self.box.x + x * self.box.width, self.box.y + y * self.box.height
 
+    def under(self, x, y, camera=None):
+        """Return the point of the world at a place on the screen, as far away as the camera's target."""
+        camera = camera or self.options["camera"]
+        origin, to, up = (np.array(camera[key], dtype=float) for key in ("from", "to", "up"))
+        right = np.cross(to - origin, up) / np.linalg.norm(np.cross(to - origin, up))
+        above = np.cross(right, to - origin) / np.linalg.norm(to - origin)
+        unit = 2 * np.tan(np.radians(camera["fov"]) / 2) * np.linalg.norm(to - origin) / self.box.height
+        across, down = x - self.box.x - self.box.width / 2, y - self.box.y - self.box.height / 2
+        return to + unit * (across * right - down * above)
+
     def drag(self, start, *, by, button="left"):
         mouse = self.page.mouse
         mouse.move(*start)
@@ -305,13 +315,17 @@ def test_two_fingers_move_the_camera(view, apart, by):
     arms = [np.subtract(camera["from"], camera["to"]) for camera in (before, _camera(changes))]
     nearer = 120 / (120 + apart)
     assert np.allclose(arms[1], nearer * arms[0], rtol=1e-3, atol=1e-4)
-    # The target goes with the fingers: so many pixels at its distance.
-    places = [np.array(viewer.place(before["to"], camera)) for camera in (before, before | _camera(changes))]
-    assert np.allclose(places[1] - places[0], [by, 0], atol=PIXEL)
+    # What is between the fingers goes with them.
+    now = viewer.place(viewer.under(x, y), before | _camera(changes))
+    assert np.allclose(now, [x + by, y], atol=PIXEL)
 
 
 def _camera(changes):
     return {key: changes[f"camera.{key}"] for key in ("from", "to")}
+
+
+def _far(camera):
+    return np.linalg.norm(np.subtract(camera["from"], camera["to"]))
 
 
 @pytest.mark.slow
@@ -351,16 +365,20 @@ def test_a_shift_follows_the_pointer(viewer, way):
 
 @pytest.mark.slow
 def test_wheel_right_button_and_f_go_nearer_and_away(viewer):
-    far = np.linalg.norm(viewer.options["camera"]["from"])
-    viewer.page.mouse.move(*viewer.centre())
+    far, place = _far(viewer.options["camera"]), viewer.centre(0.8, -0.3)
+    under = viewer.under(*place)
+    viewer.page.mouse.move(*place)
     viewer.page.mouse.wheel(0, -240)
     until(viewer.page, "said.some(({ type, drag }) => type === 'edit' && !drag)")
-    nearer = np.linalg.norm(viewer.edited()["camera.from"])
-    assert nearer < 0.9 * far
+    wheeled = viewer.options["camera"] | _camera(viewer.edited())
+    assert _far(wheeled) < 0.9 * far
+    assert np.allclose(viewer.place(under, wheeled), place, atol=PIXEL)  # what is under the pointer stays
     viewer.drag(viewer.centre(), by=(0, 80), button="right")
-    assert np.linalg.norm(viewer.edited()["camera.from"]) > 1.1 * nearer
+    dragged = _camera(viewer.edited())
+    assert _far(dragged) > 1.1 * _far(wheeled)
+    assert np.allclose(dragged["to"], wheeled["to"], atol=1e-6)
     viewer.page.keyboard.press("f")
-    camera = viewer.options["camera"] | {"from": viewer.edited()["camera.from"]}
+    camera = viewer.options["camera"] | _camera(viewer.edited())
     corners = np.stack(np.meshgrid(*[[-1, 1]] * 3), -1).reshape(-1, 3)
     places = np.array([viewer.place(corner, camera) for corner in corners])
     inside = places - [viewer.box.x, viewer.box.y]
