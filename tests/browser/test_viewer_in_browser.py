@@ -8,6 +8,7 @@ import pytest
 from browser_pages import until, watched
 
 from tfm_cl.files.image_io.false_colour import COLOURS
+from tfm_cl.scene.movable import said_by
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.schema import scene_schema
 from tfm_cl.sequence import frame as sequence_frame
@@ -411,6 +412,8 @@ def test_an_axis_moves_along_itself(viewer):
     viewer.drag((x, y), by=(40, 0))
     changes = viewer.edited()
     assert set(changes) == {"solid.0.translate"}
+    fields = viewer.page.locator('[data-path="solid.0"] [data-key="rotate"] .number')
+    assert [one.input_value() for one in fields.all()] == ["0"] * 3  # though no file says so
     moved, *others = changes["solid.0.translate"]
     assert moved > 0
     assert others == [0, 0]
@@ -541,6 +544,76 @@ def test_phase_functions_are_mixed_and_listed(viewer):
     values.fill("1, 0.5 4")
     values.press("Enter")
     assert told() == {"type": "table", "values": [1, 0.5, 4]}
+
+
+TURNED = said_by({"translate": [1, 0.5, -2], "rotate": [10, 20, -30], "scale": [-2, 0.5, 1]})
+SHEARED = [1, 0.123456789, 0, 0.2, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+
+
+def _placed(viewer, matrix):
+    """Let a matrix place the solid; return what the panel shows of its row ``name``, as a function."""
+    solid = viewer.options["solid"][0] | {"transform": np.reshape(matrix, (4, 4)).tolist()}
+    viewer.state(options=viewer.options | {"solid": [solid]})
+    viewer.page.locator('[data-section="solid"] > summary').click()
+    viewer.page.locator('[data-path="solid.0"] > summary').click()
+    return lambda name: viewer.page.locator(f'[data-path="solid.0"] [data-key="{name}"]')
+
+
+@pytest.mark.slow
+def test_a_matrix_is_shown_and_changed_in_steps(viewer):
+    row = _placed(viewer, TURNED)
+
+    def shown():
+        fields = [row(name).locator(".number") for name in ("translate", "rotate", "scale")]
+        return [[float(one.input_value()) for one in field.all()] for field in fields]
+
+    assert shown() == [[1, 0.5, -2], [10, 20, -30], [-2, 0.5, 1]]
+    row("rotate").locator('[data-axis="y"]').fill("45")
+    viewer.page.keyboard.press("Enter")
+    said = {"solid.0.translate": [1, 0.5, -2], "solid.0.rotate": [10, 45, -30], "solid.0.scale": [-2, 0.5, 1]}
+    assert viewer.edited() == said
+    assert shown()[1] == [10, 45, -30]
+    # So do handles.
+    handle = viewer.page.locator('[data-handle="solid.0/move-x"]')
+    handle.focus()
+    viewer.page.keyboard.press("ArrowRight")
+    moved = viewer.edited()
+    assert set(moved) == {"solid.0.translate"}
+    assert moved["solid.0.translate"][0] > 1
+    # The session has them now, and each goes back with the others: the file has a matrix.
+    viewer.edits = said = said | moved
+    steps = {key.rpartition(".")[2]: value for key, value in said.items()}
+    viewer.state(
+        options=viewer.options | {"solid": [viewer.options["solid"][0] | steps | {"transform": None}]}
+    )
+    edited = "[...document.querySelectorAll('[data-path=\"solid.0\"] .edited')].map((one) => one.dataset.key)"
+    until(viewer.page, f"{edited}.join() === 'translate,rotate'")
+    row("rotate").locator(".back").click()
+    assert viewer.edited() == dict.fromkeys(said)
+
+
+@pytest.mark.slow
+def test_a_handle_of_what_a_matrix_places_changes_all_steps(viewer):
+    _placed(viewer, TURNED)
+    viewer.press("e")
+    viewer.page.locator('[data-handle="solid.0/rotate-y"]').focus()
+    viewer.page.keyboard.press("ArrowRight")
+    changes = viewer.edited()
+    assert set(changes) == {"solid.0.translate", "solid.0.rotate", "solid.0.scale"}
+    then = said_by({key.rpartition(".")[2]: value for key, value in changes.items()})
+    turn = said_by({"rotate": [0, 1, 0]})
+    assert np.allclose(then[:3, :3], (turn @ TURNED)[:3, :3], atol=1e-5)  # six digits are written
+
+
+@pytest.mark.slow
+def test_a_matrix_that_shears_keeps_its_numbers(viewer):
+    row = _placed(viewer, SHEARED)
+    assert row("translate").count() == row("rotate").count() == row("scale").count() == 0
+    field = row("transform").locator(".text")
+    assert field.is_visible()
+    field.fill(field.input_value().replace("0.2", "3", 1))
+    field.press("Enter")
+    assert viewer.edited() == {"solid.0.transform": [*SHEARED[:3], 3, *SHEARED[4:]]}
 
 
 @pytest.mark.slow

@@ -238,15 +238,20 @@ const FIELDS = {
 
   matrix(key, label, change) {
     const field = textInput(`${label}: 16 numbers`, { title: "16 numbers, row by row" });
+    let last = [];
     field.addEventListener("change", () => {
-      const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map(Number);
+      // What is as it is shown keeps all of its digits.
+      const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map((text, index) => (index < last.length && text === number(last[index]) ? last[index] : Number(text)));
       const isMatrix = numbers.length === 16 && numbers.every(Number.isFinite);
       field.setAttribute("aria-invalid", String(!isMatrix));
       if (isMatrix) change(numbers, false);
     });
     return {
       element: make("span", { className: "line" }, field),
-      set(value) { if (document.activeElement !== field) field.value = value ? value.flat().map((one) => number(one)).join(" ") : ""; },
+      set(value) {
+        last = value?.flat() ?? [];
+        if (document.activeElement !== field) field.value = last.map((one) => number(one)).join(" ");
+      },
     };
   },
 
