@@ -51,8 +51,8 @@ window.said = [];
 window.view = mount(document.getElementById("viewer"), {
   send: (message) => said.push(message),
   listen: (callbacks) => { window.hear = callbacks; },
-  upload: async (file) => {
-    said.push({ type: "upload", name: file.name, bytes: (await file.arrayBuffer()).byteLength });
+  upload: async (file, kind) => {
+    said.push({ type: "upload", kind, name: file.name, bytes: (await file.arrayBuffer()).byteLength });
     return file.name;
   },
 });
@@ -617,6 +617,43 @@ def test_a_matrix_that_shears_keeps_its_numbers(viewer):
 
 
 @pytest.mark.slow
+def test_a_table_of_a_phase_function_is_chosen_and_sent(viewer):
+    page = viewer.page
+
+    def shown(phase):
+        viewer.state(options=viewer.options | {"medium": viewer.options["medium"] | {"phase": phase}})
+
+    def told():
+        return viewer.edited()["medium.phase"]
+
+    shown({"type": "table", "values": [1, 2]})
+    page.get_by_role("button", name="phase file: choose a file").click()
+    assert viewer.said("list") == [{"type": "list", "kind": "phase", "path": ""}]
+    viewer.hear({"type": "listing", "kind": "phase", "path": "a", "folders": [], "files": ["b.txt"]})
+    page.get_by_role("button", name="b.txt").click()
+    chosen = {"type": "table", "file": f"{HOSTILE}/a/b.txt"}  # the folder and the path in it
+    assert told() == chosen
+    shown(chosen)
+    path = page.get_by_label("phase file", exact=True)
+    assert path.input_value() == "a/b.txt"
+    assert page.get_by_label("phase values").count() == 0
+
+    page.get_by_role("button", name="phase file: choose a file").click()
+    sent = {"name": "c.csv", "mimeType": "text/csv", "buffer": b"-1 1"}
+    page.locator("dialog[open] input[type=file]").set_input_files(sent)
+    until(page, "said.some(({ type }) => type === 'edit')")
+    assert told() == chosen | {"file": f"{HOSTILE}/c.csv"}
+    assert page.locator(".message").text_content() == "Sent c.csv"
+    assert viewer.said("upload") == [{"type": "upload", "kind": "phase", "name": "c.csv", "bytes": 4}]
+    path.fill("/elsewhere/d.dat")
+    path.press("Enter")
+    assert told() == chosen | {"file": "/elsewhere/d.dat"}
+    path.fill("")
+    path.press("Enter")
+    assert told() == {"type": "table", "values": [1, 1]}
+
+
+@pytest.mark.slow
 def test_what_was_changed_is_marked_and_taken_back(viewer):
     row = viewer.page.locator('[data-section="map"] [data-key="steps"]')
     assert "edited" not in row.get_attribute("class")
@@ -802,8 +839,10 @@ def test_undo_save_and_open(viewer):
     assert viewer.edited() == {"image.exposure": 1.5}  # what is seen is what is saved
     assert viewer.said("save") == [{"type": "save", "what": "scene", "name": "mine"}]
     page.keyboard.press("Control+o")
-    assert viewer.said("list") == [{"type": "list", "path": ""}]
-    viewer.hear({"type": "listing", "path": "clouds", "folders": [HOSTILE], "files": ["a.vdb"]})
+    assert viewer.said("list") == [{"type": "list", "kind": "scene", "path": ""}]
+    listing = {"type": "listing", "path": "clouds", "folders": [HOSTILE]}
+    viewer.hear(listing | {"kind": "scene", "files": ["a.vdb"]})
+    viewer.hear(listing | {"kind": "phase", "files": ["a.txt"]})
     page.get_by_role("button", name="a.vdb").click()
     assert viewer.said("open") == [{"type": "open", "path": "clouds/a.vdb"}]
 
@@ -818,7 +857,7 @@ def test_a_dropped_file_is_sent_unless_it_is_too_large(viewer):
     }"""
     viewer.page.evaluate(drop, 10)
     until(viewer.page, "said.some(({ type }) => type === 'upload')")
-    assert viewer.said("upload") == [{"type": "upload", "name": "cloud.vdb", "bytes": 10}]
+    assert viewer.said("upload") == [{"type": "upload", "kind": "scene", "name": "cloud.vdb", "bytes": 10}]
     viewer.page.evaluate(drop, 2000)
     assert "at most 1 kB" in viewer.page.locator(".alert").text_content()
     assert viewer.said("upload") == []

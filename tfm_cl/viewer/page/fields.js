@@ -236,6 +236,17 @@ const FIELDS = {
     };
   },
 
+  /** The path of a table of a phase function. */
+  table(key, label, change, app) {
+    const folder = () => app.model.welcome?.folder ?? "";
+    const choose = (path) => change(path && wholePath(folder(), path), false);
+    const text = FIELDS.text(key, label, choose);
+    const pick = iconButton("folder", `${label}: choose a file`, "", () => app.tables.ask(choose));
+    pick.classList.add("tiny");
+    text.element.append(pick);
+    return { element: text.element, set(value) { text.set(pathWithin(folder(), value ?? "")); } };
+  },
+
   matrix(key, label, change) {
     const field = textInput(`${label}: 16 numbers`, { title: "16 numbers, row by row" });
     let last = [];
@@ -277,11 +288,13 @@ const FIELDS = {
     let value = { type: "isotropic" };
     let built = "";
     let fields = [];
-    const shown = ({ key: name, kind }) => (value.type === "table" ? (value.file ? ["file"] : ["values", "cosines"]).includes(name) : kind === "number");
+    const shown = ({ key: name, kind }) => (value.type === "table" ? (value.file ? ["file"] : ["file", "values", "cosines"]).includes(name) : kind === "number");
+    // A table has a file, or numbers.
+    const changed = (name, next) => (name !== "file" ? { ...value, [name]: next } : { type: value.type, ...(next ? { file: next } : BEGINS.table()) });
     const build = () => {
       const { one } = kinds.find(({ name }) => name === value.type) ?? { one: { properties: {} } };
       fields = Object.entries(one.properties).map(([name, said]) => app.schema.key(name, said)).filter(shown).map((part) => {
-        const field = FIELDS[part.kind](part, `${label} ${part.key}`, (next, drag) => change({ ...value, [part.key]: next }, drag), app);
+        const field = FIELDS[part.key === "file" ? "table" : part.kind](part, `${label} ${part.key}`, (next, drag) => change(changed(part.key, next), drag), app);
         return { element: named(part.key, part.description, field), set: () => field.set(value[part.key] ?? part.initial) };
       });
       if (value.type === "mix") fields.push(mixture(label, (next, drag) => change({ ...value, ...next }, drag), app));

@@ -8,7 +8,7 @@ const isWithin = (key, whole) => key === whole || key.startsWith(`${whole}.`);
 class Model {
   /**
    * `transport`: `send(message)`; `listen({ message, binary, state })`, which are called with what comes: a message, an
-   * ArrayBuffer, { connected, line }; `upload(file, tell)`, which tells the part that is sent and resolves to the path to open.
+   * ArrayBuffer, { connected, line }; `upload(file, kind, tell)`, which tells the part that is sent and resolves to its path within the folder.
    */
   constructor(transport) {
     Object.assign(this, { transport, welcome: null, state: null, original: null, connected: false, line: "" });
