@@ -29,6 +29,14 @@ TFM_INLINE Voxels voxels_of(__global const int *block, int record, int item)
 {
   Voxels found;
   const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  if ((item + 1) * TFM_LANES <= OWN_VOXELS) {
+    found.x = n & (BLOCK_EDGE - 1);
+    found.y = n >> BLOCK_SHIFT & (BLOCK_EDGE - 1);
+    found.z = n >> 2 * BLOCK_SHIFT;
+    found.inside = n >= 0;
+    found.at = found.same = record * RECORD_VOXELS + found.z * RECORD_LAYER + found.y * RECORD_ROW + found.x;
+    return found;
+  }
   /* Behind along x, else along y, else along z. */
   const Ints nx = n - OWN_VOXELS, ny = nx - BEHIND_X, nz = ny - BEHIND_Y;
   const Ints own = nx < 0, by_x = ny < 0, by_y = nz < 0;
@@ -80,30 +88,75 @@ TFM_INLINE int any_seen(GRID grid, __global const int *bricks, __global const in
   return seen;
 }
 
-/* Finds where light is to be looked up, and leaves zeros elsewhere.
-   marks  out, [records, CHUNKS]: 1 where a work-item of light_lattice has anything to do, else 0 */
+/* A work-item takes a few voxels LATTICE_AT_ONCE times. */
+#define GROUPS ((CHUNKS + LATTICE_AT_ONCE - 1) / LATTICE_AT_ONCE)
+
+/* Finds where light is to be looked up.
+   marks  out, [records, GROUPS]: a bit for each few of light_lattice, 1 where there is anything to do */
 __kernel void mark_voxels(GRID grids, __global const int *bricks, __global const int *blocks, __global const int *records,
-                          __global float *lattice, __global uchar *marks, int2 window)
+                          __global uchar *marks, int2 window)
 {
-  const int place = window.x + (int)get_global_id(0) / CHUNKS, item = (int)get_global_id(0) % CHUNKS;
+  const int place = window.x + (int)get_global_id(0) / GROUPS, group = (int)get_global_id(0) % GROUPS;
   if (place >= window.y)
     return;
   const int record = records[place];
   __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
-  const Voxels voxels = voxels_of(block, record, item);
-  const Ints own = voxels.inside & (voxels.same == voxels.at);
-  const int mark = any_lane(own) && any_seen(grids + block[3], bricks, block, &voxels, own);
-  marks[(size_t)record * CHUNKS + (size_t)item] = (uchar)mark;
-  if (!mark)
-    for (int n = 0; n < LATTICE_NUMBERS; ++n)
-      store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, own, floats(0.0f));
+  int marked = 0;
+  for (int i = 0; i < LATTICE_AT_ONCE; ++i) {
+    const Voxels voxels = voxels_of(block, record, group * LATTICE_AT_ONCE + i);
+    const Ints own = voxels.inside & (voxels.same == voxels.at);
+    marked |= (any_lane(own) && any_seen(grids + block[3], bricks, block, &voxels, own)) << i;
+  }
+  marks[(size_t)record * GROUPS + (size_t)group] = (uchar)marked;
 }
 
-/* One work-item takes as many voxels of a record as there are lanes.
+/* What a few voxels know of a light before its map is read. */
+typedef struct {
+  LightPath path;
+  Floats mu; /* between the light's way there and the camera's */
+  Floats strength;
+  Ints at;     /* numbers of the voxels in the lattice */
+  Ints wanted; /* those that are this record's own */
+} LookUp;
+
+TFM_INLINE LookUp look_up_of(const Scene *scene, LIGHT light, const LightBuffers *buffers, __global const int *block,
+                             int record, int item)
+{
+  const Voxels voxels = voxels_of(block, record, item);
+  const Vec3 point = transform_point(scene->grids[block[3]].world_from_index,
+                                     vec3(TO_FLOATS(voxels.x + block[0] * BLOCK_EDGE),
+                                          TO_FLOATS(voxels.y + block[1] * BLOCK_EDGE),
+                                          TO_FLOATS(voxels.z + block[2] * BLOCK_EDGE)));
+  const Ray in_light = ray_in_light(light, rays_beyond(scene->view, point));
+  const LightSample sample = light_at(light, in_light.origin);
+  LookUp found;
+  found.path = light_path(scene, light, buffers, point, sample, 0, LATTICE_AT_ONCE > 1);
+  found.mu = -dot3(sample.direction, in_light.direction);
+  found.strength = sample.strength;
+  found.at = voxels.at;
+  found.wanted = voxels.inside & (voxels.same == voxels.at);
+  return found;
+}
+
+/* Asks for the numbers of some voxels before they are needed. */
+TFM_INLINE void lattice_prefetch(__global const float *lattice, Ints at)
+{
+#ifdef PREFETCH
+#define NUMBERS(p, i, s) (PREFETCH(lattice + (size_t)LANE(at, s) * LATTICE_NUMBERS), 0)
+  (void)(Ints)FOR_LANES(NUMBERS, 0, 0);
+#undef NUMBERS
+#else
+  (void)lattice;
+  (void)at;
+#endif
+}
+
+/* A work-item takes as many voxels of a record as there are lanes, LATTICE_AT_ONCE times: it finds where they are in the
+   light's map, and asks for what is there, before it reads any.
    blocks   BLOCK_NUMBERS of each record: its block's x, y, z, in blocks, its grid, and the records of the blocks after it
    records  those with a light of their own, in an order in which the light's map stays in the cache
    marks    of mark_voxels
-   lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms
+   lattice  adds to, or begins, the sums over the lights; where they are all in, means and logarithms; else as it was
    number   of the light among those given: one after the other, as their maps would push each other out of the cache
    count    of all lights
    part     of the light that it belongs to, of those that are known apart
@@ -113,58 +166,61 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
                             __global const int *blocks, __global const int *records, __global const uchar *marks,
                             __global float *lattice, int number, int count, int part, int begins, int ends, int2 window)
 {
-  const int place = window.x + (int)get_global_id(0) / CHUNKS;
+  const int place = window.x + (int)get_global_id(0) / GROUPS;
   if (place >= window.y)
     return;
-  const int record = records[place], item = (int)get_global_id(0) % CHUNKS;
-  if (!marks[(size_t)record * CHUNKS + (size_t)item])
+  const int record = records[place], group = (int)get_global_id(0) % GROUPS;
+  const int marked = marks[(size_t)record * GROUPS + (size_t)group];
+  if (!marked)
     return;
   __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
-  const Voxels voxels = voxels_of(block, record, item);
-  const Ints wanted = voxels.inside & (voxels.same == voxels.at);
-  const Vec3 point = transform_point(grids[block[3]].world_from_index,
-                                     vec3(TO_FLOATS(voxels.x + block[0] * BLOCK_EDGE),
-                                          TO_FLOATS(voxels.y + block[1] * BLOCK_EDGE),
-                                          TO_FLOATS(voxels.z + block[2] * BLOCK_EDGE)));
-  const Ray ray = rays_beyond(view, point);
   SCENE(scene, ints(-1), ints(-1));
   LIGHT_BUFFERS(buffers);
-
   LIGHT light = lights + number;
-  const Ray in_light = ray_in_light(light, ray);
-  const LightSample sample = light_at(light, in_light.origin);
-  const LightPath path = light_path(&scene, light, &buffers, point, sample, 0, 0);
-  Floats depth[TFM_CHANNELS];
-  Ints samples = ints(0);
-  light_optical_depths(&scene, light, &buffers, &path, wanted, &samples, depth);
 #if TFM_TANGENTS
   const FibreAngles fibres = no_strands(); /* voxels have none */
 #endif
-  const Floats mu = -dot3(sample.direction, in_light.direction);
-  const Floats phase = PHASE_OF(media + TFM_MEDIA * light->spread, mu, &fibres);
-  LatticeValue sum;
-  for (int c = 0; c < TFM_CHANNELS; ++c)
-    sum.of[LATTICE_RADIANCES + c] = transmittance_of(depth[c]);
-  for (int c = 0; c < TFM_LATTICE_COLOURS; ++c) {
-    const Floats arrives = intensity_of(light, c) * sample.strength, way = depth[TFM_CHANNELS == 3 ? c : 0];
-    for (int i = 0; i < TFM_LATTICE_APART; ++i) {
-      const int is_of_part = TFM_LATTICE_APART == 1 || i == part, n = i * TFM_LATTICE_COLOURS + c;
-      sum.of[n] = is_of_part ? arrives * (phase * transmittance_of(way)) : floats(0.0f);
-#if HAS_OCTAVES
-      sum.of[LATTICE_FIRST + n] =
-          is_of_part ? arrives * later_octaves(media + TFM_MEDIA * light->spread, mu, way) : floats(0.0f);
-#endif
-    }
-  }
 
-  const Ints at = voxels.at * LATTICE_NUMBERS;
-  for (int n = 0; n < LATTICE_NUMBERS; ++n) {
-    Floats value = sum.of[n];
-    if (!begins)
-      value += gather_floats(lattice + n, wanted ? at : ints(0));
-    if (ends)
-      value = n < LATTICE_RADIANCES ? TFM_LOG2_E * log_of(greatest(value, floats(FLT_MIN))) : value / (float)count;
-    store_floats(lattice + n, at, wanted, value);
+  LookUp look_ups[LATTICE_AT_ONCE];
+  int found = 0;
+  for (int i = 0; i < LATTICE_AT_ONCE; ++i)
+    if (marked >> i & 1) {
+      look_ups[found] = look_up_of(&scene, light, &buffers, block, record, group * LATTICE_AT_ONCE + i);
+      lattice_prefetch(lattice, look_ups[found].at);
+      ++found;
+    }
+
+  for (int i = 0; i < found; ++i) {
+    const LookUp *look_up = look_ups + i;
+    const Floats mu = look_up->mu;
+    Floats depth[TFM_CHANNELS];
+    Ints samples = ints(0);
+    light_optical_depths(&scene, light, &buffers, &look_up->path, look_up->wanted, &samples, depth);
+    const Floats phase = PHASE_OF(media + TFM_MEDIA * light->spread, mu, &fibres);
+    LatticeValue sum;
+    for (int c = 0; c < TFM_CHANNELS; ++c)
+      sum.of[LATTICE_RADIANCES + c] = transmittance_of(depth[c]);
+    for (int c = 0; c < TFM_LATTICE_COLOURS; ++c) {
+      const Floats arrives = intensity_of(light, c) * look_up->strength, way = depth[TFM_CHANNELS == 3 ? c : 0];
+      for (int k = 0; k < TFM_LATTICE_APART; ++k) {
+        const int is_of_part = TFM_LATTICE_APART == 1 || k == part, n = k * TFM_LATTICE_COLOURS + c;
+        sum.of[n] = is_of_part ? arrives * (phase * transmittance_of(way)) : floats(0.0f);
+#if HAS_OCTAVES
+        sum.of[LATTICE_FIRST + n] =
+            is_of_part ? arrives * later_octaves(media + TFM_MEDIA * light->spread, mu, way) : floats(0.0f);
+#endif
+      }
+    }
+
+    const Ints wanted = look_up->wanted, at = look_up->at * LATTICE_NUMBERS;
+    for (int n = 0; n < LATTICE_NUMBERS; ++n) {
+      Floats value = sum.of[n];
+      if (!begins)
+        value += gather_floats(lattice + n, wanted ? at : ints(0));
+      if (ends)
+        value = n < LATTICE_RADIANCES ? TFM_LOG2_E * log_of(greatest(value, floats(FLT_MIN))) : value / (float)count;
+      store_floats(lattice + n, at, wanted, value);
+    }
   }
 }
 
@@ -172,14 +228,16 @@ __kernel void light_lattice(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS
 __kernel void share_lattice(__global const int *blocks, __global const int *records, __global float *lattice,
                             int2 window)
 {
-  const int place = window.x + (int)get_global_id(0) / CHUNKS, item = (int)get_global_id(0) % CHUNKS;
-  if (place >= window.y || (item + 1) * TFM_LANES <= OWN_VOXELS)
+  const int place = window.x + (int)get_global_id(0) / GROUPS, group = (int)get_global_id(0) % GROUPS;
+  if (place >= window.y || (group + 1) * LATTICE_AT_ONCE * TFM_LANES <= OWN_VOXELS)
     return;
   const int record = records[place];
   __global const int *block = blocks + (size_t)record * BLOCK_NUMBERS;
-  const Voxels voxels = voxels_of(block, record, item);
-  const Ints wanted = voxels.inside & (voxels.same != voxels.at);
-  for (int n = 0; n < LATTICE_NUMBERS; ++n)
-    store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, wanted,
-                 gather_floats(lattice + n, wanted ? voxels.same * LATTICE_NUMBERS : ints(0)));
+  for (int i = 0; i < LATTICE_AT_ONCE; ++i) {
+    const Voxels voxels = voxels_of(block, record, group * LATTICE_AT_ONCE + i);
+    const Ints wanted = voxels.inside & (voxels.same != voxels.at);
+    for (int n = 0; n < LATTICE_NUMBERS; ++n)
+      store_floats(lattice + n, voxels.at * LATTICE_NUMBERS, wanted,
+                   gather_floats(lattice + n, wanted ? voxels.same * LATTICE_NUMBERS : ints(0)));
+  }
 }

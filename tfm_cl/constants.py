@@ -13,6 +13,8 @@ BLOCK_NUMBERS = 12
 """Ints that tell where a record's block is, and which records the blocks after it have."""
 MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
 """Lanes -> cells along an axis within which a tile's lanes share what they read."""
+LATTICE_AT_ONCE = {1: 1, 4: 8, 8: 8, 16: 8}
+"""Lanes -> how many times as many voxels of a lattice a work-item takes: at most the bits of a byte."""
 MARCH_LEVELS = 8
 """Numbers of steps that a light ray may take: an eighth, two eighths ... of the longest range's."""
 CURVE_CELLS = 64
@@ -103,7 +105,9 @@ def c_definitions() -> str:
         **{f"TARGET_{name.upper().replace('-', '_')}": number for name, number in TARGETS.items()},
     }
     lines = [f"#define {name} {value}" for name, value in macros.items()]
-    shared = [
-        f"#if TFM_LANES == {lanes}\n#define MOST_SHARED {n}\n#endif" for lanes, n in MOST_SHARED.items()
+    by_lanes = [
+        f"#if TFM_LANES == {lanes}\n#define {name} {n}\n#endif"
+        for name, numbers in (("MOST_SHARED", MOST_SHARED), ("LATTICE_AT_ONCE", LATTICE_AT_ONCE))
+        for lanes, n in numbers.items()
     ]
-    return "\n".join([*lines, *shared])
+    return "\n".join([*lines, *by_lanes])

@@ -337,14 +337,14 @@ def in_words(counts: tuple[int, ...]) -> str:
     return " or ".join(map(str, counts))
 
 
-def count_or_auto(largest: int) -> PlainValidator:
-    """Make the validator of a whole number from 1 that may also be ``"auto"``."""
+def count_or_auto(largest: int, *, least: int = 1) -> PlainValidator:
+    """Make the validator of a whole number in a range that may also be ``"auto"``."""
 
-    @accepts({"type": "integer", "minimum": 1, "maximum": largest}, {"const": "auto"})
+    @accepts({"type": "integer", "minimum": least, "maximum": largest}, {"const": "auto"})
     def check(value: Any) -> Any:
-        if value == "auto" or (type(value) is int and 1 <= value <= largest):
+        if value == "auto" or (type(value) is int and least <= value <= largest):
             return value
-        raise ValueError(f"should be a whole number from 1 to {largest}, or 'auto'")
+        raise ValueError(f"should be a whole number from {least} to {largest}, or 'auto'")
 
     return PlainValidator(check)
 

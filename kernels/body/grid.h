@@ -237,35 +237,51 @@ TFM_INLINE float voxel_value(__global const Voxel *voxel)
 #endif
 }
 
-/* Linear interpolation weights (tent functions) of a row of voxels. x: positions relative to the first voxel, before
-   the last one. */
-TFM_INLINE void tents(Floats x, int voxels, Floats *weight)
-{
-  weight[0] = greatest(1.0f - x, floats(0.0f));
-#pragma unroll
-  for (int i = 1; i <= MOST_SHARED; ++i)
-    if (i < voxels)
-      weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
-}
-
 /* The voxels that surround the samples of a tile. */
 typedef struct {
-  int record;    /* record of their block; 0: nothing to read */
-  int corner[3]; /* the lowest voxel, in the padded grid */
-  int voxels[3]; /* along each axis, 2 to MOST_SHARED + 1 */
+  int record;      /* record of their block; 0: nothing to read */
+  int first;       /* the lowest of them, in the record */
+  int sizes;       /* 2 to MOST_SHARED + 1 of them along x, y and z, in a byte each */
+  float corner[3]; /* where the lowest is in the padded grid */
 } Window;
 
 /* Nearly all windows have so few voxels along each axis. They are summed in straight code, in which voxels beyond the window
    weigh 0: it is faster than branches on sizes that no CPU foresees. */
 #define FEW_SHARED 3
+/* Of sizes from 2 to 4, only 4 has this bit. */
+#define IS_FEW(window) (((window)->sizes & 0x040404) == 0)
 
-/* The sum of a window's voxels, each times the product of its tents. first: the lowest. */
-TFM_INLINE Floats window_sum(__global const Voxel *first, const Window *window, Vec3 point, int nx, int ny, int nz)
+/* Linear interpolation weights (tent functions) of a row of voxels. x: positions relative to the first voxel, before the
+   last one: no sample is on its far side, if a row is known to end there. */
+TFM_INLINE void tents(Floats x, int voxels, int ends, Floats *weight)
 {
-  Floats wx[MOST_SHARED + 1], wy[MOST_SHARED + 1], wz[MOST_SHARED + 1];
-  tents(point.x - (float)window->corner[0], nx, wx);
-  tents(point.y - (float)window->corner[1], ny, wy);
-  tents(point.z - (float)window->corner[2], nz, wz);
+  weight[0] = greatest(1.0f - x, floats(0.0f));
+#pragma unroll
+  for (int i = 1; i <= MOST_SHARED; ++i)
+    if (i < voxels) {
+      const Floats rises = x - (float)(i - 1);
+      weight[i] = greatest(i == ends ? rises : least(rises, (float)(i + 1) - x), floats(0.0f));
+    }
+}
+
+typedef struct {
+  Floats x[MOST_SHARED + 1], y[MOST_SHARED + 1], z[MOST_SHARED + 1];
+} Tents;
+
+TFM_INLINE Tents window_tents(const Window *window, Vec3 point, int nx, int ny, int nz, int ends)
+{
+  Tents weights;
+  tents(point.x - window->corner[0], nx, ends, weights.x);
+  tents(point.y - window->corner[1], ny, ends, weights.y);
+  tents(point.z - window->corner[2], nz, ends, weights.z);
+  return weights;
+}
+
+/* The sum of a window's voxels, each times the product of its tents. first: the lowest; ends: of `tents`. */
+TFM_INLINE Floats window_sum(__global const Voxel *first, const Window *window, Vec3 point, int nx, int ny, int nz, int ends)
+{
+  const Tents weights = window_tents(window, point, nx, ny, nz, ends);
+  const Floats *wx = weights.x, *wy = weights.y, *wz = weights.z;
   Floats sum = floats(0.0f);
 #pragma unroll
   for (int k = 0; k <= MOST_SHARED; ++k)
@@ -293,15 +309,12 @@ TFM_INLINE Floats density_together(const Grids *grid, const Window *window, Vec3
   const int record = window->record + channel * grid->of[0].channel_records;
   const int pool = TFM_POOLS == 1 ? 0 : record / grid->pool_size;
   __global const Voxel *start = grid->pools[pool] + (size_t)(record - pool * grid->pool_size) * RECORD_SIZE;
-  __global const Voxel *layer_voxel = start + (window->corner[2] & (BLOCK_EDGE - 1)) * RECORD_LAYER +
-                                      (window->corner[1] & (BLOCK_EDGE - 1)) * RECORD_ROW +
-                                      (window->corner[0] & (BLOCK_EDGE - 1));
-  const int nx = window->voxels[0], ny = window->voxels[1], nz = window->voxels[2];
+  __global const Voxel *first = start + window->first;
   Floats sum;
-  if ((nx <= FEW_SHARED) & (ny <= FEW_SHARED) & (nz <= FEW_SHARED))
-    sum = window_sum(layer_voxel, window, point, FEW_SHARED, FEW_SHARED, FEW_SHARED);
+  if (IS_FEW(window))
+    sum = window_sum(first, window, point, FEW_SHARED, FEW_SHARED, FEW_SHARED, FEW_SHARED - 1);
   else
-    sum = window_sum(layer_voxel, window, point, nx, ny, nz);
+    sum = window_sum(first, window, point, window->sizes & 255, window->sizes >> 8 & 255, window->sizes >> 16, 0);
 #if TFM_VOXEL_BITS == 8
   return grid->of[0].density_scale[channel] * *(__global const float *)(start + RECORD_VOXELS) * sum;
 #else

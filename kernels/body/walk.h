@@ -77,6 +77,10 @@ typedef union {
   StepInts all;
   int one[STEPS_AT_ONCE];
 } StepArray;
+typedef union {
+  StepFloats all;
+  float one[STEPS_AT_ONCE];
+} StepFloatArray;
 #endif
 
 typedef struct {
@@ -351,9 +355,10 @@ TFM_INLINE int step_at(float position, int n, int most)
 #if SHARES_WINDOWS
 /* Windows of STEPS_AT_ONCE, from n on: what they cost for one, they cost for all. */
 typedef struct {
-  StepArray corner[3]; /* the lowest voxel */
-  StepArray voxels[3];
-  StepArray brick; /* of the corner, in the grid's table */
+  StepFloatArray corner[3];
+  StepArray first, sizes; /* as of Window */
+  StepArray brick[3];     /* of the corner */
+  StepArray number;       /* of that brick in the grid's table */
 } Windows;
 
 TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
@@ -365,9 +370,9 @@ TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
     g = s * walk->greatest_ratio / (s * walk->greatest_ratio + (1.0f - s));
   }
   Windows windows;
-  StepInts brick[3];
+  StepInts brick[3], first = (StepInts)(0), sizes = (StepInts)(0);
 #pragma unroll
-  for (int axis = 0; axis < 3; ++axis) {
+  for (int axis = 2; axis >= 0; --axis) {
     const StepFloats low_f = walk->low[axis] + f * walk->low_change[axis], low_g = walk->low[axis] + g * walk->low_change[axis];
     const StepFloats high_f = walk->high[axis] + f * walk->high_change[axis], high_g = walk->high[axis] + g * walk->high_change[axis];
     StepFloats low = low_f < low_g ? low_f : low_g, high = high_f > high_g ? high_f : high_g;
@@ -375,11 +380,14 @@ TFM_INLINE Windows windows_from(const Walk *walk, const Extent *extent, int n)
     high = high > 0.0f ? high : (StepFloats)(0.0f);
     const StepInts corner = TO_STEP_INTS(low < extent->upper[axis] ? low : (StepFloats)(extent->upper[axis]));
     const StepInts last = TO_STEP_INTS(high < extent->upper[axis] ? high : (StepFloats)(extent->upper[axis]));
-    windows.corner[axis].all = corner;
-    windows.voxels[axis].all = last - corner + 2;
-    brick[axis] = corner >> BRICK_SHIFT;
+    windows.corner[axis].all = TO_STEP_FLOATS(corner);
+    sizes = (sizes << 8) + (last - corner + 2);
+    first = first * RECORD_EDGE + (corner & (BLOCK_EDGE - 1));
+    windows.brick[axis].all = brick[axis] = corner >> BRICK_SHIFT;
   }
-  windows.brick.all = BRICK_AT(extent, brick[0], brick[1], brick[2]);
+  windows.sizes.all = sizes;
+  windows.first.all = first;
+  windows.number.all = BRICK_AT(extent, brick[0], brick[1], brick[2]);
   return windows;
 }
 
@@ -391,15 +399,15 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int unt
   while (n < until && count < MOST_STEPS) {
     const Windows windows = windows_from(walk, extent, n);
     for (int i = 0; i < STEPS_AT_ONCE && n < until && count < MOST_STEPS; ++i) {
-      const int record = extent->bricks[windows.brick.one[i]];
+      const int record = extent->bricks[windows.number.one[i]];
       const int marked = IS_MARKED(steps, n);
       if (force | (record > 0) | marked | !walk->skip) {
         Window *window = &steps->window[count];
 #pragma unroll
-        for (int axis = 0; axis < 3; ++axis) {
+        for (int axis = 0; axis < 3; ++axis)
           window->corner[axis] = windows.corner[axis].one[i];
-          window->voxels[axis] = windows.voxels[axis].one[i];
-        }
+        window->first = windows.first.one[i];
+        window->sizes = windows.sizes.one[i];
         window->record = record > 0 ? record : 0;
         steps->n[count] = n;
         force = after & ((record > 0) | marked);
@@ -412,7 +420,7 @@ TFM_INLINE void find_steps_together(const Grids *grid, const Walk *walk, int unt
       float leaves[3];
 #pragma unroll
       for (int axis = 0; axis < 3; ++axis) {
-        const int brick = windows.corner[axis].one[i] >> BRICK_SHIFT;
+        const int brick = windows.brick[axis].one[i];
         const float below = (float)((brick + record + 1) * BRICK_EDGE);
         const float above = (float)((brick - record) * BRICK_EDGE + MOST_SHARED - 1);
         const float down = walk->low_inverse[axis] != 0.0f ? (below - walk->low[axis]) * walk->low_inverse[axis] : 1.0f;
@@ -564,9 +572,9 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
 #else
 #if SHARES_WINDOWS
   if (walk->together) {
-    if (steps->window[k].record > 0 || !walk->skip)
-      *samples += here ? ints(1) : ints(0);
-    if (steps->window[k].record == 0)
+    const int read = steps->window[k].record > 0;
+    *samples += here ? ints(read | !walk->skip) : ints(0);
+    if (!read)
       return density;
     const Vec3 point = ray_at(walk->ray.of[0], t);
     for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)

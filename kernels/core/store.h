@@ -15,6 +15,14 @@
 
 TFM_INLINE void store_floats(__global float *out, Ints index, Ints wanted, Floats values)
 {
+#if TFM_LANES > 1
+  if (all_lanes(wanted)) {
+#define STORE(p, i, s) (out[LANE(index, s)] = LANE(values, s), 0)
+    (void)(Ints)FOR_LANES(STORE, 0, 0);
+#undef STORE
+    return;
+  }
+#endif
   FloatArray v;
   v.lanes = values;
   EACH_WANTED_LANE(index, wanted)

@@ -115,10 +115,14 @@ TFM_INLINE void map_prefetch(const Maps *maps, MAP map, MapPlace place)
 #ifdef PREFETCH
   __global const MapStorage *numbers = numbers_of(maps, map);
   const int dy = map->res > 1 ? map->res * TFM_N_COEFF : 0;
-#define TEXEL_ROWS(p, i, s) (PREFETCH(numbers + (size_t)LANE(place.position.texel, s) * TFM_N_COEFF), \
-                             PREFETCH(numbers + (size_t)LANE(place.position.texel, s) * TFM_N_COEFF + dy), 0)
+  /* Two texels, side by side, from the first number to the last: often in two lines of the cache. */
+#define TEXEL_NUMBER(s, j) (numbers + (size_t)LANE(place.position.texel, s) * TFM_N_COEFF + (j))
+#define TEXEL_ROW(s, dy) (PREFETCH(TEXEL_NUMBER(s, dy)), PREFETCH(TEXEL_NUMBER(s, dy + 2 * TFM_N_COEFF - 1)))
+#define TEXEL_ROWS(p, i, s) (TEXEL_ROW(s, 0), TEXEL_ROW(s, dy), 0)
   (void)(Ints)FOR_LANES(TEXEL_ROWS, 0, 0);
 #undef TEXEL_ROWS
+#undef TEXEL_ROW
+#undef TEXEL_NUMBER
 #else
   (void)maps;
   (void)map;

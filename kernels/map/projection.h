@@ -89,16 +89,17 @@ TFM_INLINE Floats target_value(MAP map, Floats optical_depth)
 #if TFM_FIT
 #define TABLE_HEAD WHOLE_PRODUCTS
 #define TABLE_ROW (2 * TFM_N_COEFF + WHOLE_PRODUCTS)
-/* The weight of a step; for f = T^(1/alpha) an error counts (alpha / f)^2 times. left: T^2 before the next step. */
-TFM_INLINE Floats visibility(MAP map, Floats before, Floats depth, Floats *left)
+/* The weight of a step; for f = T^(1/alpha) an error counts (alpha / f)^2 times. lost: the part of T^2 that the step
+   takes; left: T^2 before the next step. */
+TFM_INLINE Floats visibility(MAP map, Floats before, Floats lost, Floats *left)
 {
-  const float extinction = map->reference_extinction;
-  const Floats lost = opacity_of(2.0f * extinction * depth);
 #if TFM_TARGET == TARGET_TRANSMITTANCE
   (void)left;
+  const float extinction = map->reference_extinction;
   const float rate = extinction > map->inverse_weighting ? extinction - map->inverse_weighting : 0.0f;
   return transmittance_of(2.0f * rate * before) * lost;
 #else
+  (void)map;
   (void)before;
   const Floats weight = *left * lost;
   *left -= weight;
@@ -139,7 +140,12 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
   __global const float *rows[MOST_STEPS];
   Floats factor[MOST_STEPS];
 #if TFM_FIT
-  Floats weight[MOST_STEPS], weighted[MOST_STEPS];
+  Floats weight[MOST_STEPS], weighted[MOST_STEPS], lost[MOST_STEPS];
+  /* Of all that there is room for: straight code has its constants in registers. */
+  const float twice = 2.0f * map->reference_extinction;
+#pragma unroll
+  for (int k = 0; k < MOST_STEPS; ++k)
+    lost[k] = opacity_of(twice * (k < steps->count ? steps->depth[k] : floats(0.0f)));
 #endif
   /* In one loop, as each step has to wait for the one before it. */
   for (int k = 0; k < steps->count; ++k) {
@@ -152,7 +158,7 @@ TFM_INLINE void basis_steps(MAP map, __global const float *table, BasisState *st
     state->value = value;
 #endif
 #if TFM_FIT
-    weight[k] = visibility(map, steps->before[k], steps->depth[k], &state->left);
+    weight[k] = visibility(map, steps->before[k], lost[k], &state->left);
     state->weight += weight[k];
     weighted[k] = weight[k] * value;
 #endif

@@ -44,15 +44,11 @@ TFM_INLINE LatticeValue lattice_begin(void)
 /* Of all lanes from one window, as density_together. */
 TFM_INLINE LatticeValue lattice_together(__global const float *lattice, const Window *window, Vec3 point)
 {
-  const int corner = (window->corner[2] & (BLOCK_EDGE - 1)) * RECORD_LAYER +
-                     (window->corner[1] & (BLOCK_EDGE - 1)) * RECORD_ROW + (window->corner[0] & (BLOCK_EDGE - 1));
   __global const float *start =
-      lattice + ((size_t)window->record * RECORD_VOXELS + (size_t)corner) * LATTICE_NUMBERS;
-  const int nx = window->voxels[0], ny = window->voxels[1], nz = window->voxels[2];
-  Floats wx[MOST_SHARED + 1], wy[MOST_SHARED + 1], wz[MOST_SHARED + 1];
-  tents(point.x - (float)window->corner[0], nx, wx);
-  tents(point.y - (float)window->corner[1], ny, wy);
-  tents(point.z - (float)window->corner[2], nz, wz);
+      lattice + ((size_t)window->record * RECORD_VOXELS + (size_t)window->first) * LATTICE_NUMBERS;
+  const int nx = window->sizes & 255, ny = window->sizes >> 8 & 255, nz = window->sizes >> 16;
+  const Tents weights = window_tents(window, point, nx, ny, nz, 0);
+  const Floats *wx = weights.x, *wy = weights.y, *wz = weights.z;
   LatticeValue sum = lattice_begin();
   for (int k = 0; k < nz; ++k)
     for (int j = 0; j < ny; ++j) {

@@ -174,6 +174,55 @@ TFM_INLINE Ints between_points(Floats x, int size, Floats *weight)
   return bounded;
 }
 
+#if TFM_LANES > 1
+/* Points along each axis that the lanes of a tile share: their numbers are then read once for all lanes. In straight code,
+   where points beyond the lanes weigh 0, as in window_sum. */
+#define MOST_TOGETHER 3
+
+/* Linear weights of a row of points. x: positions relative to the first. */
+TFM_INLINE void weights_together(Floats x, Floats *weight)
+{
+#pragma unroll
+  for (int i = 0; i < MOST_TOGETHER; ++i)
+    weight[i] = greatest(least(x - (float)(i - 1), (float)(i + 1) - x), floats(0.0f));
+}
+
+/* The lowest of the lanes' points along an axis; -1 where they share too few, or there are too few. */
+TFM_INLINE int first_together(Ints low, int size)
+{
+  const int first = least_int(low), last = -least_int(-low) + 1, end = size - MOST_TOGETHER;
+  return last - first < MOST_TOGETHER ? (first < end ? first : end) : -1;
+}
+
+/* Of all lanes, from the points that begin there; point: where they are, inside the lattice. */
+TFM_INLINE LatticeValue lattice_together(LATTICE lattice, int x, int y, int z, Vec3 point)
+{
+  ORDERS orders = lattice->orders;
+  const int row = orders->size[0], layer = row * orders->size[1];
+  __global const float *first = lattice->numbers + (size_t)(z * layer + y * row + x) * TFM_ORDER_COLOURS;
+  Floats wx[MOST_TOGETHER], wy[MOST_TOGETHER], wz[MOST_TOGETHER];
+  weights_together(point.x - (float)x, wx);
+  weights_together(point.y - (float)y, wy);
+  weights_together(point.z - (float)z, wz);
+  LatticeValue sum = lattice_begin();
+#pragma unroll
+  for (int k = 0; k < MOST_TOGETHER; ++k)
+#pragma unroll
+    for (int j = 0; j < MOST_TOGETHER; ++j) {
+      const Floats weight = wz[k] * wy[j];
+      __global const float *numbers = first + (size_t)(k * layer + j * row) * TFM_ORDER_COLOURS;
+#pragma unroll
+      for (int i = 0; i < MOST_TOGETHER; ++i) {
+        const Floats of_point = weight * wx[i];
+#pragma unroll
+        for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+          sum.of[c] += of_point * numbers[i * TFM_ORDER_COLOURS + c];
+      }
+    }
+  return sum;
+}
+#endif
+
 /* At distance t: linear between the points. */
 TFM_INLINE LatticeValue lattice_at(LATTICE lattice, Floats t)
 {
@@ -183,19 +232,27 @@ TFM_INLINE LatticeValue lattice_at(LATTICE lattice, Floats t)
   const Ints ix = between_points(point.x, orders->size[0], &fx), iy = between_points(point.y, orders->size[1], &fy),
              iz = between_points(point.z, orders->size[2], &fz);
   const int row = orders->size[0], layer = row * orders->size[1];
+#if TFM_LANES > 1
+  const int x = first_together(ix, orders->size[0]), y = first_together(iy, orders->size[1]),
+            z = first_together(iz, orders->size[2]);
+  if ((x | y | z) >= 0)
+    return lattice_together(lattice, x, y, z, vec3(TO_FLOATS(ix) + fx, TO_FLOATS(iy) + fy, TO_FLOATS(iz) + fz));
+#endif
   const Ints at = (iz * layer + iy * row + ix) * TFM_ORDER_COLOURS;
   LatticeValue value = lattice_begin();
   for (int corner = 0; corner < 8; ++corner) {
-    const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
-    const Floats weight = (x ? fx : 1.0f - fx) * (y ? fy : 1.0f - fy) * (z ? fz : 1.0f - fz);
-    __global const float *point_numbers = lattice->numbers + (z * layer + y * row + x) * TFM_ORDER_COLOURS;
+    const int right = corner & 1, up = corner >> 1 & 1, back = corner >> 2;
+    const Floats weight = (right ? fx : 1.0f - fx) * (up ? fy : 1.0f - fy) * (back ? fz : 1.0f - fz);
+    __global const float *point_numbers = lattice->numbers + (back * layer + up * row + right) * TFM_ORDER_COLOURS;
     for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
       value.of[c] += weight * gather_floats(point_numbers + c, at);
   }
   return value;
 }
 
-#if TFM_ORDER_MEDIA
+#ifdef TFM_ORDER_SURROUNDINGS
+/* view/surroundings.h says what a step takes. */
+#elif TFM_ORDER_MEDIA
 #ifdef TFM_AMOUNTS_H
 /* A step took its opacity from the ray: each medium scatters its part of that. */
 #define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity)

@@ -1,7 +1,8 @@
 /* What lies along camera rays, whatever the lights: the transmittance of TFM eq. 5, depth, eq. 7's ambient light,
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
-   requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires;
+   requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires, 3 where
+   it is what is scattered of light from all around, with what surroundings.h requires;
    TFM_DEEP, 1 where deep samples are made on the way, 2 where they are given the ambient light and what media emit. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
@@ -14,6 +15,8 @@
 #include "view/lattice.h"
 #elif TFM_LATTICE == 2
 #include "view/orders.h"
+#elif TFM_LATTICE == 3
+#include "view/surroundings.h"
 #endif
 #ifndef TFM_DEEP
 #define TFM_DEEP 0

@@ -30,11 +30,6 @@ def learnt(case):
 SCENE = make_scene(lights=LIGHTS[:1], map=learnt("klt"))
 
 
-@pytest.fixture(scope="session")
-def renderer(one_lane_renderer):
-    return one_lane_renderer
-
-
 @pytest.fixture(scope="module")
 def built(renderer):
     return renderer.build_maps(SCENE)[0]

@@ -10,6 +10,8 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.bases import BASES
+from tfm_cl.maps.light_pass import map_bytes
+from tfm_cl.maps.planned import MapPlan
 from tfm_cl.maps.resolved import resolve
 
 FITTED = 2e-4
@@ -66,6 +68,30 @@ def test_map_equals_the_model(renderer, case):
     inside = reached & (found > 0)
     assert np.abs(found - np.exp(-depth))[inside].max() < (FITTED if fitted else 20 * PASS)
     assert found[inside].min() < 0.2
+
+
+@pytest.mark.lanes
+def test_what_lay_where_texels_have_no_range_changes_nothing(renderer, monkeypatch):
+    wide = tfm.SpotLight(from_=(2.2, 3, 1.2), to=(0, 0, 0), cone=70)
+    scene = scene_with(basis="klt", res=192).replace(lights=[wide])
+    launcher = renderer._launcher
+    settings = renderer.build_maps(scene)[0].settings
+    # Memory that the next map gets.
+    for nbytes in (map_bytes(settings), 8 * 192**2):
+        launcher.write(launcher.empty("what lay there", nbytes, reuse=True), np.full(nbytes, 99, np.uint8))
+
+    (light_map,) = renderer.build_maps(scene)
+    x0, y0, x1, y1 = light_map.plan.window
+    monkeypatch.setattr(MapPlan, "window", (0, 0, 192, 192))
+    (whole,) = renderer.build_maps(scene)
+
+    assert 32 < x0 < x1 < 160  # launches begin and end at multiples of 32
+    assert (light_map.coefficients == whole.coefficients).all()
+    assert (light_map.occupied == whole.occupied).all()
+    assert (light_map.coefficients[:y0] == 0).all()
+    assert (light_map.occupied[y1:] == 0).all()
+    assert light_map.coefficients.any()
+    assert (light_map.buffers.samples, light_map.buffers.hits) == (whole.buffers.samples, whole.buffers.hits)
 
 
 @pytest.mark.lanes

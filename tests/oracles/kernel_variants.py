@@ -23,7 +23,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.render import emission, orders
+from tfm_cl.render import emission, orders, surroundings
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.render.scatter import scatter_variant
@@ -311,6 +311,23 @@ def _scattering(case: Case) -> int:
 RGB = 3
 
 
+def _of_surroundings(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return surroundings.depths_variant(of_lights, media, _scattering(case))
+
+
+def _of_surroundings_view(case: Case) -> Program:
+    of_lights, media = _batch(case)
+    return surroundings.view_variant(of_lights.of, media, _scattering(case))
+
+
+def _of_surroundings_pass(case: Case) -> Program:
+    media = media_of(case["bodies"], case["voxels"], case["pools"])
+    headers, defines = surroundings.pass_variant(media, _scattering(case), has_solids=bool(case["shadow"]))
+    macros = {"TFM_LIGHT_LAYERS": case["layers"], "TFM_DEEP_COLOURS": case["colours of samples"]}
+    return headers, defines | macros
+
+
 def _of_order_media(case: Case) -> Program:
     media = media_of(case["bodies"], case["voxels"], case["pools"])
     return orders.media_variant(media, *_of_points(case, media), emits=bool(case["emits"]))
@@ -404,6 +421,11 @@ EMISSION_LIT: Choices = {
     "texture": (0,),
     "shared": (0,),
 }
+SURROUNDED: Choices = {
+    "bodies": ("grid", "tinted grid", "3 grids", "coloured grid", "grid, box, ball"),
+    **GRIDS,
+}
+SURROUNDED_LIT: Choices = EMISSION_LIT | SURROUNDED | {"basis": EVALUATED}
 AT_POINTS: Choices = {"shared": (0,), "basis": EVALUATED}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
@@ -436,6 +458,9 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
     "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP]),
+    "surroundings.cl": (_of_surroundings, [SURROUNDED_LIT]),
+    "surroundings_pass.cl": (_of_surroundings_pass, [{**SURROUNDED, "shadow": (0, 1), **LAYERS, **DEEP}]),
+    "surroundings_view.cl": (_of_surroundings_view, [SURROUNDED_LIT]),
     "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS | LAYERS, OTHERS_LIT | ON_SOLIDS | LAYERS]),
 }
 """Entry -> how it is compiled, and with what."""

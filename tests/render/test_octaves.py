@@ -29,7 +29,7 @@ def single(medium):
     return medium.replace(octaves=1)
 
 
-@pytest.mark.quick("a grid and a ball-tfm")
+@pytest.mark.quick("one medium-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("bodies", [(CLOUD,), (CLOUD, BALL)], ids=["one medium", "a grid and a ball"])
 def test_picture_and_layers_equal_the_reference(renderer, save_on_failure, bodies, method):

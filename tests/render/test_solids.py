@@ -579,6 +579,7 @@ def test_a_light_crosses_the_box_without_a_jump(renderer, solids, method):
                     lights=[PointLight(from_=(0.1, y, 0.2), **BRIGHT)],
                     solids=solids,
                     camera=make_scene().camera.replace(res=(5, 5)),
+                    shadow=ShadowSettings(res=256),
                 ),
                 method=method,
             ).image[..., 0]

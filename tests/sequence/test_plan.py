@@ -9,7 +9,7 @@ from scenes import blobs
 
 from tfm_cl.errors import InputError, NoDeviceError, VolumeError
 from tfm_cl.maps.bases.given import functions_text
-from tfm_cl.plan import octaves
+from tfm_cl.plan import octaves, surroundings
 from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.plan import RangePlan, decide, looked_at, steady
 from tfm_cl.sequence.shot import Shot
@@ -111,14 +111,18 @@ class TestDecide:
         with pytest.raises(VolumeError, match=r"v\.0001\.npy"):
             decide(shot, FRAMES)
 
-    def test_a_bare_file_keeps_its_look(self, volumes):
+    def test_a_bare_file_keeps_its_look(self, volumes, monkeypatch):
         """What is decided is not taken for what the user gave, which would undo parts of a look."""
+        monkeypatch.setattr(surroundings, "TOLERATED", 0.1)
         bare = Shot(volumes / "v.####.npy", look="smoke")
         decided = Shot(bare.path, look="smoke", decided=decide(bare, FRAMES).overrides)
         one, other = bare.scene_file(3), decided.scene_file(3)
         assert other.medium.replace(**dict.fromkeys(octaves.KEYS, "auto")) == one.medium
         assert other.image == one.image
         assert [light.type for light in other.light] == [light.type for light in one.light]
+        # Maps of a size that was decided are none that was asked for.
+        assert len({decided.scene(frame).lights for frame in FRAMES}) == 1
+        assert decided.scene(3).lights[0].lookup == "points"
 
 
 LEARNT = functions_text(np.full((65, 2), 0.5, np.float32))

@@ -110,6 +110,14 @@ def test_low_pictures_keep_the_maps_of_the_full_one(folder):
     assert turned.map.res == 64
 
 
+def test_low_pictures_take_half_the_steps_where_these_are_left_open(folder):
+    draft, before = Draft(10.0), frame(folder, ("march.steps", "auto"))
+    steps = before.planned.scene.march.steps
+    assert draft.scene(before).march == before.planned.scene.march.replace(steps=math.ceil(steps / 2))
+    draft.rendered(before, Full(before.planned.scene))
+    assert draft.scene(before).march.steps == math.ceil(steps / 2)
+
+
 def took(draft, scene, seconds, **made):
     stats = SimpleNamespace(made=made, seconds={"view_pass": seconds / 2})
     draft.took(seconds, SimpleNamespace(scene=scene, stats=stats))
@@ -124,7 +132,7 @@ def test_lights_that_are_many_are_fewer_while_maps_take_long(folder):
 
     later = draft.scene(frame(folder, ("light", [SKY[1][0] | {"elevation": 31}])))
 
-    assert later.lights[0].samples == 8
+    assert (later.lights[0].samples, later.lights[0].lookup) == (8, "samples")
     draft.rendered(before, Full(before.planned.scene))
     assert draft.scene(before).lights[0].samples == 64
 

@@ -239,6 +239,12 @@ class Launcher:
         width, height = TILE[self.lanes]
         return -(-x1 // width) - x0 // width, -(-y1 // height) - y0 // height
 
+    def widened(self, window: tuple[int, int, int, int], size: tuple[int, int]) -> tuple[int, int, int, int]:
+        """Widen a window x0, y0, x1, y1 of a rectangle: it begins and ends where launches over all do."""
+        (x0, y0, x1, y1), (width, height), edge = window, size, Windows.EDGE
+        x0, y0, x1, y1 = x0 // edge * edge, y0 // edge * edge, -(-x1 // edge) * edge, -(-y1 // edge) * edge
+        return x0, y0, min(x1, width), min(y1, height)
+
     def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
         """Allocate a device buffer.
 
@@ -304,9 +310,9 @@ class Launcher:
         mapped[0].base.release(self.queue)
         return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
 
-    def clear(self, buffer: cl.Buffer, nbytes: int) -> None:
-        """Fill a buffer with zeros."""
-        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), 0, max(nbytes, LEAST_BYTES))
+    def clear(self, buffer: cl.Buffer, nbytes: int, first: int = 0) -> None:
+        """Fill a buffer, from byte ``first`` on, with zeros."""
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), first, max(nbytes, LEAST_BYTES))
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""

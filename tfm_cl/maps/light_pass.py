@@ -158,17 +158,22 @@ class LightPass:
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
         tables, starts = self._tables(plan)
-        occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
+        occupied = launcher.zeros("the map's occupied ranges", 8 * res * res)
         # Straight to where they stay, unless something is still done to them.
         is_last = settings.storage == "f32" and settings.blur == 0
         struct = plan.struct()
         struct["first_number"] = room.first if is_last else 0
         target = room.buffer if is_last else self._floats(settings)
+        window = 0, 0, res, res
+        if settings.target != "transmittance":  # else zeros may mean something
+            floats = 4 * NUMBERS_UNIT
+            launcher.clear(target, floats * numbers_size(settings), floats * int(struct["first_number"]))
+            window = launcher.widened(plan.window, (res, res))
         seen = _Counts(launcher)
         met = medium.met_by(light, of_light, res)
         seconds = launcher.run_windows(
             kernel,
-            (0, 0, res, res),
+            window,
             settings.steps + met.longest,
             {
                 **met.arguments,
@@ -180,7 +185,7 @@ class LightPass:
                 "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
                 "coefficients": target,
                 "occupied": occupied,
-                "counts": seen.buffer(res),
+                "counts": seen.buffer(window),
             },
             done=lambda part: progress("light pass", part),
             after=seen.add,
@@ -413,9 +418,9 @@ class _Counts:
         self._launcher = launcher
         self.hits = self.samples = 0
 
-    def buffer(self, res: int) -> cl.Buffer:
-        """Room for the tiles of any launch."""
-        tiles = self._launcher.tiles((0, 0, res, res))
+    def buffer(self, whole: tuple[int, int, int, int]) -> cl.Buffer:
+        """Room for the tiles of any launch in a window."""
+        tiles = self._launcher.tiles(whole)
         self._buffer = self._launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
         return self._buffer
 

@@ -42,6 +42,25 @@ class MapPlan:
         """What the basis needs to evaluate its functions."""
         return np.zeros(0, np.float32) if self.functions is None else self.functions.modes
 
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """Texels x0, y0, x1, y1 outside of which no ray has a range; all for the range ``box``."""
+        res, size = self.settings.res, len(self.field)
+        if self.settings.range == "box":
+            return 0, 0, res, res
+        has = self.field[..., 1] > self.field[..., 0]
+        ends = []
+        for entries in (np.flatnonzero(has.any(axis=axis)) for axis in (0, 1)):
+            if len(entries) == 0:
+                return 0, 0, 0, 0
+            # Ranges are interpolated between the middles of entries, and stay the same beyond the outermost;
+            # the last is reached as a full step from the one before it, which is rounded.
+            low = 0 if entries[0] == 0 else int((entries[0] - 0.5) * res / size)
+            high = res if entries[-1] >= size - 2 else int(np.ceil((entries[-1] + 1.5) * res / size))
+            ends.append((low, high))
+        (x0, x1), (y0, y1) = ends
+        return x0, y0, x1, y1
+
     def struct(self, settings: ResolvedMap | None = None) -> NDArray[Any]:
         """Return what kernels are told of the map; ``settings`` of one that is looked up in its place."""
         settings = settings or self.settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -74,7 +75,16 @@ class ResolvedMap(Model):
     def of_light(self, light: Light) -> ResolvedMap:
         """Return the settings of a light's own map, which may be smaller than others."""
         most = light.most_texels
-        return self if most is None or most >= self.res else self.replace(res=most)
+        if most is None or most >= self.res:
+            return self
+        if most not in self._smaller:
+            self._smaller[most] = self.replace(res=most)
+        return self._smaller[most]
+
+    @cached_property
+    def _smaller(self) -> dict[int, ResolvedMap]:
+        """By texels along a side: dozens of lights have the same."""
+        return {}
 
     def request(self) -> MapSettings:
         """Return the settings that ask for exactly this."""
@@ -87,6 +97,7 @@ class ResolvedMap(Model):
         return table | {"density_weighting": alpha}
 
 
+@lru_cache(maxsize=64)
 def resolve(settings: MapSettings, *, res: int | None = None, steps: int | None = None) -> ResolvedMap:
     """Make every choice that no light ray is needed for: all but α.
 

@@ -89,6 +89,8 @@ def smooth_lights(scene: Scene) -> list[int]:
 def left_out(scene: Scene) -> str:
     """Tell why lights of a scene are looked up at every sample instead; empty where a lattice holds all."""
     singles = _single_lights(scene)
+    # Those at points are on a lattice of their own.
+    singles = singles.replace(lights=[light for light in singles.lights if not light.is_at_points])
     smooth, lights = len(smooth_lights(singles)), len(singles.lights)
     if smooth == lights:
         return ""
@@ -146,7 +148,7 @@ def _without_edges(scene: Scene) -> list[tuple[int, float]]:
     to_camera, _ = distances(bounds, np.asarray(scene.camera.from_))
     found = []
     for number, light in enumerate(scene.lights):
-        if light.is_smooth_in(bounds):
+        if light.is_smooth_in(bounds) and not light.is_at_points:
             of_light = edge / max(light.nearest(bounds), edge)
             angle = edge / max(to_camera, edge) + of_light
             rounded = 2 ** (math.ceil(TURNS_PER_OCTAVE * math.log2(angle)) / TURNS_PER_OCTAVE)

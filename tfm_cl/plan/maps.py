@@ -68,12 +68,17 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        lights = self._structs(scene)
         of_fields = [
             self._of_field(scene, lights, medium, clip, field_key(scene, media, medium.index))
             for medium in media.of_fields
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
+
+    def _structs(self, scene: Scene) -> list[cl.Buffer]:
+        """Put each light of a scene on the device."""
+        structs = light_structs(scene, scene.lights)
+        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
 
     def curves(
         self, scene: Scene, media: MediaOnDevice, clip: Clip
@@ -82,12 +87,12 @@ class Planner:
 
         Arguments as of `plans`.
         """
-        lights = [self._launcher.upload("the light", light_structs(scene, [light])) for light in scene.lights]
+        lights = self._structs(scene)
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
             seen = self._seen(scene, lights, medium, clip, key)
             rays = [
-                self._curves(seen.settings, light, of_light, medium, probe)
+                self._curves(seen.settings, light, of_light, medium, probe, _field(seen.settings, probe))
                 for light, of_light, probe in zip(scene.lights, lights, seen.probes, strict=True)
             ]
             yield seen.settings, rays
@@ -186,14 +191,21 @@ class Planner:
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
     ) -> Fitted:
         """Find the ranges of a map, and make the functions of its basis."""
-        curves = self._curves(settings, light, of_light, medium, probe) if settings.learns else None
-        return Fitted(_field(settings, probe), functions_of(settings, curves))
+        field = _field(settings, probe)
+        curves = self._curves(settings, light, of_light, medium, probe, field) if settings.learns else None
+        return Fitted(field, functions_of(settings, curves))
 
     def _curves(
-        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
+        self,
+        settings: ResolvedMap,
+        light: Light,
+        of_light: cl.Buffer,
+        medium: FieldOnDevice,
+        probe: Probe,
+        field: np.ndarray,
     ) -> Curves:
         """Sample the rays that functions are learnt from."""
-        ranges = None if settings.range == "box" else _field(settings, probe)
+        ranges = None if settings.range == "box" else field
         return self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
 
 

@@ -17,7 +17,7 @@ from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.display import WHY_AUTOMATIC
 from tfm_cl.maps.bases import BEST
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.plan import emission, lattice, octaves, orders, resolution
+from tfm_cl.plan import emission, lattice, octaves, orders, resolution, surroundings
 from tfm_cl.plan.options import grids
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.thin import ThinPrimitives
@@ -73,7 +73,7 @@ def told_of(decisions: Decisions) -> dict[str, Any]:
         key: decision.value
         for key, decision in decisions.items()
         if decision.value is not None and (key in counts or key.split(".")[0] not in found)
-        if key.split(".")[-1] not in octaves.KEYS
+        if key.split(".")[-1] not in octaves.KEYS and not surroundings.is_key(key)
     }
 
 
@@ -171,7 +171,14 @@ def plan(
     of_octaves = octaves.numbers(scene)
     decisions |= {f"{found.section}.{found.key}": Decision(found.number, found.why) for found in of_octaves}
     scene = octaves.resolved(scene, of_octaves)
-    has_maps = (method or scene.march.method) == "tfm" and bool(scene.marched and scene.is_lit)
+    reads_maps = (method or scene.march.method) == "tfm"
+    of_surroundings = surroundings.decided(scene, reads_maps=reads_maps)
+    decisions |= {
+        f"light.{f'{one.light}.' if len(scene.lights) > 1 else ''}{one.key}": Decision(one.value, one.why)
+        for one in of_surroundings
+    }
+    scene = surroundings.resolved(scene, of_surroundings)
+    has_maps = reads_maps and bool(scene.marched and scene.is_lit)
     if has_maps and scene.map.deposits == "depth" and not scene.primitives:
         raise SceneError(
             "map.deposits = 'depth': says what points, curves and polygons leave in the map, of which "

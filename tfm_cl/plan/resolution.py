@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tfm_cl.model import decided
-from tfm_cl.plan import emission, lattice, octaves
+from tfm_cl.plan import emission, lattice, octaves, surroundings
 from tfm_cl.plan.marched import distances, finest_voxel, marched, occupied_bounds, voxel_depth
 from tfm_cl.scene.bodies.base import around
 
@@ -158,8 +158,10 @@ def resolved(scene: Scene, maps: MapSettings | None = None) -> Scene:
     maps
         Settings of existing maps: ``"auto"`` in the settings of the map then means their values.
     """
+    scene = octaves.resolved(scene, octaves.numbers(scene))
+    scene = surroundings.resolved(scene, surroundings.decided(scene))
     found = {key: found.number for key, found in wanted(scene, maps).items()}
-    return with_numbers(octaves.resolved(scene, octaves.numbers(scene)), found)
+    return with_numbers(scene, found)
 
 
 def with_numbers(scene: Scene, numbers: Mapping[str, int]) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.device.structs.view import view_struct
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.model import decided
-from tfm_cl.plan import emission
+from tfm_cl.plan import emission, surroundings
 from tfm_cl.plan.lattice import smooth_lights
 from tfm_cl.plan.orders import (
     lattice_of,
@@ -29,7 +29,7 @@ from tfm_cl.plan.orders import (
     swept_media,
 )
 from tfm_cl.render import buffers
-from tfm_cl.render.batches import Batches
+from tfm_cl.render.batches import Batches, LightVariant
 from tfm_cl.render.camera import see
 from tfm_cl.render.culling import bounds_of_lights
 from tfm_cl.render.deep import DeepBuffers, DeepPass, DeepSettings
@@ -40,6 +40,7 @@ from tfm_cl.render.orders import Orders
 from tfm_cl.render.raster import Crop
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
+from tfm_cl.render.surroundings import SurroundingsLattice
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.orders import Scattered
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
+    from tfm_cl.render.surroundings import Arrived
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
 
@@ -110,6 +112,16 @@ class _Work:
         return self.media.met_by_camera(self.scene, self.view, self.raster.per_pixel)
 
 
+class _Around(NamedTuple):
+    """Light from all around that belongs to one layer, at points."""
+
+    lattice: SurroundingsLattice
+    scattered: cl.Buffer
+    """Towards the camera."""
+    lights: list[int]
+    layer: int | None
+
+
 @dataclass
 class _Shared:
     """What the frame leaves for more samples of its pixels."""
@@ -119,6 +131,7 @@ class _Shared:
     batches: Batches | None = None
     lattice: Lattice | None = None
     emitted: EmissionLattice | None = None
+    around: list[_Around] | None = None
     orders: tuple[Orders, TowardsCamera, list[TowardsCamera]] | None = None
     deep: DeepBuffers | None = None
 
@@ -293,12 +306,14 @@ class Frame:
         if lattice is not None:
             on_lattice = lattice.lights
             self._light_lattice(work, lattice)
-        of_emission = emission.numbers_of(scene.lights)
-        others = {*range(len(scene.lights))}.difference(on_lattice, of_emission)
+        of_emission, at_points = emission.numbers_of(scene.lights), self._at_points(work)
+        others = {*range(len(scene.lights))}.difference(on_lattice, of_emission, at_points)
         self._scatter(work, sorted(others), work.frame)
         if not work.camera_is_seen:
             work.seconds += self._see(work, work.frame, has_solids=work.gbuffer is not None)
             work.camera_is_seen = True
+        if at_points:
+            self._light_from_all_around(work, shared, at_points)
         if of_emission:
             self._light_by_emission(work, shared.emitted, of_emission)
         if scatters_again(scene):
@@ -408,6 +423,105 @@ class Frame:
         steps = decided(self.scene.march.steps)
         work.seconds += lattice.see(work.view, work.raster.bounds, steps, frame, tell)
 
+    def _at_points(self, work: _Work) -> list[int]:
+        """Numbers of the lights from all around that are looked up at points."""
+        lights = surroundings.numbers_of(self.scene.lights) if work.reads_maps else []
+        lattice, why = self._points if lights else (None, "")
+        if lattice is None and lights:
+            work.warnings[f"light from all around is looked up at every sample: {why}"] = None
+        return lights if lattice is not None else []
+
+    @cached_property
+    def _points(self) -> surroundings.OnLattice:
+        return surroundings.lattice_of(self.scene)
+
+    def _light_from_all_around(self, work: _Work, shared: _Shared, lights: list[int]) -> None:
+        """Add what media scatter, and solids reflect, of lights that are looked up at points."""
+        tell, without = _reporter(self.progress, "view pass, surroundings"), work.without_lattice
+        frame = work.frame.without_emission() if self.scene.emits else work.frame
+        if shared.around is None:
+            shared.around = self._around(work, lights)
+        if without is not None:
+            self._see(work, without, has_solids=work.gbuffer is not None)
+        alone = None if without is None else buffers.rgb_so_far(self.launcher, without)
+        looks_again = any((work.gbuffer, work.errors, without))
+        for variant, members in work.batches.groups(lights) if looks_again else ():
+            for indices in work.batches.cut(members):
+                maps = self._maps_of(work, indices)
+                batch = work.batches.batch(variant, indices, maps, whole=False)
+                if work.gbuffer is not None:
+                    rays = self.launcher, self.media, work.met, work.view, batch, work.light_steps
+                    work.seconds += reflect(*rays, work.frame, tell)
+                self._sum_errors(work, batch, maps)
+                if without is not None:
+                    self._add(work, batch, without)
+        before = None if without is None else buffers.rgb_so_far(self.launcher, frame)
+        steps = surroundings.steps_of(self.scene)
+        march = self.scene.march.replace(steps=steps)
+        view, bounds = (
+            self._view(self.scene.replace(march=march), self.media, work.raster),
+            work.raster.bounds,
+        )
+        for lattice, scattered, these, layer in shared.around:
+            work.seconds += lattice.see(view, scattered, len(these), bounds, steps, frame, tell, layer)
+        if without is not None and before is not None and alone is not None:
+            now, of_samples = (buffers.rgb_so_far(self.launcher, one) for one in (frame, without))
+            with np.errstate(invalid="ignore"):  # any bits may lie where listed rays leave room
+                change: NDArray[np.float32] = (now - before) - (of_samples - alone)
+            work.lattice_change = change if work.lattice_change is None else work.lattice_change + change
+
+    def _around(self, work: _Work, lights: list[int]) -> list[_Around]:
+        """Find what arrives of such lights, and what is scattered of it; the former of an earlier frame."""
+        found, _ = self._points
+        assert found is not None  # noqa: S101 - lights are looked up there
+        media = self._dark if self.scene.emits else self.media
+        lattice = SurroundingsLattice(self.launcher, self.scene.dark, media, work.view, found, lights)
+
+        def make() -> Arrived:
+            batches = [
+                work.batches.at_points(
+                    variant, indices, self._maps_of(work, indices), shadowed=work.batches.shadowed_in_media
+                )
+                for variant, members in work.batches.groups(lights, all_of_them=True)
+                for indices in work.batches.cut(members)
+            ]
+            return lattice.arrived(batches, work.light_steps)
+
+        arrived = self._kept_around(work, lattice, make)
+        groups: dict[int | None, list[int]] = {}
+        for light in lights:
+            groups.setdefault(None if work.layers is None else work.layers[light], []).append(light)
+        kind = LightVariant.of(self.scene.lights[lights[0]], self.scene)
+        made = [
+            _Around(lattice, lattice.towards_camera(arrived, kind, of), of, layer)
+            for layer, of in groups.items()
+        ]
+        work.seconds += lattice.seconds
+        return made
+
+    def _kept_around(self, work: _Work, lattice: SurroundingsLattice, make: Callable[[], Arrived]) -> Arrived:
+        """Return what arrives in this or an earlier frame; maps that were given are known by nothing."""
+        if not work.builds:
+            return make()
+        scene, settings = work.scene, resolve(work.scene.map)
+        # By α, maps may depend on the ways of all lights.
+        weighs = settings.target == "transmittance" and settings.density_weighting is None
+        key = (
+            lattice.lattice,
+            lattice.media.channels(textured=False)["TFM_CHANNELS"],
+            tuple(scene.lights[light].map_key() for light in lattice.lights),
+            tuple(settings.of_light(scene.lights[light]) for light in lattice.lights),
+            tuple(light.map_key() for light in scene.lights) if weighs else (),
+            tuple(body.density_key for body in scene.marched),
+            tuple(body.with_medium(None) for body in scene.homogeneous),
+            tuple(scene.medium_of(body).sigma_t.tobytes() for body in scene.bodies),
+            scene.march.voxels,
+            scene.solids,
+            scene.shadow,
+            world_from_device(scene).tobytes(),
+        )
+        return self.cache.get("light from all around", key, make, lambda found: found.nbytes)
+
     def _scatter_again(self, work: _Work, shared: _Shared) -> None:
         """Add the later orders of scattering."""
         if shared.orders is None:
@@ -516,7 +630,7 @@ class Frame:
         lights = [light for light in smooth_lights(self.scene) if work.batches.is_seen(light)]
         if not lights:
             return None
-        lattice = Lattice(self.launcher, self.scene, self.media, work.view, lights, work.layers)
+        lattice = Lattice(self.launcher, self.cache, self.scene, self.media, work.view, lights, work.layers)
         if len(lattice.apart) > MOST_APART:
             why = f"a lattice holds layers of {MOST_APART} lights, and {len(lattice.apart)} are asked for"
         elif lattice.fits:

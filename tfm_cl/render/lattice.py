@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, LATTICE_AT_ONCE, MOST_SHARED
 from tfm_cl.device.bricks import MAX_INDEX, record_voxels
+from tfm_cl.device.cache import Same
 from tfm_cl.device.structs.bodies import padded_from_index
 from tfm_cl.scene.lights.colours import common_colour
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
     from tfm_cl.device.bricks import BrickGrid
+    from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
@@ -39,6 +41,38 @@ LOOK_UPS = 1 << 22
 """Of a light at voxels, at most, in a launch."""
 BEAMS = 16
 """Parts of a light's map, along each side, whose blocks are looked up one after the other."""
+
+
+@dataclass(frozen=True)
+class _Records:
+    """Records on the device, in an order."""
+
+    numbers: cl.Buffer
+    count: int
+
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        return int(self.numbers.size)
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the lattice of some grids has light of its own."""
+
+    numbers: NDArray[np.int32]
+    """Of the records, one for each block."""
+    centres: NDArray[np.float64]
+    """[records, 3]: the middles of their blocks, in the world."""
+    records: _Records
+    """The same numbers."""
+    marks: cl.Buffer
+    """Which work-items have voxels to look a light up at, and which of theirs."""
+
+    @property
+    def nbytes(self) -> int:
+        """Size, on host and device."""
+        return self.numbers.nbytes + self.centres.nbytes + self.records.nbytes + int(self.marks.size)
 
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
@@ -76,6 +110,8 @@ class Lattice:
 
     Attributes
     ----------
+    cache
+        Of the session: where there is density, and in which order lights are looked up there.
     scene
         Of single, fitted lights.
     media
@@ -89,6 +125,7 @@ class Lattice:
     """
 
     launcher: Launcher
+    cache: Cache
     scene: Scene
     media: MediaOnDevice
     view: object
@@ -110,14 +147,8 @@ class Lattice:
 
     @cached_property
     def _numbers(self) -> cl.Buffer:
-        return self.launcher.empty("the lattice of light", self.nbytes, reuse=True)
-
-    @cached_property
-    def _marks(self) -> cl.Buffer:
-        """Which work-items have a voxel to look a light up at."""
-        return self.launcher.empty(
-            "the marks of a lattice of light", self._bricks.records * self._chunks, reuse=True
-        )
+        # What nobody sees has no light: it may be read, and weighs nothing.
+        return self.launcher.zeros("the lattice of light", self.nbytes)
 
     @property
     def _bricks(self) -> BrickGrid:
@@ -125,10 +156,10 @@ class Lattice:
         return self.media.bricks
 
     @property
-    def _chunks(self) -> int:
+    def _groups(self) -> int:
         """Work-items of a record."""
         lanes = self.launcher.lanes
-        return -(-((BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]) ** 3) // lanes)
+        return -(-((BLOCK_BRICKS * BRICK_EDGE + MOST_SHARED[lanes]) ** 3) // (lanes * LATTICE_AT_ONCE[lanes]))
 
     @property
     def nbytes(self) -> int:
@@ -162,40 +193,44 @@ class Lattice:
         launcher, media = self.launcher, self.media
         headers, defines = voxels_variant(batch, media, self._colours, self._parts)
 
-        def run(name: str, records: NDArray[np.int32], arguments: dict[str, Any]) -> float:
+        def run(name: str, records: _Records, arguments: dict[str, Any]) -> float:
             kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
             return self._over_records(kernel, records, arguments)
 
+        seconds = 0.0
+
+        def find() -> _Places:
+            nonlocal seconds
+            blocks = launcher.download(self._bricks.blocks, (self._bricks.records, BLOCK_NUMBERS), np.int32)
+            numbers = np.flatnonzero(blocks[:, 3] >= 0).astype(np.int32)
+            records = self._uploaded(numbers)
+            marks = launcher.empty("the marks of a lattice", self._bricks.records * self._groups)
+            arguments = {name: media.arguments[name] for name in ("grids", "bricks")} | {"marks": marks}
+            seconds += run("mark_voxels", records, arguments)
+            return _Places(numbers, self._centres(blocks[numbers]), records, marks)
+
+        places = self.cache.get("lattice", self._key, find, lambda found: found.nbytes)
         of_all = {**media.arguments, **batch.arguments, "view": self.view, "count": len(self.lights)}
-        marks, seconds = {"marks": self._marks}, 0.0
-        if self._added == 0:
-            of_grids = {name: media.arguments[name] for name in ("grids", "bricks")}
-            seconds += run("mark_voxels", self._records, of_grids | marks)
+        lattice = {"lattice": self._numbers}
+        of_all |= {"marks": places.marks} | lattice
         for number, light in enumerate(batch.indices):
             begins, ends = self._added == 0, self._added + 1 == len(self.lights)
             of_light = {"number": number, "begins": int(begins), "ends": int(ends)}
             of_light["part"] = self._part(light)
-            seconds += run("light_lattice", self._along_beams(light), of_all | of_light | marks)
+            seconds += run("light_lattice", self._along_beams(places, light), of_all | of_light)
             self._added += 1
         if self.is_full:
-            seconds += run("share_lattice", self._records, {})
+            seconds += run("share_lattice", places.records, lattice)
         return seconds
 
     @cached_property
-    def _blocks(self) -> NDArray[np.int32]:
-        """[records, `BLOCK_NUMBERS`], as of `BrickGrid.blocks`."""
-        shape = (self._bricks.records, BLOCK_NUMBERS)
-        return self.launcher.download(self._bricks.blocks, shape, np.int32)
+    def _key(self) -> tuple[object, ...]:
+        """All that the places of a lattice depend on."""
+        return Same(self._bricks), *(grid.world_from_index.tobytes() for grid in self.scene.grids)
 
-    @cached_property
-    def _records(self) -> NDArray[np.int32]:
-        """Numbers of the records that have light of their own, one for each block."""
-        return np.flatnonzero(self._blocks[:, 3] >= 0).astype(np.int32)
-
-    @cached_property
-    def _centres(self) -> NDArray[np.float64]:
-        """[records, 3]: the middles of their blocks, in the world."""
-        x, y, z, grids, *_ = self._blocks[self._records].T
+    def _centres(self, blocks: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Return the middles of some blocks, [records, 3], in the world."""
+        x, y, z, grids, *_ = blocks.T
         centres = BLOCK_BRICKS * BRICK_EDGE * (np.stack([x, y, z], axis=-1) + 0.5)
         for number, grid in enumerate(self.scene.grids):
             world_from_padded = grid.world_from_index @ np.linalg.inv(padded_from_index())
@@ -203,22 +238,30 @@ class Lattice:
             centres[here] = centres[here] @ world_from_padded[:3, :3].T + world_from_padded[:3, 3]
         return centres
 
-    def _along_beams(self, light: int) -> NDArray[np.int32]:
-        """Sort the records so that those near each other read the same part of a light's map."""
-        arrival = self.scene.lights[light].arrival(self._centres)
-        u, v = np.floor(BEAMS * arrival.position.T)
-        return self._records[np.lexsort((arrival.distance, u, v))]
+    def _uploaded(self, numbers: NDArray[np.int32]) -> _Records:
+        return _Records(self.launcher.upload("the records of a lattice", numbers), len(numbers))
 
-    def _over_records(self, kernel: Kernel, records: NDArray[np.int32], arguments: dict[str, Any]) -> float:
+    def _along_beams(self, places: _Places, light: int) -> _Records:
+        """Sort the records so that those near each other read the same part of a light's map."""
+        asked = self.scene.lights[light]
+
+        def sort() -> _Records:
+            arrival = asked.arrival(places.centres)
+            u, v = np.floor(BEAMS * arrival.position.T)
+            return self._uploaded(places.numbers[np.lexsort((arrival.distance, u, v))])
+
+        key = self._key, asked.map_key()
+        return self.cache.get("lattice order", key, sort, lambda order: order.nbytes)
+
+    def _over_records(self, kernel: Kernel, records: _Records, arguments: dict[str, Any]) -> float:
         """Run a kernel over records, in launches of `LOOK_UPS`; returns device seconds."""
-        launcher, chunks = self.launcher, self._chunks
-        most = max(1, LOOK_UPS // (chunks * launcher.lanes))
-        arguments = {**arguments, "blocks": self._bricks.blocks, "lattice": self._numbers}
-        arguments["records"] = launcher.upload("the order of a lattice", records)
+        launcher, groups = self.launcher, self._groups
+        most = max(1, LOOK_UPS // record_voxels(launcher.lanes))
+        arguments = {**arguments, "blocks": self._bricks.blocks, "records": records.numbers}
         seconds = 0.0
-        for first in range(0, len(records), most):
-            end = min(first + most, len(records))
-            seconds += launcher.run(kernel, ((end - first) * chunks,), arguments | {"window": (first, end)})
+        for first in range(0, records.count, most):
+            end = min(first + most, records.count)
+            seconds += launcher.run(kernel, ((end - first) * groups,), arguments | {"window": (first, end)})
         return seconds
 
     @property

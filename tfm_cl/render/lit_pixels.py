@@ -74,24 +74,32 @@ def lit_pixels(
     sizes = high - low
     areas = sizes.prod(axis=1)
     first = areas.cumsum() - areas
-    lit = np.zeros(int(areas.sum()) + 1, np.uint8)
+    # Where a pixel shows no solid nothing asks.
+    lit = np.append(np.repeat(~shaded, areas), False).astype(np.uint8)
+    asks = shaded[light]
+    block, light = block[asks], light[asks]
 
     def trace(part: slice) -> None:
         pair, within = np.nonzero(gbuffer.pixels[block[part]] >= 0)
         of, pixel = light[part][pair], gbuffer.pixels[block[part][pair], within]
         y, x = np.divmod(pixel, width)
         place = first[of] + (y - low[of, 1]) * sizes[of, 0] + x - low[of, 0]
-        asks = shaded[of]
-        lit[place[~asks]] = 1
-        if not asks.any():
-            return
-        place = place[asks]
-        found, rays = _shadow_rays(gbuffer, regions, of[asks], pixel[asks])
+        towards = _turned_towards(gbuffer, regions, of, pixel)
+        place = place[towards]
+        found, rays = _shadow_rays(gbuffer, regions, of[towards], pixel[towards])
         if len(found):
             lit[place[found]] = ~tracer.occluded(*rays)
 
     in_chunks(len(light), trace, CHUNK // edge**2)
     return LitPixels(np.concatenate([low, high], axis=1), first, lit)
+
+
+def _turned_towards(
+    gbuffer: GBuffer, regions: LitRegions, light: NDArray[np.int32], pixel: NDArray[np.int32]
+) -> NDArray[np.intp]:
+    """Which of some pixels may face a light, both [n]; known before anything else of parallel ones."""
+    normals = gbuffer.solid.reshape(-1, 4)[pixel, :3].astype(np.float64)
+    return np.flatnonzero(~regions.parallel[light] | ((regions.axis[light] * normals).sum(axis=1) < 0))
 
 
 def _shadow_rays(

@@ -135,12 +135,14 @@ class MapBuilder:
 
         if not kept:
             return [build(place) for place in places]
-        return [
+        found = [
             self._cache.get(
                 "map", self._key(sources, place), partial(build, place), lambda built: built.kept_bytes
             )
             for place in places
         ]
+        asked = sources.scene.map
+        return [one if one.requested is asked else replace(one, requested=asked) for one in found]
 
     def _key(self, sources: Sources, place: int) -> tuple[object, ...]:
         """All that a map depends on."""
@@ -149,8 +151,7 @@ class MapBuilder:
         return (
             field_key(scene, sources.media, field),
             scene.lights[number].map_key(),
-            scene.map,
-            plan.settings,
+            plan.settings,  # the same for a part of the sky, whichever others have
             plan.number_unit,
             plan.extinction,
             scene.shadow.res if scene.solids else 0,

@@ -23,7 +23,7 @@ from tfm_cl.files.image_io.display import WHY_AUTOMATIC, automatic_exposure
 from tfm_cl.files.paths import is_file, write_text
 from tfm_cl.files.patterns import FilePattern
 from tfm_cl.model import decided
-from tfm_cl.plan import octaves
+from tfm_cl.plan import octaves, surroundings
 from tfm_cl.plan.options import grids
 from tfm_cl.plan.plan import GROUND, PLACED, Decision, Decisions, Plan, plan, told_of
 from tfm_cl.scene import looks, placement
@@ -404,7 +404,8 @@ def _combined(
     of = plans[densest].decisions
     for key, (value, why) in of.items():
         thin = key in OF_DENSEST and plans[densest].scene.primitives
-        if value is not None and (thin or key.split(".")[-1] in octaves.KEYS):
+        of_medium = key.split(".")[-1] in octaves.KEYS
+        if value is not None and (thin or of_medium or surroundings.is_key(key)):
             yield key, Decision(value, f"{why}, in frame {samples[densest].frame}, the densest")
         elif key in COUNTS and value is not None:
             counts = [one.decisions[key].value for one in plans if key in one.decisions]

@@ -236,6 +236,16 @@ class Light(Model):
         return 0.0
 
     @property
+    def surrounds(self) -> bool:
+        """Whether it comes from all around, as the sum of many parts: `Surroundings`."""
+        return False
+
+    @property
+    def is_at_points(self) -> bool:
+        """Whether media look it up at the points of a lattice, as so soft a light allows."""
+        return False
+
+    @property
     def core(self) -> float:
         """Radius, world units, of a ball that shines evenly, whose falloff it has; 0: that of a point."""
         return 0.0

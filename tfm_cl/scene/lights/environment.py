@@ -69,7 +69,13 @@ class EnvironmentLight(OfFrames, Surroundings):
             flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
         spread = self.spread_of(self.samples)
         return tuple(
-            SunLight.of_part(direction, np.multiply(self.intensity, part), spread, self.map_res)
+            SunLight.of_part(
+                direction,
+                np.multiply(self.intensity, part),
+                spread,
+                self.part_texels,
+                at_points=self.lookup == "points",
+            )
             for direction, part in zip(directions, flux, strict=True)
         )
 

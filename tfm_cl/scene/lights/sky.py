@@ -1,7 +1,7 @@
 """A clear sky with its sun."""
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -115,6 +115,11 @@ class SkyLight(Surroundings):
 
         Each has all the light from around its direction.
         """
+        return self._parts
+
+    @cached_property
+    def _parts(self) -> tuple[Light, ...]:
+        """Kept: they are asked for some times in a frame."""
         directions, light = _shares(self._sky, self.samples)
         spreads = [self.spread_of(self.samples)] * len(directions)
         if self.sun and self._sky.sun_irradiance.any():
@@ -123,7 +128,13 @@ class SkyLight(Surroundings):
             spreads.append(0.0)
         directions = turned(directions, self._world_from_sky.T)
         return tuple(
-            SunLight.of_part(direction, np.multiply(self.intensity, part), spread, self.map_res)
+            SunLight.of_part(
+                direction,
+                np.multiply(self.intensity, part),
+                spread,
+                self.part_texels,
+                at_points=self.lookup == "points",
+            )
             for direction, part, spread in zip(directions, light, spreads, strict=True)
         )
 

@@ -1,6 +1,7 @@
 """The sun: parallel light."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -44,6 +45,7 @@ class SunLight(Light):
     _all_corners: Floats | None = PrivateAttr(default=None)
     _spread: float = PrivateAttr(default=0.0)
     _most_texels: int | None = PrivateAttr(default=None)
+    _is_at_points: bool = PrivateAttr(default=False)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -59,6 +61,7 @@ class SunLight(Light):
         sun = self.model_copy()
         sun._corners = corners_of(bounds)  # noqa: SLF001 - of the same class
         sun._all_corners = None if everything is None else corners_of(everything)  # noqa: SLF001
+        vars(sun).pop("_frame", None)
         return sun
 
     def fit(self) -> dict[str, Floats]:
@@ -71,10 +74,19 @@ class SunLight(Light):
         sun = self.model_copy()
         sun._corners = fit_array(fit, "corners", (8, 3))  # noqa: SLF001 - of the same class
         sun._all_corners = fit_array(fit, "all_corners", (8, 3)) if "all_corners" in fit else None  # noqa: SLF001
+        vars(sun).pop("_frame", None)
         return sun
 
     @classmethod
-    def of_part(cls, direction: Floats, irradiance: Floats, spread: float, most_texels: int) -> Self:
+    def of_part(
+        cls,
+        direction: Floats,
+        irradiance: Floats,
+        spread: float,
+        most_texels: int,
+        *,
+        at_points: bool = False,
+    ) -> Self:
         """Return the light from a part of the sky.
 
         Parameters
@@ -85,11 +97,14 @@ class SunLight(Light):
             [RGB], on a plane facing it.
         spread, most_texels
             As of `Light`; the sun itself, without a spread, has a map like others.
+        at_points
+            `Light.is_at_points`, likewise.
         """
         x, y, z = direction.tolist()
         sun = cls(from_=(x, y, z), to=(0, 0, 0), intensity=tuple(irradiance.tolist()))
         sun._spread = spread
         sun._most_texels = most_texels if spread > 0 else None
+        sun._is_at_points = at_points and spread > 0
         return sun
 
     @property
@@ -103,6 +118,11 @@ class SunLight(Light):
         return self._most_texels
 
     @property
+    def is_at_points(self) -> bool:
+        """As `Light.is_at_points`."""
+        return self._is_at_points
+
+    @property
     def needs_fitting(self) -> bool:
         """Whether the light has not been `fitted` yet."""
         return self._corners is None
@@ -112,6 +132,7 @@ class SunLight(Light):
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
         sun._spread, sun._most_texels = self._spread, self._most_texels  # noqa: SLF001
+        sun._is_at_points = self._is_at_points  # noqa: SLF001
         return sun
 
     def frame(self) -> LightFrame:
@@ -119,6 +140,11 @@ class SunLight(Light):
 
         The origin is the centre of the plane where rays begin; shape = half width, half height of the map.
         """
+        return self._frame
+
+    @cached_property
+    def _frame(self) -> LightFrame:
+        """Kept: it is asked for some times in a frame."""
         if self._corners is None:
             raise SceneError("light: fit the sun's map to the medium first, with SunLight.fitted(bounds)")
         axes = facing(self.from_, self.to)

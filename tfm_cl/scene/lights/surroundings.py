@@ -1,13 +1,17 @@
 """Light from infinitely far away all around, which the camera can see as well."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, NoReturn, Self
+from typing import Annotated, Any, ClassVar, Literal, NoReturn, Self
 
 import numpy as np
 from pydantic import Field
 
 from tfm_cl.errors import SceneError
+from tfm_cl.model import count_or_auto
 from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+
+MOST_TEXELS = 256
+"""Along a side of the map of a part, where nothing else is asked for."""
 
 
 class Surroundings(Light):
@@ -20,13 +24,23 @@ class Surroundings(Light):
         default="none", description="none: the surroundings are infinitely far away"
     )
 
-    map_res: int = Field(
-        default=256,
-        ge=16,
-        le=8192,
+    map_res: Annotated[int | Literal["auto"], count_or_auto(8192, least=16)] = Field(
+        default="auto",
         description="texels along a side of the map of each part of the surroundings, at most: its light "
-        "comes from a whole region, and finer shadows than that are not its own",
+        "comes from a whole region, and finer shadows than that are not its own; auto: by the voxels, up to "
+        f"{MOST_TEXELS}",
     )
+    lookup: Literal["auto", "points", "samples"] = Field(
+        default="auto",
+        description="where media look its light up. points: at those of a lattice, in between it is linear; "
+        "what is found there stays while the camera moves; samples: at every sample of the camera's rays; "
+        "auto: points, where there are many parts and maps are left to auto",
+    )
+
+    @property
+    def part_texels(self) -> int:
+        """`Light.most_texels` of each part."""
+        return MOST_TEXELS if self.map_res == "auto" else self.map_res
 
     @staticmethod
     def spread_of(count: int) -> float:
@@ -53,6 +67,11 @@ class Surroundings(Light):
         """Return keys of a scene file for about as much light, from a direction [3] if it has one."""
         del direction, up
         return {"intensity": round(irradiance / cls.WHOLE, 2)}
+
+    @property
+    def surrounds(self) -> bool:
+        """It does."""
+        return True
 
     @property
     def needs_fitting(self) -> bool:

@@ -1,0 +1,69 @@
+/* Light from all around, as the sum of lights that are soft, on a lattice of points (view/orders.h): what they scatter
+   towards the camera, which its rays interpolate. In between it is linear as a logarithm: as optical depth grows evenly
+   where density is even, light falls off in equal factors.
+   Requires: what view/orders.h does, with TFM_ORDER_MEDIA, but for TFM_ORDER_COLOURS; what phase/octaves.h does. */
+#ifndef TFM_SURROUNDINGS_H
+#define TFM_SURROUNDINGS_H
+
+#include "phase/octaves.h"
+
+/* What a point has: binary logarithms of the radiance towards the camera of each medium, RGB, over its albedo, and then
+   once more of all octaves but the first; what of the lights arrives, summed over them. */
+#define SURROUNDINGS_LATER (3 * TFM_ORDER_MEDIA)
+#define SURROUNDINGS_ARRIVE ((HAS_OCTAVES ? 2 : 1) * SURROUNDINGS_LATER)
+#define TFM_ORDER_COLOURS (SURROUNDINGS_ARRIVE + TFM_CHANNELS)
+#define TFM_ORDER_SURROUNDINGS 1
+#include "view/orders.h"
+
+/* The item-th few of the points that are listed, a lane each. */
+TFM_INLINE Points listed_points(ORDERS orders, __global const int *listed, int count, int item)
+{
+  const int nx = orders->size[0], ny = orders->size[1];
+  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  Points points;
+  points.wanted = n < count;
+  points.number = gather_ints(listed, points.wanted ? n : ints(0));
+  points.place[0] = points.number % nx;
+  points.place[1] = points.number / nx % ny;
+  points.place[2] = points.number / (nx * ny);
+  points.at = points.turned = ints(0);
+  points.first = 0;
+  return points;
+}
+
+#ifdef TFM_AMOUNTS_H
+#define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity, weight)
+
+/* What the media of a step scatter, over what it extinguishes, of radiances whose logarithms are given. */
+TFM_INLINE Floats scattered_of(MEDIUM media, const Amounts *step, const Floats *logarithms, int colour)
+{
+#if TFM_MEDIA == 1
+  (void)step;
+  return media->albedo[colour] * exp2_of(logarithms[colour]);
+#else
+  Floats scattered = floats(0.0f);
+  for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * exp2_of(logarithms[3 * m + colour]);
+  const Floats extinct = extinguished(media, step, colour);
+  return extinct > 0.0f ? scattered / extinct : floats(0.0f);
+#endif
+}
+
+/* A step took its opacity, of mean `weight`, from the ray. */
+TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, MEDIUM media, const Amounts *step,
+                             const Floats *opacity, Floats weight)
+{
+  for (int c = 0; c < 3; ++c) {
+    const Floats taken = opacity[TFM_CHANNELS == 3 ? c : 0];
+    sums->colour[c] += taken * scattered_of(media, step, value->of, c);
+#if HAS_OCTAVES
+    sums->later[c] += taken * scattered_of(media, step, value->of + SURROUNDINGS_LATER, c);
+#endif
+  }
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums->seen[c] += weight * value->of[SURROUNDINGS_ARRIVE + c];
+  sums->seen_opacity += weight;
+}
+#endif
+
+#endif

@@ -1,0 +1,247 @@
+"""How media find the light from all around: its parts are many, soft, and dim beside a sun.
+
+Each part stands for a whole region of the sky. What it brings changes little within a free path of the
+medium, so that its map needs no texels finer than that, and it is looked up at the points of a lattice
+instead of at every sample of every ray (``kernels/surroundings.cl``). What points find of a light's way stays
+as long as media and lights do: a camera that moves only scatters it anew.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
+
+import numpy as np
+
+from tfm_cl.model import decided as whole
+from tfm_cl.plan.marched import distances, marched, occupied_bounds
+from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, Lattice
+from tfm_cl.scene.bodies.base import around
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from tfm_cl.scene.bodies.volume import Volume
+    from tfm_cl.scene.lights.base import Light
+    from tfm_cl.scene.lights.surroundings import Surroundings
+    from tfm_cl.scene.scene import Scene
+
+ERROR_PER_DEPTH = 0.042
+"""Of pictures of clouds and smoke where all light is from points, over the optical depth between these; where
+it is a share of the light, times that."""
+TOLERATED = 0.01
+"""That error, at most."""
+VOXELS_APART = (1.0, 3.0)
+"""Distance between points, in voxels, at least and at most, as long as they are not too many: nearer than
+voxels they cost more than they save."""
+SHARES = 10
+"""Into which the light is cut for that: points stay where lights are dimmed a little."""
+PARTS_OF_VOXEL = 4
+"""Of which it is whole multiples."""
+OF_STEPS = 0.5
+"""Of the steps of a camera ray, those that its march through the lattice takes: the light there is smooth."""
+MOST_POINTS = 1 << 22
+"""Of a lattice."""
+MOST_NUMBERS = 1 << 25
+"""Optical depths, of a way to each point from each light, from which on points are further apart."""
+MANY_PARTS = 8
+"""From which on points are worth their error where nothing else is asked for."""
+WIDEST_TURN = 0.25
+"""Angle, in radians, between the ways from neighbouring points to the camera, up to which what they scatter
+towards it is much the same."""
+KEYS = ("lookup", "map_res")
+"""Of a light from all around, that are left open."""
+TEXELS_MULTIPLE, FEWEST_TEXELS = 32, 64
+WIDEST_PIXEL = 1.0
+"""In distances between points, where the camera's rays cross what has density: with wider pixels rays take
+fewer samples than there are points."""
+
+
+class Decided(NamedTuple):
+    """What a light from all around leaves open."""
+
+    light: int
+    key: str
+    value: int | str
+    why: str
+
+
+class OnLattice(NamedTuple):
+    """Whether light from all around is on a lattice, and on which."""
+
+    lattice: Lattice | None
+    why: str
+
+
+def is_key(key: str) -> bool:
+    """Tell whether a dotted key of a scene file is one of `KEYS`."""
+    return key.startswith("light.") and key.rsplit(".", maxsplit=1)[-1] in KEYS
+
+
+def numbers_of(lights: Sequence[Light]) -> list[int]:
+    """Numbers of the lights, of a scene's single ones, that are looked up at points."""
+    return [number for number, light in enumerate(lights) if light.is_at_points]
+
+
+def decided(scene: Scene, *, reads_maps: bool = True) -> list[Decided]:
+    """Decide what is left open.
+
+    Parameters
+    ----------
+    scene
+        The request.
+    reads_maps
+        Whether there are any, instead of the dual march.
+    """
+    found: list[Decided] = []
+    for number, light in _all_around(scene):
+        if light.lookup == "auto":
+            found.append(Decided(number, "lookup", *_lookup(scene, light, reads_maps=reads_maps)))
+        if light.map_res == "auto" and reads_maps and _scattering_grids(scene):
+            found.append(Decided(number, "map_res", *_texels(scene, light)))
+    return found
+
+
+def _all_around(scene: Scene) -> Iterator[tuple[int, Surroundings]]:
+    return ((i, cast("Surroundings", light)) for i, light in enumerate(scene.lights) if light.surrounds)
+
+
+def resolved(scene: Scene, decisions: Iterable[Decided]) -> Scene:
+    """Return the scene with what was decided; itself where nothing was."""
+    of: dict[int, dict[str, int | str]] = {}
+    for one in decisions:
+        of.setdefault(one.light, {})[one.key] = one.value
+    if not of:
+        return scene
+    lights = [light.replace(**of.get(number, {})) for number, light in enumerate(scene.lights)]
+    return scene.replace(lights=lights)
+
+
+def _lookup(
+    scene: Scene, light: Surroundings, *, reads_maps: bool
+) -> tuple[Literal["points", "samples"], str]:
+    why_not = "light is marched there" if not reads_maps else next(_why_not(scene, light), "")
+    if why_not:
+        return "samples", why_not
+    lattice, why = lattice_of(scene)
+    assert lattice is not None  # noqa: S101 - nothing is in its way
+    return "points", "{}x{}x{} of them, ".format(*lattice.size) + why
+
+
+def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
+    """Yield what keeps a light from points."""
+    settings, parts = scene.map, sum(part.spread > 0 for part in light.parts())
+    if settings.lookup != "auto" or settings.res != "auto" or settings.max_error is not None:
+        yield "what is asked for of maps says how good they are"
+    if parts < MANY_PARTS:
+        yield f"only {parts} parts"
+    lattice, why = lattice_of(scene)
+    if lattice is None:
+        yield why
+        return
+    share = share_of(scene)
+    if _tolerated(scene, share) < VOXELS_APART[0] * _finest(scene):
+        yield f"{share:.0%} of the light is from all around: points would be nearer than voxels"
+    if lattice.spacing > _tolerated(scene, share):
+        yield why
+    near, far = distances(scene.occupied_bounds, np.asarray(scene.camera.from_))
+    if lattice.spacing > WIDEST_TURN * near:
+        yield f"the camera is as near as points, {lattice.spacing:.2g} apart"
+    if scene.camera.pixel_width * (near + far) / 2 > WIDEST_PIXEL * lattice.spacing:
+        yield "the picture has fewer samples than there would be points"
+
+
+def _texels(scene: Scene, light: Surroundings) -> tuple[int, str]:
+    if scene.map.res != "auto" or scene.map.max_error is not None:
+        return light.part_texels, "the most that are of use"
+    bounds, texel = occupied_bounds(marched(scene)), _apart(scene, share_of(scene))
+    parts = [part for part in light.parts() if part.spread > 0]
+    wanted = max((part.fitted(bounds).footprint(0.0) for part in parts), default=0.0) / texel
+    number = max(math.ceil(min(wanted, light.part_texels) / TEXELS_MULTIPLE) * TEXELS_MULTIPLE, FEWEST_TEXELS)
+    degrees = math.degrees(max((part.spread for part in parts), default=0.0))
+    why = f"texels of {texel:.3g}, where each part of the sky is {degrees:.0f} degrees wide"
+    return min(number, light.part_texels), why
+
+
+def share_of(scene: Scene) -> float:
+    """Return which share of all that lights bring to the middle of what has density is from soft ones."""
+    bounds, soft, all_ = scene.occupied_bounds, 0.0, 0.0
+    middle = bounds.mean(axis=0, keepdims=True)
+    for light in scene.lights:
+        for part in light.parts():
+            if part.core > 0:  # of what media emit, which has a lattice of its own
+                continue
+            fitted = part.fitted(bounds) if part.needs_fitting else part
+            brings = float(np.sum(fitted.intensity) * fitted.arrival(middle).strength[0])
+            all_ += brings
+            soft += brings if part.spread > 0 else 0.0
+    return soft / all_ if all_ > 0 else 1.0
+
+
+def lattice_of(scene: Scene) -> OnLattice:
+    """Decide where points lie."""
+    if scene.primitives:
+        return OnLattice(None, "points, curves and polygons are finer than a lattice")
+    if not np.isfinite(scene.bounds).all():
+        return OnLattice(None, "a medium that is everywhere has no lattice")
+    if scene.march.attenuation == "paper":
+        return OnLattice(None, 'march.attenuation = "paper" knows samples only')
+    grids = _scattering_grids(scene)
+    shapes = [body for body in scene.homogeneous if any(scene.medium_of(body).sigma_s)]
+    if not grids:
+        return OnLattice(None, "no grid scatters")
+    low, high = around([body.occupied_bounds for body in (*grids, *shapes)])
+    thin = [OF_SMALLEST_BODY * float((body.bounds[1] - body.bounds[0]).min()) for body in shapes]
+    share = share_of(scene)
+    wanted = spacing = min(_apart(scene, share), *thin, math.inf)
+    lights = sum(part.spread > 0 for light in scene.lights for part in light.parts())
+    most = min(MOST_POINTS, MOST_NUMBERS // max(lights, 1))
+    first, size = _points(low, high, spacing)
+    while math.prod(size) > most:
+        spacing *= FARTHER
+        first, size = _points(low, high, spacing)
+    x, y, z = (spacing * first).tolist()
+    why = f"{spacing:.2g} apart: {share:.0%} of the light is from all around"
+    if spacing > wanted:
+        why = f"{spacing:.2g} apart, as near as {most:,} points allow"
+    return OnLattice(Lattice((x, y, z), spacing, size, 1, why), why)
+
+
+def _scattering_grids(scene: Scene) -> list[Volume]:
+    return [grid for grid in scene.grids if any(scene.medium_of(grid).sigma_s)]
+
+
+def _tolerated(scene: Scene, share: float) -> float:
+    """Return the distance between points, world units, with which grids are off by `TOLERATED`."""
+    rounded = max(round(SHARES * share), 1) / SHARES
+    depth = TOLERATED / (ERROR_PER_DEPTH * rounded)
+    grids = _scattering_grids(scene)
+    extinctions = [float(scene.medium_of(grid).sigma_t.max()) * grid.typical_density for grid in grids]
+    return depth / max(*extinctions, 1e-30)
+
+
+def _finest(scene: Scene) -> float:
+    """Return the shortest edge of voxels of what scatters, world units."""
+    return min(grid.detail for grid in _scattering_grids(scene))
+
+
+def _apart(scene: Scene, share: float) -> float:
+    """Return the distance between points that grids ask for, world units: it seldom changes with a frame."""
+    least, most = VOXELS_APART
+    voxels = min(max(_tolerated(scene, share) / _finest(scene), least), most)
+    return _finest(scene) * math.floor(PARTS_OF_VOXEL * voxels) / PARTS_OF_VOXEL
+
+
+def steps_of(scene: Scene) -> int:
+    """Return the steps of a camera ray through the lattice."""
+    return max(math.ceil(OF_STEPS * whole(scene.march.steps)), 1)
+
+
+def _points(low: np.ndarray, high: np.ndarray, spacing: float) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """First point, in distances from the world's origin, and numbers along x, y, z.
+
+    Where they lie does not follow what has density: as it changes from frame to frame, they stay.
+    """
+    first = np.floor(low / spacing)
+    x, y, z = (np.maximum(np.ceil(high / spacing) - first, 1) + 1).astype(int).tolist()
+    return first, (x, y, z)

@@ -1,0 +1,232 @@
+"""Light from all around, looked up at the points of a lattice.
+
+How much of each light arrives at a point does not depend on the camera, and is kept from frame to frame. What
+each medium there scatters of it towards the camera is added up (``kernels/surroundings.cl``), and camera rays
+interpolate that (``kernels/view/surroundings.h``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.structs.declared import ORDERS
+from tfm_cl.device.structs.light import light_structs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import pyopencl as cl
+    from numpy.typing import NDArray
+
+    from tfm_cl.device.launch import Launcher
+    from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.plan.orders import Lattice
+    from tfm_cl.render.batches import Batch, LightVariant
+    from tfm_cl.render.buffers import FrameBuffers
+    from tfm_cl.render.culling import Rectangle
+    from tfm_cl.scene.scene import Scene
+
+LOOK_UPS_AT_ONCE = 1 << 22
+"""Of lights, or of densities on the way to them, in a launch."""
+WHAT = "the lattice of light from all around"
+"""What messages call it."""
+RGB = 3
+
+Variant = tuple[tuple[str, ...], dict[str, int | str]]
+"""Headers and macros."""
+
+
+def depths_variant(batch: Batch, media: MediaOnDevice, scattering: int) -> Variant:
+    """Return those of the kernels that look lights up; ``scattering``: media that bodies are made of."""
+    headers, defines = batch.variant(media)
+    return headers, defines | {"TFM_ORDER_MEDIA": scattering}
+
+
+def view_variant(lights: LightVariant, media: MediaOnDevice, scattering: int) -> Variant:
+    """Return those of the kernel that scatters lights of a kind towards the camera."""
+    defines = {**dict(lights.falloff), **media.defines, **media.channels(textured=False)}
+    return (*media.headers, *lights.headers), defines | {"TFM_ORDER_MEDIA": scattering}
+
+
+def pass_variant(media: MediaOnDevice, scattering: int, *, has_solids: bool) -> Variant:
+    """Return those of the camera's pass through what is scattered."""
+    defines = media.defines | media.channels(textured=False)
+    return media.headers, defines | {
+        "TFM_SHADOW": int(has_solids),
+        "TFM_LATTICE": 3,
+        "TFM_ORDER_MEDIA": scattering,
+    }
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """Optical depths on the ways from lights to points near density; they do not depend on the camera."""
+
+    listed: cl.Buffer
+    """int: numbers of the points, ascending."""
+    count: int
+    """Of these."""
+    depths: cl.Buffer
+    """float [lights, channels, row]."""
+    row: int
+    """``count``, rounded up to whole lanes."""
+    nbytes: int
+
+
+@dataclass
+class SurroundingsLattice:
+    """The lights from all around of a frame.
+
+    Attributes
+    ----------
+    scene
+        Of single, fitted lights; its media emit nothing.
+    media
+        These.
+    view
+        The struct of the whole picture, on the device.
+    lattice
+        Where the points are.
+    lights
+        Numbers of those that are looked up there.
+    """
+
+    launcher: Launcher
+    scene: Scene
+    media: MediaOnDevice
+    view: cl.Buffer
+    lattice: Lattice
+    lights: list[int]
+    seconds: float = 0.0
+
+    @property
+    def _scattering(self) -> int:
+        """Media that bodies are made of."""
+        return len({self.scene.medium_of(body) for body in self.scene.bodies})
+
+    @property
+    def _channels(self) -> int:
+        return self.media.channels(textured=False)["TFM_CHANNELS"]
+
+    @property
+    def _numbers(self) -> int:
+        """Of a point, as ``kernels/view/surroundings.h`` has them."""
+        sorts = 2 if self.media.defines["TFM_OCTAVES"] != 1 else 1
+        return RGB * self._scattering * sorts + self._channels
+
+    @cached_property
+    def _struct(self) -> cl.Buffer:
+        struct = np.zeros((), ORDERS.dtype)
+        struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
+        struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
+        struct["samples"] = self.lattice.samples
+        return self.launcher.upload(WHAT, struct)
+
+    def arrived(self, batches: Sequence[Batch], steps: int) -> Arrived:
+        """Look the lights up.
+
+        Parameters
+        ----------
+        batches
+            Of all of them.
+        steps
+            Densities that are read on the way to a light, where no map holds them.
+        """
+        launcher, lanes = self.launcher, self.launcher.lanes
+        near = self._near_density(batches[0])
+        items = max(1, -(-len(near) // lanes))
+        row = items * lanes
+        nbytes = 4 * row * self._channels * len(self.lights)
+        listed = launcher.upload(WHAT, near if len(near) else np.zeros(1, np.int32))
+        depths = launcher.empty(WHAT, nbytes)
+        most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
+        for batch in batches:
+            headers, defines = depths_variant(batch, self.media, self._scattering)
+            kernel = launcher.kernels.kernel("surroundings_depths", "surroundings.cl", headers, defines)
+            known = self.media.arguments | batch.arguments
+            known |= {"view": self.view, "orders": self._struct, "listed": listed, "depths": depths}
+            known |= {"count": len(near), "row": row}
+            for number, light in enumerate(batch.indices):
+                of_light = known | {"number": number, "place": self.lights.index(light)}
+                for first in range(0, items, most):
+                    window = {"items": (first, min(first + most, items))}
+                    self.seconds += launcher.run(kernel, (window["items"][1] - first,), of_light | window)
+        return Arrived(listed, len(near), depths, row, nbytes + near.nbytes)
+
+    def _near_density(self, batch: Batch) -> NDArray[np.int32]:
+        """Numbers of the points that samples with density may read."""
+        points = self.lattice.points
+        if self.scene.homogeneous or self.media.bricks is None:
+            return np.arange(points, dtype=np.int32)
+        launcher, items = self.launcher, -(-points // self.launcher.lanes)
+        headers, defines = depths_variant(batch, self.media, self._scattering)
+        kernel = launcher.kernels.kernel("points_near_density", "surroundings.cl", headers, defines)
+        near = launcher.empty(WHAT, points, reuse=True)
+        known = {name: self.media.arguments[name] for name in ("grids", "bricks")}
+        known |= {"orders": self._struct, "near": near, "items": (0, items)}
+        self.seconds += launcher.run(kernel, (items,), known)
+        return np.flatnonzero(launcher.download(near, (points,), np.uint8)).astype(np.int32)
+
+    @cached_property
+    def _structs(self) -> cl.Buffer:
+        structs = light_structs(self.scene, [self.scene.lights[number] for number in self.lights])
+        return self.launcher.upload(WHAT, structs)
+
+    def towards_camera(self, arrived: Arrived, of: LightVariant, lights: Sequence[int]) -> cl.Buffer:
+        """Return what some of the lights, all of a kind, scatter towards the camera, at all points."""
+        launcher = self.launcher
+        nbytes = 4 * self._numbers * self.lattice.points
+        scattered = launcher.empty(WHAT, nbytes, reuse=True)
+        launcher.clear(scattered, nbytes)
+        headers, defines = view_variant(of, self.media, self._scattering)
+        kernel = launcher.kernels.kernel("surroundings_view", "surroundings_view.cl", headers, defines)
+        places = np.array([self.lights.index(number) for number in lights], np.int32)
+        known = {"media": self.media.arguments["media"], "view": self.view, "orders": self._struct}
+        known |= {"lights": self._structs, "these": launcher.upload(WHAT, places), "many": len(lights)}
+        known |= {"listed": arrived.listed, "depths": arrived.depths, "scattered": scattered}
+        known |= {"count": arrived.count, "row": arrived.row}
+        items = arrived.row // launcher.lanes
+        most = max(1, LOOK_UPS_AT_ONCE // (len(lights) * launcher.lanes))
+        for first in range(0, items, most):
+            end = min(first + most, items)
+            self.seconds += launcher.run(kernel, (end - first,), known | {"items": (first, end)})
+        return scattered
+
+    def see(
+        self,
+        view: cl.Buffer,
+        scattered: cl.Buffer,
+        lights: int,
+        bounds: Rectangle,
+        steps: int,
+        frame: FrameBuffers,
+        done: Callable[[float], None],
+        layer: int | None = None,
+    ) -> float:
+        """Add what the media scatter of some lights to the camera; returns device seconds.
+
+        Parameters
+        ----------
+        view
+            The struct, on the device.
+        scattered
+            Of `towards_camera`, for so many ``lights``.
+        bounds
+            Pixels x0, y0, x1, y1 of the frame's buffers.
+        steps
+            Samples along a camera ray.
+        layer
+            Number of the layer that they belong to; None where none are asked for.
+        """
+        headers, defines = pass_variant(self.media, self._scattering, has_solids=bool(self.scene.solids))
+        defines |= frame.defines
+        kernel = self.launcher.kernels.kernel("surroundings_pass", "surroundings_pass.cl", headers, defines)
+        arguments = self.media.arguments | {"view": view, "orders": self._struct, "scattered": scattered}
+        arguments |= {"lights": lights} | ({} if layer is None else {"layer": layer})
+        arguments |= frame.arguments("places", "solid") | frame.stored()
+        return self.launcher.run_windows(kernel, bounds, steps, arguments, done)
