@@ -122,8 +122,8 @@ class FakeFiles:
         if any("secret" in Path(path).name for path in paths):
             raise InputError("secret: is outside the folder")
 
-    def listing(self, name):
-        return {"type": "listing", "path": name, "folders": [], "files": ["a.vdb"]}
+    def listing(self, name, kind):
+        return {"type": "listing", "kind": kind, "path": name, "folders": [], "files": ["a.vdb"]}
 
     def opened(self, name):
         return self.folder / name

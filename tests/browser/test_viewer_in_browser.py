@@ -8,6 +8,7 @@ import pytest
 from browser_pages import until, watched
 
 from tfm_cl.files.image_io.false_colour import COLOURS
+from tfm_cl.scene.movable import said_by
 from tfm_cl.scene.scene_file import SceneFile
 from tfm_cl.scene.schema import scene_schema
 from tfm_cl.sequence import frame as sequence_frame
@@ -50,8 +51,8 @@ window.said = [];
 window.view = mount(document.getElementById("viewer"), {
   send: (message) => said.push(message),
   listen: (callbacks) => { window.hear = callbacks; },
-  upload: async (file) => {
-    said.push({ type: "upload", name: file.name, bytes: (await file.arrayBuffer()).byteLength });
+  upload: async (file, kind) => {
+    said.push({ type: "upload", kind, name: file.name, bytes: (await file.arrayBuffer()).byteLength });
     return file.name;
   },
 });
@@ -182,6 +183,16 @@ class Viewer:
         y = 0.5 - (arm @ above) / (2 * reach)
         return self.box.x + x * self.box.width, self.box.y + y * self.box.height
 
+    def under(self, x, y, camera=None):
+        """Return the point of the world at a place on the screen, as far away as the camera's target."""
+        camera = camera or self.options["camera"]
+        origin, to, up = (np.array(camera[key], dtype=float) for key in ("from", "to", "up"))
+        right = np.cross(to - origin, up) / np.linalg.norm(np.cross(to - origin, up))
+        above = np.cross(right, to - origin) / np.linalg.norm(to - origin)
+        unit = 2 * np.tan(np.radians(camera["fov"]) / 2) * np.linalg.norm(to - origin) / self.box.height
+        across, down = x - self.box.x - self.box.width / 2, y - self.box.y - self.box.height / 2
+        return to + unit * (across * right - down * above)
+
     def drag(self, start, *, by, button="left"):
         mouse = self.page.mouse
         mouse.move(*start)
@@ -305,13 +316,17 @@ def test_two_fingers_move_the_camera(view, apart, by):
     arms = [np.subtract(camera["from"], camera["to"]) for camera in (before, _camera(changes))]
     nearer = 120 / (120 + apart)
     assert np.allclose(arms[1], nearer * arms[0], rtol=1e-3, atol=1e-4)
-    # The target goes with the fingers: so many pixels at its distance.
-    places = [np.array(viewer.place(before["to"], camera)) for camera in (before, before | _camera(changes))]
-    assert np.allclose(places[1] - places[0], [by, 0], atol=PIXEL)
+    # What is between the fingers goes with them.
+    now = viewer.place(viewer.under(x, y), before | _camera(changes))
+    assert np.allclose(now, [x + by, y], atol=PIXEL)
 
 
 def _camera(changes):
     return {key: changes[f"camera.{key}"] for key in ("from", "to")}
+
+
+def _far(camera):
+    return np.linalg.norm(np.subtract(camera["from"], camera["to"]))
 
 
 @pytest.mark.slow
@@ -351,16 +366,20 @@ def test_a_shift_follows_the_pointer(viewer, way):
 
 @pytest.mark.slow
 def test_wheel_right_button_and_f_go_nearer_and_away(viewer):
-    far = np.linalg.norm(viewer.options["camera"]["from"])
-    viewer.page.mouse.move(*viewer.centre())
+    far, place = _far(viewer.options["camera"]), viewer.centre(0.8, -0.3)
+    under = viewer.under(*place)
+    viewer.page.mouse.move(*place)
     viewer.page.mouse.wheel(0, -240)
     until(viewer.page, "said.some(({ type, drag }) => type === 'edit' && !drag)")
-    nearer = np.linalg.norm(viewer.edited()["camera.from"])
-    assert nearer < 0.9 * far
+    wheeled = viewer.options["camera"] | _camera(viewer.edited())
+    assert _far(wheeled) < 0.9 * far
+    assert np.allclose(viewer.place(under, wheeled), place, atol=PIXEL)  # what is under the pointer stays
     viewer.drag(viewer.centre(), by=(0, 80), button="right")
-    assert np.linalg.norm(viewer.edited()["camera.from"]) > 1.1 * nearer
+    dragged = _camera(viewer.edited())
+    assert _far(dragged) > 1.1 * _far(wheeled)
+    assert np.allclose(dragged["to"], wheeled["to"], atol=1e-6)
     viewer.page.keyboard.press("f")
-    camera = viewer.options["camera"] | {"from": viewer.edited()["camera.from"]}
+    camera = viewer.options["camera"] | _camera(viewer.edited())
     corners = np.stack(np.meshgrid(*[[-1, 1]] * 3), -1).reshape(-1, 3)
     places = np.array([viewer.place(corner, camera) for corner in corners])
     inside = places - [viewer.box.x, viewer.box.y]
@@ -393,6 +412,8 @@ def test_an_axis_moves_along_itself(viewer):
     viewer.drag((x, y), by=(40, 0))
     changes = viewer.edited()
     assert set(changes) == {"solid.0.translate"}
+    fields = viewer.page.locator('[data-path="solid.0"] [data-key="rotate"] .number')
+    assert [one.input_value() for one in fields.all()] == ["0"] * 3  # though no file says so
     moved, *others = changes["solid.0.translate"]
     assert moved > 0
     assert others == [0, 0]
@@ -523,6 +544,113 @@ def test_phase_functions_are_mixed_and_listed(viewer):
     values.fill("1, 0.5 4")
     values.press("Enter")
     assert told() == {"type": "table", "values": [1, 0.5, 4]}
+
+
+TURNED = said_by({"translate": [1, 0.5, -2], "rotate": [10, 20, -30], "scale": [-2, 0.5, 1]})
+SHEARED = [1, 0.123456789, 0, 0.2, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+
+
+def _placed(viewer, matrix):
+    """Let a matrix place the solid; return what the panel shows of its row ``name``, as a function."""
+    solid = viewer.options["solid"][0] | {"transform": np.reshape(matrix, (4, 4)).tolist()}
+    viewer.state(options=viewer.options | {"solid": [solid]})
+    viewer.page.locator('[data-section="solid"] > summary').click()
+    viewer.page.locator('[data-path="solid.0"] > summary').click()
+    return lambda name: viewer.page.locator(f'[data-path="solid.0"] [data-key="{name}"]')
+
+
+@pytest.mark.slow
+def test_a_matrix_is_shown_and_changed_in_steps(viewer):
+    row = _placed(viewer, TURNED)
+
+    def shown():
+        fields = [row(name).locator(".number") for name in ("translate", "rotate", "scale")]
+        return [[float(one.input_value()) for one in field.all()] for field in fields]
+
+    assert shown() == [[1, 0.5, -2], [10, 20, -30], [-2, 0.5, 1]]
+    row("rotate").locator('[data-axis="y"]').fill("45")
+    viewer.page.keyboard.press("Enter")
+    said = {"solid.0.translate": [1, 0.5, -2], "solid.0.rotate": [10, 45, -30], "solid.0.scale": [-2, 0.5, 1]}
+    assert viewer.edited() == said
+    assert shown()[1] == [10, 45, -30]
+    # So do handles.
+    handle = viewer.page.locator('[data-handle="solid.0/move-x"]')
+    handle.focus()
+    viewer.page.keyboard.press("ArrowRight")
+    moved = viewer.edited()
+    assert set(moved) == {"solid.0.translate"}
+    assert moved["solid.0.translate"][0] > 1
+    # The session has them now, and each goes back with the others: the file has a matrix.
+    viewer.edits = said = said | moved
+    steps = {key.rpartition(".")[2]: value for key, value in said.items()}
+    viewer.state(
+        options=viewer.options | {"solid": [viewer.options["solid"][0] | steps | {"transform": None}]}
+    )
+    edited = "[...document.querySelectorAll('[data-path=\"solid.0\"] .edited')].map((one) => one.dataset.key)"
+    until(viewer.page, f"{edited}.join() === 'translate,rotate'")
+    row("rotate").locator(".back").click()
+    assert viewer.edited() == dict.fromkeys(said)
+
+
+@pytest.mark.slow
+def test_a_handle_of_what_a_matrix_places_changes_all_steps(viewer):
+    _placed(viewer, TURNED)
+    viewer.press("e")
+    viewer.page.locator('[data-handle="solid.0/rotate-y"]').focus()
+    viewer.page.keyboard.press("ArrowRight")
+    changes = viewer.edited()
+    assert set(changes) == {"solid.0.translate", "solid.0.rotate", "solid.0.scale"}
+    then = said_by({key.rpartition(".")[2]: value for key, value in changes.items()})
+    turn = said_by({"rotate": [0, 1, 0]})
+    assert np.allclose(then[:3, :3], (turn @ TURNED)[:3, :3], atol=1e-5)  # six digits are written
+
+
+@pytest.mark.slow
+def test_a_matrix_that_shears_keeps_its_numbers(viewer):
+    row = _placed(viewer, SHEARED)
+    assert row("translate").count() == row("rotate").count() == row("scale").count() == 0
+    field = row("transform").locator(".text")
+    assert field.is_visible()
+    field.fill(field.input_value().replace("0.2", "3", 1))
+    field.press("Enter")
+    assert viewer.edited() == {"solid.0.transform": [*SHEARED[:3], 3, *SHEARED[4:]]}
+
+
+@pytest.mark.slow
+def test_a_table_of_a_phase_function_is_chosen_and_sent(viewer):
+    page = viewer.page
+
+    def shown(phase):
+        viewer.state(options=viewer.options | {"medium": viewer.options["medium"] | {"phase": phase}})
+
+    def told():
+        return viewer.edited()["medium.phase"]
+
+    shown({"type": "table", "values": [1, 2]})
+    page.get_by_role("button", name="phase file: choose a file").click()
+    assert viewer.said("list") == [{"type": "list", "kind": "phase", "path": ""}]
+    viewer.hear({"type": "listing", "kind": "phase", "path": "a", "folders": [], "files": ["b.txt"]})
+    page.get_by_role("button", name="b.txt").click()
+    chosen = {"type": "table", "file": f"{HOSTILE}/a/b.txt"}  # the folder and the path in it
+    assert told() == chosen
+    shown(chosen)
+    path = page.get_by_label("phase file", exact=True)
+    assert path.input_value() == "a/b.txt"
+    assert page.get_by_label("phase values").count() == 0
+
+    page.get_by_role("button", name="phase file: choose a file").click()
+    sent = {"name": "c.csv", "mimeType": "text/csv", "buffer": b"-1 1"}
+    page.locator("dialog[open] input[type=file]").set_input_files(sent)
+    until(page, "said.some(({ type }) => type === 'edit')")
+    assert told() == chosen | {"file": f"{HOSTILE}/c.csv"}
+    assert page.locator(".message").text_content() == "Sent c.csv"
+    assert viewer.said("upload") == [{"type": "upload", "kind": "phase", "name": "c.csv", "bytes": 4}]
+    path.fill("/elsewhere/d.dat")
+    path.press("Enter")
+    assert told() == chosen | {"file": "/elsewhere/d.dat"}
+    path.fill("")
+    path.press("Enter")
+    assert told() == {"type": "table", "values": [1, 1]}
 
 
 @pytest.mark.slow
@@ -711,8 +839,10 @@ def test_undo_save_and_open(viewer):
     assert viewer.edited() == {"image.exposure": 1.5}  # what is seen is what is saved
     assert viewer.said("save") == [{"type": "save", "what": "scene", "name": "mine"}]
     page.keyboard.press("Control+o")
-    assert viewer.said("list") == [{"type": "list", "path": ""}]
-    viewer.hear({"type": "listing", "path": "clouds", "folders": [HOSTILE], "files": ["a.vdb"]})
+    assert viewer.said("list") == [{"type": "list", "kind": "scene", "path": ""}]
+    listing = {"type": "listing", "path": "clouds", "folders": [HOSTILE]}
+    viewer.hear(listing | {"kind": "scene", "files": ["a.vdb"]})
+    viewer.hear(listing | {"kind": "phase", "files": ["a.txt"]})
     page.get_by_role("button", name="a.vdb").click()
     assert viewer.said("open") == [{"type": "open", "path": "clouds/a.vdb"}]
 
@@ -727,7 +857,7 @@ def test_a_dropped_file_is_sent_unless_it_is_too_large(viewer):
     }"""
     viewer.page.evaluate(drop, 10)
     until(viewer.page, "said.some(({ type }) => type === 'upload')")
-    assert viewer.said("upload") == [{"type": "upload", "name": "cloud.vdb", "bytes": 10}]
+    assert viewer.said("upload") == [{"type": "upload", "kind": "scene", "name": "cloud.vdb", "bytes": 10}]
     viewer.page.evaluate(drop, 2000)
     assert "at most 1 kB" in viewer.page.locator(".alert").text_content()
     assert viewer.said("upload") == []
@@ -760,6 +890,56 @@ def test_it_fits_and_can_be_read(view, size, scheme):
     assert stage["width"] * stage["height"] > 0.3 * width * height
     page.get_by_role("button", name=f"Use {'dark' if scheme == 'light' else 'light'} colours").click()
     assert page.locator("#viewer").get_attribute("data-theme") != scheme
+
+
+BEYOND = """() => {
+  const room = document.querySelector(".panel .sections");
+  const right = room.getBoundingClientRect().left + room.clientWidth;
+  const all = [...room.querySelectorAll("button, input, select, label")];
+  const controls = all.filter((one) => one.offsetParent);
+  const isBeyond = (one) => {
+    const group = one.closest(".line, .several, .parts, summary, .section-body").getBoundingClientRect();
+    const box = one.getBoundingClientRect();
+    return box.left < group.left - 0.5 || box.right > Math.min(group.right, right) + 0.5;
+  };
+  const name = (one) => `${one.closest("[data-path]")?.dataset.path} ${one.getAttribute("aria-label")}`;
+  const phases = controls.filter((one) => one.closest(".phase")).length;
+  return { phases, beyond: controls.filter(isBeyond).map(name) };
+}"""
+"""How many controls phase functions have, and which of the panel stick out of their group or of the panel."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (500, "light")])
+def test_no_control_sticks_out_of_the_panel(view, width, scheme):
+    viewer = view(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    kinds = {section: _kinds(section) for section in ("phase", "light", "solid")}
+    parts = [kinds["phase"][kind] for kind in ("hg", "double-hg", "draine", "mie")]
+    parts += [{"type": "table"} | said for said in ({"values": [1, 0.5, 4]}, {"file": "a/long/name.txt"})]
+    phase = {"type": "mix", "phases": parts, "weights": [0.12345] * len(parts)}
+    options = viewer.options | {"medium": viewer.options["medium"] | {"phase": phase}}
+    # More than one volume, each with a medium of its own: groups in groups.
+    options["volume"] = [options["volume"] | {"name": name, "medium": options["medium"]} for name in "ab"]
+    viewer.state(options=options | {name: [*kinds[name].values()] for name in ("light", "solid")})
+    for _ in range(3):  # what is opened makes further groups
+        viewer.page.evaluate("for (const one of document.querySelectorAll('.panel details')) one.open = true")
+        viewer.page.wait_for_timeout(100)
+    found = viewer.page.evaluate(BEYOND)
+    assert found["phases"] > 3 * 3 * len(parts)  # of three media: each part's kind, numbers and weight
+    assert found["beyond"] == []
+
+
+def _kinds(section):
+    """Return a table of each kind that a section of scene files has, with all keys that have a default."""
+    tables = {}
+    for one in scene_schema()["$defs"][section]["oneOf"]:
+        keys = {
+            key: said for key, said in one.get("properties", {}).items() if set(said) & {"const", "default"}
+        }
+        table = {key: said.get("const", said.get("default")) for key, said in keys.items()}
+        if "type" in table or "shape" in table:
+            tables[table.get("type") or table["shape"]] = table
+    return tables
 
 
 @pytest.mark.slow

@@ -179,6 +179,28 @@ def test_a_mistake_is_told_and_mended(look):
 
 
 @pytest.mark.slow
+def test_a_phase_function_is_read_from_a_table_in_the_folder(look, served):
+    (served.folder / "tables").mkdir()
+    (served.folder / "tables" / "cloud.txt").write_text("-1 1\n1 4\n", encoding="utf-8")
+    (served.folder / "tables" / "other.txt").write_text("no numbers", encoding="utf-8")
+    page = look()
+    field(page, "medium", "phase", "select").select_option("table")
+    path = page.get_by_label("phase file", exact=True)
+    for name in ("cloud.txt", "other.txt"):
+        before = count(page)
+        page.get_by_role("button", name="phase file: choose a file").click()
+        page.get_by_role("button", name="tables").click()
+        page.get_by_role("button", name=name).click()
+        if name == "cloud.txt":
+            settled(page, after=before)
+            assert page.locator(".alert").is_hidden()
+            assert path.input_value() == "tables/cloud.txt"
+    until(page, "!document.querySelector('.alert').hidden")
+    assert "line 1 should be a cosine and a value" in page.locator(".alert").text_content()
+    until(page, "document.querySelector('[aria-label=\"phase file\"]').value === 'tables/cloud.txt'")
+
+
+@pytest.mark.slow
 def test_the_map_is_compared_and_looked_into(look):
     page = look()
     page.locator(".view .stage").focus()

@@ -117,6 +117,9 @@ def test_steps_are_bounded():
         ({"map.coeffs": 4, "map.res": 8}, {"map.max_error": 0.1}, ["map.res", "map.max_error"]),
         ({"light.0.cone": 5.0, "light.0.intensity": 2}, {"light.0.type": "sun"}, None),
         ({"light.cone": 5.0, "light.1.cone": 2.0}, {"light.type": "sun"}, ["light.1.cone", "light.type"]),
+        ({"solid.0.rotate": [0, 9, 0]}, {"solid.transform": [1.0]}, ["solid.transform"]),
+        ({"volume.transform": [1.0]}, {"volume.scale": 2}, ["volume.scale"]),
+        ({"solid.1.transform": [1.0]}, {"solid.0.scale": 2}, ["solid.1.transform", "solid.0.scale"]),
         ({"map.res": 64}, {"map.res": 32}, ["map.res"]),
     ],
 )

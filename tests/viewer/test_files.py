@@ -5,6 +5,7 @@ import os
 import pytest
 
 from tfm_cl.errors import InputError
+from tfm_cl.files.phase_table import MAX_BYTES
 from tfm_cl.viewer.files import MOST_NAME, Files
 
 links = pytest.mark.skipif(os.name == "nt", reason="links need rights there")
@@ -63,8 +64,8 @@ def refusal(ask):
     return line
 
 
-def upload(files, name, *chunks):
-    with files.upload(name) as open_:
+def upload(files, name, *chunks, kind="scene"):
+    with files.upload(name, kind) as open_:
         for chunk in chunks:
             open_.write(chunk)
     return open_.name
@@ -111,13 +112,20 @@ def test_links_may_not_lead_out(files, folder):
 
 
 def test_a_listing_has_what_can_be_opened(files):
-    assert files.listing("") == {
-        "type": "listing",
-        "path": "",
-        "folders": ["smoke"],
-        "files": ["a.toml", "B.vdb"],
-    }
-    assert files.listing("smoke/") == {"type": "listing", "path": "smoke", "folders": [], "files": ["c.npy"]}
+    told = {"type": "listing", "kind": "scene"}
+    assert files.listing("") == told | {"path": "", "folders": ["smoke"], "files": ["a.toml", "B.vdb"]}
+    assert files.listing("smoke/") == told | {"path": "smoke", "folders": [], "files": ["c.npy"]}
+
+
+def test_tables_of_phase_functions_are_listed_and_sent(files, folder):
+    told = {"type": "listing", "kind": "phase", "path": ""}
+    assert files.listing("", "phase") == told | {"folders": ["smoke"], "files": ["notes.txt"]}
+    assert upload(files, "notes.txt", b"-1 1", kind="phase") == "notes-2.txt"
+    assert files.listing("", "phase")["files"] == ["notes-2.txt", "notes.txt"]
+    refused = refusal(lambda: upload(files, "cloud.vdb", b"data", kind="phase"))
+    assert refused == "cloud.vdb: is no table of a phase function; known: .csv .dat .tsv .txt"
+    assert files.most_of("phase") == 1000
+    assert Files(folder).most_of("phase") == MAX_BYTES < Files(folder).most_of("scene")
 
 
 @pytest.mark.parametrize("name", ["a.toml", "nowhere"])

@@ -264,7 +264,7 @@ def test_clients_of_one_session_see_the_same(studio):
     one.say("edit", changes={"camera.fov": 20})
 
     assert other.wait("state", edits={"camera.fov": 20})
-    one.say("list", path="")
+    one.say("list", path="", kind="phase")
     one.wait("listing")
     session.leave(one.mailbox)
     other.wait_for(lambda _: other.all("clients")[-1]["count"] == 1)

@@ -488,6 +488,13 @@ def test_an_upload_is_there_when_it_is_whole(local, tmp_path):
     assert [path.read_bytes() == data for path in sorted(tmp_path.iterdir())] == [True, True]
 
 
+def test_a_table_of_a_phase_function_is_sent_as_one(local, tmp_path):
+    query, headers = "/upload?name=cloud.txt&kind=phase", {"Origin": local.base}
+    answer = local.ask(query, method="POST", body=b"-1 1\n1 2\n", headers=headers)
+    assert json.loads(answer.body) == {"path": "cloud.txt"}
+    assert names(tmp_path) == ["cloud.txt"]
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [
@@ -517,6 +524,10 @@ def test_an_upload_has_a_name(local, tmp_path):
     for query in ("", "?name=a.vdb&name=b.vdb"):
         answer = local.ask("/upload" + query, method="POST", body=b"x", headers={"Origin": local.base})
         assert answer.code == 400
+    for kind in ("else", "scene&kind=scene"):
+        query = f"/upload?name=a.vdb&kind={kind}"
+        answer = local.ask(query, method="POST", body=b"x", headers={"Origin": local.base})
+        assert (answer.code, answer.body) == (400, b"a file is of one kind: scene or phase\n")
     assert local.ask("/upload?name=a.vdb", headers={"Origin": local.base}).code == 405
     assert local.send("a.vdb", b"").code == 400
     assert names(tmp_path) == []

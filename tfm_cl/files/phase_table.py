@@ -15,6 +15,8 @@ from tfm_cl.model_fields import TEXT, Accepts, accepts
 
 MAX_BYTES = 4 << 20
 """A file larger than this is not one."""
+EXTENSIONS = (".txt", ".csv", ".tsv", ".dat")
+"""Which such files mostly have; any other name will do."""
 MOST_ROWS = 1 << 16
 END = 1e-6
 """How far from -1 and 1 the first and last cosine may be written; they are moved there."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfm_cl.errors import InputError
-from tfm_cl.scene import camera
+from tfm_cl.scene import camera, movable
 from tfm_cl.scene.lights.base import LIGHTS
 from tfm_cl.scene.scene_file import ARRAYS, NUMBERS, SECTIONS
 
@@ -180,9 +180,9 @@ def _is_outdone(name: str, key: str, value: Any) -> bool:
     if section == "map":
         return rest != last and {rest, last} <= set(NUMBERS)
     (number, told), (of_number, of_told) = _of_table(rest), _of_table(last)
-    if section == "light" and of_told == "type" and number == of_number and str(value) in LIGHTS:
-        return told not in LIGHTS[str(value)].keys()  # noqa: SIM118 - no dict
-    return False
+    if section == "light" and of_told == "type" and str(value) in LIGHTS:
+        return number == of_number and told not in LIGHTS[str(value)].keys()  # noqa: SIM118 - no dict
+    return number == of_number and told in movable.outdone(of_told)
 
 
 def _of_table(rest: str) -> tuple[int, str]:

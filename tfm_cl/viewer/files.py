@@ -10,10 +10,10 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal, get_args
 
 from tfm_cl.errors import InputError
-from tfm_cl.files import curves_io, points_io, volume_io
+from tfm_cl.files import curves_io, phase_table, points_io, volume_io
 from tfm_cl.files.paths import is_file, name_of, real_path, reason_of, replacing
 
 MOST_UPLOAD = 2 << 30
@@ -37,6 +37,10 @@ _DEVICE = re.compile(
 
 
 _Stamp = tuple[int, int, int]
+Kind = Literal["scene", "phase"]
+"""What files a page asks for: what it opens, or tables of phase functions, which a scene names."""
+KINDS: tuple[Kind, ...] = get_args(Kind)
+_MEANT: dict[Kind, str] = {"scene": "scene and no volume", "phase": "table of a phase function"}
 
 
 class Files:
@@ -120,8 +124,8 @@ class Files:
             if not (known or any(trusts(path) for trusts in self._also)):
                 raise InputError(f"{path.name}: lies outside the viewer's folder; copy it there first")
 
-    def listing(self, name: str) -> dict[str, Any]:
-        """List a folder: what can be opened, and further folders.
+    def listing(self, name: str, kind: Kind = "scene") -> dict[str, Any]:
+        """List a folder: files of a kind, and further folders.
 
         Parameters
         ----------
@@ -131,7 +135,7 @@ class Files:
         Returns
         -------
         dict
-            The page's message: ``path``, and the names of ``folders`` and ``files`` in it.
+            The page's message: ``path``, ``kind``, and the names of ``folders`` and ``files`` in it.
 
         Raises
         ------
@@ -139,7 +143,7 @@ class Files:
             As `inside`; nothing there, no folder, or it cannot be read.
         """
         folder = self.inside(name) if name.strip("/") else self.folder
-        folders, files, kinds = [], [], openable()
+        folders, files, extensions = [], [], extensions_of(kind)
         try:
             with os.scandir(folder) as entries:
                 for seen, entry in enumerate(entries):
@@ -150,13 +154,14 @@ class Files:
                     path = Path(entry.path)
                     if path.is_dir():
                         folders.append(entry.name)
-                    elif _suffix(entry.name) in kinds and is_file(path):
+                    elif _suffix(entry.name) in extensions and is_file(path):
                         files.append(entry.name)
         except OSError as problem:
             raise InputError(f"{_shown(name)}: cannot be listed ({reason_of(problem)})") from None
         shown = folder.relative_to(self.folder).as_posix()
         return {
             "type": "listing",
+            "kind": kind,
             "path": "" if shown == "." else shown,
             "folders": sorted(folders, key=_order)[:MOST_LISTED],
             "files": sorted(files, key=_order)[:MOST_LISTED],
@@ -171,8 +176,7 @@ class Files:
             As `inside`; of an unknown kind, or not there.
         """
         path = self.inside(name)
-        if _suffix(path.name) not in openable():
-            raise InputError(f"{_shown(name)}: is no scene and no volume; known: {_known()}")
+        _check_kind(path.name, "scene")
         if not is_file(path):
             raise InputError(f"{_shown(name)}: no such file in the viewer's folder")
         return path
@@ -211,14 +215,18 @@ class Files:
         with self._lock:
             self._saved[path] = _stamp(path)
 
+    def most_of(self, kind: Kind) -> int:
+        """Return how many bytes a file of a kind may have that is sent by the page."""
+        return min(self.most_upload, phase_table.MAX_BYTES) if kind == "phase" else self.most_upload
+
     @contextlib.contextmanager
-    def upload(self, name: str) -> Iterator[Upload]:
-        """Take a file that is dropped onto the page: it is there when it is whole, or not at all.
+    def upload(self, name: str, kind: Kind = "scene") -> Iterator[Upload]:
+        """Take a file that the page sends: it is there when it is whole, or not at all.
 
         Parameters
         ----------
         name
-            A plain name of something that can be opened; where it is taken, the file gets a number.
+            A plain name of something of a kind; where it is taken, the file gets a number.
 
         Raises
         ------
@@ -230,12 +238,11 @@ class Files:
         if len(parts) != 1:
             raise InputError(f"{_shown(name)}: should be a plain name, without folders")
         _check_length(name)
-        if _suffix(name) not in openable():
-            raise InputError(f"{_shown(name)}: is no scene and no volume; known: {_known()}")
+        _check_kind(name, kind)
         path = self._free(name)
         try:
             with replacing(path) as temporary, temporary.open("wb") as stream:
-                upload = Upload(path.name, stream, self.most_upload)
+                upload = Upload(path.name, stream, self.most_of(kind))
                 yield upload
                 if not upload.size:
                     raise InputError(f"{_shown(name)}: is empty")
@@ -306,8 +313,15 @@ def openable() -> set[str]:
     return {".toml", *volume_io.FORMATS, *points_io.FORMATS, *curves_io.FORMATS}
 
 
-def _known() -> str:
-    return " ".join(sorted(openable()))
+def extensions_of(kind: Kind) -> set[str]:
+    """Return the extensions of files of a kind."""
+    return set(phase_table.EXTENSIONS) if kind == "phase" else openable()
+
+
+def _check_kind(name: str, kind: Kind) -> None:
+    known = extensions_of(kind)
+    if _suffix(name) not in known:
+        raise InputError(f"{_shown(name)}: is no {_MEANT[kind]}; known: {' '.join(sorted(known))}")
 
 
 def _suffix(name: str) -> str:

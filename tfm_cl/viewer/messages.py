@@ -17,6 +17,7 @@ from tfm_cl.limits import MOST_STOPS
 from tfm_cl.render.shown import PICTURE
 from tfm_cl.scene.fields import MOST_FIELDS
 from tfm_cl.scene.layers import NAMES
+from tfm_cl.viewer.files import Kind
 
 MOST_BYTES = 1 << 20
 """Of a message, in UTF-8; as many as of a scene file."""
@@ -175,10 +176,11 @@ class Open(_Checked):
 
 
 class List(_Checked):
-    """List a folder within the folder."""
+    """List a folder within the folder, with its files of a kind."""
 
     type: Literal["list"] = "list"
     path: Text = ""
+    kind: Kind = "scene"
 
 
 class Seen(_Checked):

@@ -20,7 +20,7 @@ from tfm_cl.errors import InputError
 from tfm_cl.extras import needs
 from tfm_cl.files.paths import reason_of
 from tfm_cl.viewer.clients import failed
-from tfm_cl.viewer.files import Files, Upload, break_off, too_large
+from tfm_cl.viewer.files import KINDS, Files, Upload, break_off, too_large
 from tfm_cl.viewer.mailbox import Mailbox
 from tfm_cl.viewer.messages import MOST_BYTES, parsed
 from tfm_cl.viewer.page import document
@@ -328,7 +328,7 @@ class _Page(_Checked):
 
 @web.stream_request_body
 class _Uploads(_Checked):
-    """A file that is dropped onto the page."""
+    """A file that the page sends."""
 
     NEEDS_ORIGIN = True
     _upload: Upload | None = None
@@ -349,14 +349,19 @@ class _Uploads(_Checked):
         if len(names) != 1:
             raise _RefusedError(400, "a file needs a name: /upload?name=cloud.vdb")
         name = names[0].decode(errors="replace")
+        said = self.request.query_arguments.get("kind", [b"scene"])
+        kind = next((kind for kind in KINDS if said == [kind.encode()]), None)
+        if kind is None:
+            raise _RefusedError(400, f"a file is of one kind: {' or '.join(KINDS)}")
+        most = files.most_of(kind)
         length = self.request.headers.get("Content-Length", "")
-        if length.isdecimal() and int(length) > files.most_upload:
-            raise _RefusedError(413, str(too_large(name, files.most_upload)))
+        if length.isdecimal() and int(length) > most:
+            raise _RefusedError(413, str(too_large(name, most)))
         # The upload itself refuses what is more, in a line.
-        self.request.connection.set_max_body_size(files.most_upload + CHUNK)  # type: ignore[union-attr]
+        self.request.connection.set_max_body_size(most + CHUNK)  # type: ignore[union-attr]
         with self._refusing():
             self.server.uploads.add(self)
-            self._upload = self._open.enter_context(files.upload(name))
+            self._upload = self._open.enter_context(files.upload(name, kind))
 
     async def data_received(self, chunk: bytes) -> None:
         """Add a part."""

@@ -190,7 +190,7 @@ class Session:
             if mailbox is not None:
                 mailbox.seen(said.picture)
         elif isinstance(said, List):
-            self._clients.tell(mailbox, self._listing(said.path))
+            self._clients.tell(mailbox, self._listing(said))
         else:
             self._hear(said, mailbox)
 
@@ -229,9 +229,9 @@ class Session:
         else:
             self._changed(self, is_input=isinstance(said, _INPUTS))
 
-    def _listing(self, name: str) -> Mapping[str, Any]:
+    def _listing(self, said: List) -> Mapping[str, Any]:
         try:
-            return self._files.listing(name)
+            return self._files.listing(said.path, said.kind)
         except InputError as error:
             return failed(error)
 

@@ -20,7 +20,8 @@ class App {
     this.status = new Status(this);
     const side = make("aside", { className: "panel", "aria-label": "Settings" });
     this.panel = new Panel(this, side);
-    this.files = new FilesDialog(this);
+    this.files = new FilesDialog(this, { title: "Open", kind: "scene", none: "There is no scene and no volume here.", does: (path) => this.openFile(path) });
+    this.tables = new FilesDialog(this, { title: "Choose a table of a phase function", kind: "phase", none: "There is no text file here." });
     this.saving = new SaveDialog(this);
     this.keys = new Keys(this, element);
 
@@ -30,7 +31,7 @@ class App {
     const keys = make("p", { id: "tfm-stage-keys", className: "off-screen", textContent: "Arrow keys turn the camera, with Shift they shift it, F frames everything, Tab goes to the handles, question mark tells all keys." });
     const middle = make("div", { className: "middle" }, this.#tools(), stageElement, notes);
     const left = make("div", { className: "left" }, middle, this.curve.element, this.timeline.element);
-    element.append(this.#header(), make("div", { className: "body" }, left, side), this.status.element, this.files.dialog, this.saving.dialog, this.keys.sheet, keys);
+    element.append(this.#header(), make("div", { className: "body" }, left, side), this.status.element, this.files.dialog, this.tables.dialog, this.saving.dialog, this.keys.sheet, keys);
     this.files.listen(element);
     this.#listen();
     this.compare.draw();
@@ -196,6 +197,11 @@ class App {
 
   #show(changes) {
     this.model.send({ type: "show", ...changes });
+  }
+
+  openFile(path) {
+    this.model.send({ type: "open", path });
+    this.say(`Opening ${path} …`);
   }
 
   expose(by) {

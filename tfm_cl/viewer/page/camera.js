@@ -45,6 +45,12 @@ class View {
     return unit(plus(aside, this.above, (1 - 2 * y) * this.tangent));
   }
 
+  /** From the target to what is at its distance under a place of the picture. */
+  aside(x, y) {
+    const reach = this.tangent * this.distance;
+    return plus(times(this.right, (2 * x - 1) * reach * this.aspect), this.above, (1 - 2 * y) * reach);
+  }
+
   /** World units that the picture's height shows at a point. */
   heightAt(point) {
     return 2 * this.tangent * Math.max(dot(minus(point, this.from), this.forward), 1e-6 * this.distance);
@@ -69,14 +75,12 @@ function panned(view, x, y) {
   return { from: plus(view.from, by), to: plus(view.to, by) };
 }
 
-/** Go nearer or away; closer than `least` the target goes ahead. */
-function dollied({ from, to }, factor, least) {
-  const arm = minus(from, to);
-  const distance = norm(arm);
-  const next = distance * factor;
-  if (next >= least || factor >= 1) return { from: plus(to, times(arm, factor)), to };
-  const by = times(unit(arm), next - distance);
-  return { from: plus(from, by), to: plus(to, by) };
+/** Go nearer or away from what is `aside` of the target, which stays where it is in the picture; closer than `least` the target goes ahead. */
+function dollied({ from, to }, factor, least, aside = [0, 0, 0]) {
+  const point = plus(to, aside);
+  const next = plus(point, minus(from, point), factor);
+  const goesAhead = factor < 1 && factor * norm(minus(from, to)) < least;
+  return { from: next, to: goesAhead ? plus(to, minus(next, from)) : plus(point, aside, -factor) };
 }
 
 /** Look the same way at all that lies in a ball. */

@@ -236,17 +236,33 @@ const FIELDS = {
     };
   },
 
+  /** The path of a table of a phase function. */
+  table(key, label, change, app) {
+    const folder = () => app.model.welcome?.folder ?? "";
+    const choose = (path) => change(path && wholePath(folder(), path), false);
+    const text = FIELDS.text(key, label, choose);
+    const pick = iconButton("folder", `${label}: choose a file`, "", () => app.tables.ask(choose));
+    pick.classList.add("tiny");
+    text.element.append(pick);
+    return { element: text.element, set(value) { text.set(pathWithin(folder(), value ?? "")); } };
+  },
+
   matrix(key, label, change) {
     const field = textInput(`${label}: 16 numbers`, { title: "16 numbers, row by row" });
+    let last = [];
     field.addEventListener("change", () => {
-      const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map(Number);
+      // What is as it is shown keeps all of its digits.
+      const numbers = (field.value.match(/[-+.\deE]+/g) ?? []).map((text, index) => (index < last.length && text === number(last[index]) ? last[index] : Number(text)));
       const isMatrix = numbers.length === 16 && numbers.every(Number.isFinite);
       field.setAttribute("aria-invalid", String(!isMatrix));
       if (isMatrix) change(numbers, false);
     });
     return {
       element: make("span", { className: "line" }, field),
-      set(value) { if (document.activeElement !== field) field.value = value ? value.flat().map((one) => number(one)).join(" ") : ""; },
+      set(value) {
+        last = value?.flat() ?? [];
+        if (document.activeElement !== field) field.value = last.map((one) => number(one)).join(" ");
+      },
     };
   },
 
@@ -272,11 +288,13 @@ const FIELDS = {
     let value = { type: "isotropic" };
     let built = "";
     let fields = [];
-    const shown = ({ key: name, kind }) => (value.type === "table" ? (value.file ? ["file"] : ["values", "cosines"]).includes(name) : kind === "number");
+    const shown = ({ key: name, kind }) => (value.type === "table" ? (value.file ? ["file"] : ["file", "values", "cosines"]).includes(name) : kind === "number");
+    // A table has a file, or numbers.
+    const changed = (name, next) => (name !== "file" ? { ...value, [name]: next } : { type: value.type, ...(next ? { file: next } : BEGINS.table()) });
     const build = () => {
       const { one } = kinds.find(({ name }) => name === value.type) ?? { one: { properties: {} } };
       fields = Object.entries(one.properties).map(([name, said]) => app.schema.key(name, said)).filter(shown).map((part) => {
-        const field = FIELDS[part.kind](part, `${label} ${part.key}`, (next, drag) => change({ ...value, [part.key]: next }, drag), app);
+        const field = FIELDS[part.key === "file" ? "table" : part.kind](part, `${label} ${part.key}`, (next, drag) => change(changed(part.key, next), drag), app);
         return { element: named(part.key, part.description, field), set: () => field.set(value[part.key] ?? part.initial) };
       });
       if (value.type === "mix") fields.push(mixture(label, (next, drag) => change({ ...value, ...next }, drag), app));
@@ -328,6 +346,7 @@ function mixture(label, change, app) {
     const phase = FIELDS.phase({ isPart: true }, name, (next, drag) => change({ phases: value.phases.with(index, next) }, drag), app);
     const weight = FIELDS.number(WEIGHT, `${name}: weight`, (next, drag) => change({ weights: value.weights.with(index, next) }, drag));
     const remove = iconButton("remove", `Remove ${name}`, "", () => change({ phases: without(value.phases, index), weights: without(value.weights, index) }, false));
+    remove.classList.add("tiny");
     phase.element.firstChild.append(remove);
     phase.element.append(named("weight", WEIGHT.description, weight));
     add.before(phase.element);

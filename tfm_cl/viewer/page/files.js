@@ -1,8 +1,10 @@
-// Opening, dropping and saving files.
+// Opening, choosing, dropping and saving files.
 
+/** Asks for a file of the folder, of a kind; it is listed there, or sent there first. */
 class FilesDialog {
-  constructor(app) {
-    this.app = app;
+  /** `none`: what is said of a folder without such files; `does(path)`: what is done with the one that is chosen. */
+  constructor(app, { title, kind, none, does = null }) {
+    Object.assign(this, { app, kind, none, does });
     this.where = make("span", { className: "where" });
     this.list = make("ul", { className: "files", "aria-label": "Files" });
     this.path = textInput("Path within the folder");
@@ -13,22 +15,26 @@ class FilesDialog {
       if (this.chosen.files.length > 0) this.upload(this.chosen.files[0]);
       this.chosen.value = "";
     });
-    this.dialog = dialog("Open", make("p", { className: "note" }, "In ", this.where), this.list, labelled("Or a path within the folder", this.path), make("div", { className: "buttons" }, upload, this.chosen));
-    this.path.addEventListener("keydown", (event) => { if (event.key === "Enter" && this.path.value) this.open(this.path.value); });
-    app.model.on("listing", (listing) => this.#show(listing));
+    this.dialog = dialog(title, make("p", { className: "note" }, "In ", this.where), this.list, labelled("Or a path within the folder", this.path), make("div", { className: "buttons" }, upload, this.chosen));
+    this.path.addEventListener("keydown", (event) => { if (event.key === "Enter" && this.path.value) this.choose(this.path.value); });
+    app.model.on("listing", (listing) => { if (listing.kind === kind) this.#show(listing); });
   }
 
-  ask() {
+  ask(does = this.does) {
     if (this.app.model.welcome?.can.open === false) return;
-    this.app.model.send({ type: "list", path: "" });
+    this.does = does;
+    this.#list("");
     this.list.replaceChildren(make("li", { className: "note", textContent: "Reading the folder …" }));
     this.dialog.showModal();
   }
 
-  open(path) {
+  choose(path) {
     this.dialog.close();
-    this.app.model.send({ type: "open", path });
-    this.app.say(`Opening ${path} …`);
+    this.does(path);
+  }
+
+  #list(path) {
+    this.app.model.send({ type: "list", kind: this.kind, path });
   }
 
   #show({ path, folders, files }) {
@@ -39,14 +45,14 @@ class FilesDialog {
       button.addEventListener("click", does);
       return make("li", {}, button);
     };
-    const list = (to) => () => this.app.model.send({ type: "list", path: to });
+    const list = (to) => () => this.#list(to);
     const up = path ? [entry("folder", "..", list(path.split("/").slice(0, -1).join("/")))] : [];
-    this.list.replaceChildren(...up, ...folders.map((name) => entry("folder", name, list(within(name)))), ...files.map((name) => entry("file", name, () => this.open(within(name)))));
-    if (this.list.childElementCount === 0) this.list.append(make("li", { className: "note", textContent: "There is no scene and no volume here." }));
+    this.list.replaceChildren(...up, ...folders.map((name) => entry("folder", name, list(within(name)))), ...files.map((name) => entry("file", name, () => this.choose(within(name)))));
+    if (this.list.childElementCount === 0) this.list.append(make("li", { className: "note", textContent: this.none }));
     if (this.dialog.open) this.list.querySelector("button")?.focus();
   }
 
-  /** Send a file of the reader's, and open it. */
+  /** Send a file of the reader's, and choose it. */
   async upload(file) {
     const { welcome, transport } = this.app.model;
     if (this.dialog.open) this.dialog.close();
@@ -57,7 +63,9 @@ class FilesDialog {
     const tell = (part) => this.app.say(`Sending ${file.name}, ${sizeText(file.size)}${part > 0 ? `: ${Math.floor(100 * part)} %` : ""} …`);
     tell(0);
     try {
-      this.open(await transport.upload(file, tell));
+      const path = await transport.upload(file, this.kind, tell);
+      this.app.say(`Sent ${file.name}`);
+      this.choose(path);
     } catch (error) {
       this.app.complain(error.message || `${file.name}: could not be sent`);
     }
@@ -78,6 +86,17 @@ class FilesDialog {
       if (event.dataTransfer.files.length > 0) this.upload(event.dataTransfer.files[0]);
     });
   }
+}
+
+/** What a scene names a file of the folder by: scene files may lie elsewhere. */
+function wholePath(folder, path) {
+  return /^([A-Za-z]:|[\\/~])/.test(path) ? path : `${folder.replace(/[\\/]$/, "")}/${path}`;
+}
+
+/** The same as people see it: within the folder. */
+function pathWithin(folder, path) {
+  const root = folder.replace(/[\\/]$/, "");
+  return path.startsWith(root) && /[\\/]/.test(path[root.length] ?? "") ? path.slice(root.length + 1) : path;
 }
 
 class SaveDialog {

@@ -2,7 +2,7 @@
 
 const KEY_SHEET = [
   ["Look", [
-    ["Left drag, Alt + left drag", "turn about the target"], ["Middle drag, Shift + left drag", "shift"], ["Wheel, right drag", "nearer, away"],
+    ["Left drag, Alt + left drag", "turn about the target"], ["Middle drag, Shift + left drag", "shift"], ["Wheel", "nearer, away, where the pointer is"], ["Right drag", "nearer to the target, away"],
     ["One finger", "turn"], ["Two fingers", "shift; apart or together: nearer, away"],
     ["F", "frame everything"], ["H", "back to the file's camera"], ["Arrows", "turn; with Shift: shift"], ["+ −", "zoom into pixels"],
   ]],

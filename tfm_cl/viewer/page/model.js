@@ -8,7 +8,7 @@ const isWithin = (key, whole) => key === whole || key.startsWith(`${whole}.`);
 class Model {
   /**
    * `transport`: `send(message)`; `listen({ message, binary, state })`, which are called with what comes: a message, an
-   * ArrayBuffer, { connected, line }; `upload(file, tell)`, which tells the part that is sent and resolves to the path to open.
+   * ArrayBuffer, { connected, line }; `upload(file, kind, tell)`, which tells the part that is sent and resolves to its path within the folder.
    */
   constructor(transport) {
     Object.assign(this, { transport, welcome: null, state: null, original: null, connected: false, line: "" });
@@ -47,9 +47,9 @@ class Model {
     if (this.state === null) return null;
     this.merged ??= [...this.said].reduce((options, [key, { value }]) => {
       if (value === null) return options;
-      const next = withValue(options, key, value);
-      // What stood in a matrix stands where it is said to be.
-      return key === "camera.from" && next.camera.matrix ? withValue(next, "camera.matrix", null) : next;
+      // What stood in a matrix stands where it is said to be, and the other way round.
+      const outdone = rivalsOf(key).filter((other) => valueAt(options, other));
+      return outdone.reduce((left, other) => withValue(left, other, null), withValue(options, key, value));
     }, this.state.options);
     return this.merged;
   }
@@ -84,6 +84,7 @@ class Model {
   edit(changes, drag = false) {
     if (this.state === null) return;
     for (const [key, value] of Object.entries(changes)) {
+      this.said.delete(key); // what is said last counts
       this.said.set(key, { value, at: performance.now() });
       this.dragged.set(key, value);
     }

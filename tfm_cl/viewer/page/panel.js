@@ -161,7 +161,11 @@ class Table {
       remove.hidden = item.section === "volume";
       const head = make("summary", {}, this.title, remove);
       this.element = make("details", { className: "item", open: isOpen }, head, this.body, this.more);
-      head.addEventListener("click", () => { if (!this.element.open) app.gizmos.select(this.item.path); });
+      head.addEventListener("click", (event) => {
+        if (this.element.open || event.defaultPrevented) return;
+        event.preventDefault(); // choosing it opens it, which the click would undo
+        app.gizmos.select(this.item.path);
+      });
     }
     this.element.addEventListener("toggle", () => this.draw(this.item), true);
     this.element.dataset.path = item.path;
@@ -171,7 +175,7 @@ class Table {
     this.item = item;
     if (this.title) this.title.textContent = itemName(item.section, item.table, item.index, item.count);
     if (this.isList && !this.element.open && !this.isSearched) return;
-    const kind = this.app.schema.of(item.section, item.table).title ?? "";
+    const kind = `${this.app.schema.of(item.section, item.table).title} ${isSheared(item.table)}`;
     if (this.kind !== kind) this.#build(kind);
     for (const row of this.rows) row.draw();
   }
@@ -181,19 +185,21 @@ class Table {
     this.rows = [];
     const { section, table, path } = this.item;
     const keys = this.app.schema.keys(section, table);
-    const first = FIRST[section];
+    const first = isSheared(table) ? FIRST[section].map((key) => (key === "translate" ? "transform" : key)) : FIRST[section];
     const order = (key) => (first.includes(key) ? first.indexOf(key) : 100);
     const rest = this.more.lastChild;
     this.body.replaceChildren();
     rest.replaceChildren();
     for (const key of keys.toSorted((a, b) => order(a.key) - order(b.key))) {
       const isTold = key.kind === "fixed";
+      const isStep = STEPS.includes(key.key);
+      if (isStep && isSheared(table)) continue; // they cannot say it
       if (isTold && (key.key !== "type" || section !== "light")) continue;
       if (key.kind === "medium") {
         this.#addMedium(rest, path, table);
         continue;
       }
-      const row = isTold ? new KindRow(this.app, this, key) : new Row(this.app, this, key);
+      const row = new (isTold ? KindRow : isStep ? StepRow : Row)(this.app, this, key);
       this.rows.push(row);
       (order(key.key) < 100 ? this.body : rest).append(row.element);
     }
@@ -252,8 +258,8 @@ class Row {
     Object.assign(this, { app, table, key });
     const path = key.path ?? key.key;
     this.text = `${path} ${spaced(path)} ${key.description} ${(key.choices ?? []).join(" ")}`.toLowerCase();
-    this.field = FIELDS[key.kind](key, spaced(path), (value, drag) => this.#change(value, drag), app);
-    this.back = iconButton("reset", `${path}: as the file says`, "", () => app.model.takeBack(this.path));
+    this.field = FIELDS[key.kind](key, spaced(path), (value, drag) => app.model.edit(this.changes(value), drag), app);
+    this.back = iconButton("reset", `${path}: as the file says`, "", () => this.takeBack());
     this.back.classList.add("back");
     const name = make("span", { className: "name", textContent: spaced(key.key) });
     this.element = make("div", { className: `row of-${key.kind}`, title: `${this.path}\n${key.description}` }, name, this.field.element, this.back);
@@ -264,16 +270,62 @@ class Row {
     return `${this.table.item.path}.${this.key.path ?? this.key.key}`;
   }
 
-  #change(value, drag) {
-    this.app.model.edit({ [this.path]: value }, drag);
+  get value() {
+    return this.app.model.value(this.path);
+  }
+
+  changes(value) {
+    return { [this.path]: value };
+  }
+
+  get isEdited() {
+    return this.app.model.isEdited(this.path);
+  }
+
+  takeBack() {
+    this.app.model.takeBack(this.path);
   }
 
   draw() {
     const { model } = this.app;
-    this.field.set(model.value(this.path));
-    this.back.hidden = !model.canTakeBack(this.path);
-    this.element.classList.toggle("edited", model.isEdited(this.path));
+    this.field.set(this.value);
+    this.back.hidden = !(this.isEdited && model.canTakeBack(this.path));
+    this.element.classList.toggle("edited", this.isEdited);
     this.element.classList.toggle("keyed", (model.state.changing ?? []).includes(this.path));
+  }
+}
+
+/** A step of where something is, also where the file has a matrix that says the same: then all steps take its place. */
+class StepRow extends Row {
+  get value() {
+    const { table } = this.table.item;
+    return isOfMatrix(table) ? stepsOf(matrixOf(table))[this.key.key] : super.value ?? this.key.initial;
+  }
+
+  changes(value) {
+    const { path, table } = this.table.item;
+    if (!isOfMatrix(table)) return super.changes(value);
+    return saidAt(path, { ...stepsOf(matrixOf(table)), [this.key.key]: value }, STEPS);
+  }
+
+  /** The matrix that the file has, if it has one. */
+  get inFile() {
+    const table = this.app.model.original && valueAt(this.app.model.original, this.table.item.path);
+    return isOfMatrix(table) ? matrixOf(table) : null;
+  }
+
+  get isEdited() {
+    const before = this.inFile && stepsOf(this.inFile);
+    return before ? !same(before[this.key.key], this.value) : super.isEdited;
+  }
+
+  /** One step alone would say that the others are none, where the file has a matrix. */
+  takeBack() {
+    const { model } = this.app;
+    const all = STEPS.map((step) => `${this.table.item.path}.${step}`);
+    const areOne = model.original === null ? all.every((key) => model.canTakeBack(key)) : this.inFile !== null;
+    if (areOne) model.takeBack(...all);
+    else super.takeBack();
   }
 }
 

@@ -162,7 +162,7 @@ class Stage {
       drag ??= { at: new Map(), isTouch: event.pointerType === "touch", moved: false, start: this.place(event) };
       drag.at.set(event.pointerId, [event.clientX, event.clientY]);
       drag.does = does;
-      if (does === "pinch") drag.from = { view: this.view(), ...held(drag.at) };
+      if (does === "pinch") drag.from = this.#pinched(drag.at);
     });
     stage.addEventListener("pointermove", (event) => {
       const at = drag?.at.get(event.pointerId);
@@ -189,7 +189,8 @@ class Stage {
       if (this.app.model.state === null || event.ctrlKey) return;
       event.preventDefault();
       const lines = event.deltaMode === 1 ? 40 : 1;
-      this.move(dollied(this.view(), Math.exp(clamp(event.deltaY * lines, -240, 240) * 0.0015), this.#least));
+      const [view, factor] = [this.view(), Math.exp(clamp(event.deltaY * lines, -240, 240) * 0.0015)];
+      this.move(dollied(view, factor, this.#least, view.aside(...this.place(event))));
       clearTimeout(resting);
       resting = setTimeout(() => this.app.model.drop(), REST);
     }, { passive: false });
@@ -206,12 +207,18 @@ class Stage {
     return "orbit";
   }
 
+  /** Where two fingers begin. */
+  #pinched(at) {
+    const [view, { middle, span }] = [this.view(), held(at)];
+    return { view, middle, span, aside: view.aside(...this.place({ clientX: middle[0], clientY: middle[1] })) };
+  }
+
   /** What is at the target's distance stays under two fingers; they move one after the other, so both count from where they began. */
   #pinch({ at, from }, height) {
     const { middle, span } = held(at);
     const factor = from.span / span;
     const [x, y] = times(minus(middle, from.middle), factor / height);
-    this.move(dollied(panned(from.view, x, y), factor, this.#least));
+    this.move(dollied(panned(from.view, x, y), factor, this.#least, from.aside));
   }
 
   #drag(does, x, y) {

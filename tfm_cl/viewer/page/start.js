@@ -24,8 +24,8 @@
   mount(document.getElementById("viewer"), {
     send: (message) => socket?.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message)),
     listen: (callbacks) => { heard = callbacks; },
-    upload: async (file) => {
-      const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+    upload: async (file, kind) => {
+      const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}&kind=${kind}`, { method: "POST", body: file });
       if (!answer.ok) throw new Error((await answer.text()).trim());
       return (await answer.json()).path;
     },

@@ -32,10 +32,10 @@ function overKernel(model) {
   const beat = setInterval(here, HERE);
 
   /** Sends a file in parts, each when the one before has been written. */
-  const upload = async (file, onPart = () => {}) => {
+  const upload = async (file, kind, onPart = () => {}) => {
     for (let from = 0; ; from += CHUNK) {
       const [end, answered] = [Math.min(from + CHUNK, file.size), new Promise((resolve) => { taken = resolve; })];
-      say({ upload: file.name, isFirst: from === 0, isLast: end === file.size }, [await file.slice(from, end).arrayBuffer()]);
+      say({ upload: file.name, kind, isFirst: from === 0, isLast: end === file.size }, [await file.slice(from, end).arrayBuffer()]);
       const { path, line } = await answered;
       if (line) throw new Error(line);
       onPart(file.size ? end / file.size : 1);
@@ -47,8 +47,8 @@ function overKernel(model) {
   return {
     send: (message) => say({ said: JSON.stringify(message) }),
     listen: (callbacks) => { heard = callbacks; },
-    upload: (file, onPart) => {
-      const whole = last.then(() => upload(file, onPart));
+    upload: (file, kind, onPart) => {
+      const whole = last.then(() => upload(file, kind, onPart));
       last = whole.catch(() => {});
       return whole;
     },
