@@ -52,6 +52,8 @@ towards it is much the same."""
 KEYS = ("lookup", "map_res")
 """Of a light from all around, that are left open."""
 TEXELS_MULTIPLE, FEWEST_TEXELS = 32, 64
+BRIGHTEST_PART = 0.25
+"""Share of the light from which on a part of an image throws shadows of solids that are seen: a sun."""
 WIDEST_PIXEL = 1.0
 """In distances between points, where the camera's rays cross what has density: with wider pixels rays take
 fewer samples than there are points."""
@@ -135,6 +137,10 @@ def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
         yield "what is asked for of maps says how good they are"
     if parts < MANY_PARTS:
         yield f"only {parts} parts"
+    if not all(solid.visible for solid in scene.solids):
+        yield "of solids that the camera does not see, it sees the edges of their shadows"
+    if scene.solids and (brightest := _brightest(light)) > BRIGHTEST_PART:
+        yield f"{brightest:.0%} of it are from one direction, and solids throw shadows"
     lattice, why = lattice_of(scene)
     if lattice is None:
         yield why
@@ -149,6 +155,12 @@ def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
         yield f"the camera is as near as points, {lattice.spacing:.2g} apart"
     if scene.camera.pixel_width * (near + far) / 2 > WIDEST_PIXEL * lattice.spacing:
         yield "the picture has fewer samples than there would be points"
+
+
+def _brightest(light: Surroundings) -> float:
+    """Return the share of the brightest part."""
+    brings = [float(np.sum(part.intensity)) for part in light.parts() if part.spread > 0]
+    return max(brings) / max(sum(brings), 1e-300)
 
 
 def _texels(scene: Scene, light: Surroundings) -> tuple[int, str]:
