@@ -7,6 +7,7 @@ from tolerances import PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
+from tfm_cl.plan.surroundings import lattice_of
 from tfm_cl.render.surroundings import beside_hidden
 
 RIPPLE = 0.06
@@ -238,3 +239,16 @@ def test_a_neighbour_that_is_seen_stands_for_a_point_that_is_hidden():
     none = np.zeros(7, bool)
     assert beside_hidden((3, 3, 1), numbers, none, ways).tolist() == list(range(7))
     assert beside_hidden((3, 3, 1), numbers, ~none, ways).tolist() == list(range(7))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_camera_may_stand_at_a_point(renderer):
+    """From where no way leads to it."""
+    ball = tfm.SphereSolid(centre=(9, 0, 0), radius=0.5)
+    scene = beneath_a_sky(solids=[ball], lights=[SKY])
+    lattice, _ = lattice_of(scene)
+    place = lattice.positions([lattice.points // 2])[0]
+    camera = scene.camera.replace(from_=tuple(place), to=tuple(place + 1.0))
+    image = renderer.render(scene.replace(camera=camera)).image
+    assert np.isfinite(image).all()
+    assert image[..., 0].max() > 0.01

@@ -221,8 +221,9 @@ class SurroundingsLattice:
             if self.tracer is not None:
                 points = self.lattice.positions(arrived.numbers)
                 ways = np.asarray(self.scene.camera.from_) - points
-                lengths = np.maximum(np.linalg.norm(ways, axis=1), 1e-300)
-                ways /= lengths[:, None]
+                lengths = np.linalg.norm(ways, axis=1)
+                ways[lengths == 0] = 1, 0, 0  # of the camera's own place
+                ways /= np.linalg.norm(ways, axis=1, keepdims=True)
                 hidden = self.tracer.occluded(points, ways, lengths, by_seen=True)
                 sources[: arrived.count] = beside_hidden(self.lattice.size, arrived.numbers, hidden, ways)
             self._known_sources = arrived, self.launcher.upload(WHAT, sources)
