@@ -49,9 +49,9 @@ def test_a_dim_sky_of_many_parts_is_at_points():
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"res": 64}, "what is asked for of maps says how good they are"),
-        ({"lookup": "interpolate"}, "what is asked for of maps says how good they are"),
-        ({"max_error": 0.01}, "what is asked for of maps says how good they are"),
+        ({"res": 64}, 'map.res = 64: points are for maps where it is "auto"'),
+        ({"lookup": "interpolate"}, 'map.lookup = interpolate: points are for maps where it is "auto"'),
+        ({"max_error": 0.01}, "map.max_error = 0.01 is of maps that are looked up there"),
         ({"lights": [SKY.replace(samples=7), SUN]}, "only 7 parts"),
         (
             {"lights": [SKY, SUN.replace(intensity=0.01)]},
