@@ -8,17 +8,19 @@
 
 /* What the lights scatter towards the camera.
    depths     of surroundings_depths
+   sources    of each point that is listed, which of them says how deep its ways are
    these      places of the lights, of which there are `many`, among those that depths has
    scattered  out: as view/surroundings.h says */
 __kernel void surroundings_view(VIEW view, MEDIUM media, LIGHT lights, ORDERS orders, __global const int *listed,
-                                __global const float *depths, __global const int *these, __global float *scattered,
-                                int count, int row, int many, int2 items)
+                                __global const float *depths, __global const int *sources, __global const int *these,
+                                __global float *scattered, int count, int row, int many, int2 items)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
   const Points points = listed_points(orders, listed, count, item);
   const Ray ray = rays_beyond(view, position_of(orders, &points));
+  const Ints source = gather_ints(sources, item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X);
 #if TFM_TANGENTS
   const FibreAngles fibres = no_strands(); /* a lattice has none */
 #endif
@@ -33,7 +35,7 @@ __kernel void surroundings_view(VIEW view, MEDIUM media, LIGHT lights, ORDERS or
     const Floats mu = -dot3(sample.direction, in_light.direction);
     Floats depth[TFM_CHANNELS];
     for (int c = 0; c < TFM_CHANNELS; ++c) {
-      depth[c] = ROW(depths + (size_t)(place * TFM_CHANNELS + c) * (size_t)row + (size_t)(item * TFM_LANES));
+      depth[c] = gather_floats(depths + (size_t)(place * TFM_CHANNELS + c) * (size_t)row, source);
       sums[SURROUNDINGS_ARRIVE + c] += transmittance_of(depth[c]);
     }
     for (int m = 0; m < TFM_ORDER_MEDIA; ++m) {

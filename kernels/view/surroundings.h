@@ -34,16 +34,24 @@ TFM_INLINE Points listed_points(ORDERS orders, __global const int *listed, int c
 #ifdef TFM_AMOUNTS_H
 #define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity, weight)
 
+/* Below which a logarithm is that of nothing: between points that have none, too. */
+#define OF_NOTHING -125.0f
+
+TFM_INLINE Floats radiance_of(Floats logarithm)
+{
+  return logarithm > OF_NOTHING ? exp2_of(logarithm) : floats(0.0f);
+}
+
 /* What the media of a step scatter, over what it extinguishes, of radiances whose logarithms are given. */
 TFM_INLINE Floats scattered_of(MEDIUM media, const Amounts *step, const Floats *logarithms, int colour)
 {
 #if TFM_MEDIA == 1
   (void)step;
-  return media->albedo[colour] * exp2_of(logarithms[colour]);
+  return media->albedo[colour] * radiance_of(logarithms[colour]);
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
-    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * exp2_of(logarithms[3 * m + colour]);
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * radiance_of(logarithms[3 * m + colour]);
   const Floats extinct = extinguished(media, step, colour);
   return extinct > 0.0f ? scattered / extinct : floats(0.0f);
 #endif

@@ -49,9 +49,9 @@ def test_a_dim_sky_of_many_parts_is_at_points():
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"res": 64}, "what is asked for of maps says how good they are"),
-        ({"lookup": "interpolate"}, "what is asked for of maps says how good they are"),
-        ({"max_error": 0.01}, "what is asked for of maps says how good they are"),
+        ({"res": 64}, 'map.res = 64: points are for maps where it is "auto"'),
+        ({"lookup": "interpolate"}, 'map.lookup = interpolate: points are for maps where it is "auto"'),
+        ({"max_error": 0.01}, "map.max_error = 0.01 is of maps that are looked up there"),
         ({"lights": [SKY.replace(samples=7), SUN]}, "only 7 parts"),
         (
             {"lights": [SKY, SUN.replace(intensity=0.01)]},
@@ -77,6 +77,32 @@ def test_it_is_looked_up_at_every_sample(changes, why):
     found = lookup_of(scene_of(**changes))
     assert found[0] == "samples"
     assert found[1].startswith(why)
+
+
+def with_a_sun_in_it(folder):
+    """A grey image, and one pixel that brings as much as all others."""
+    image = np.full((32, 64, 3), 0.01, np.float32)
+    image[8, 20] = 40
+    np.save(folder / "sun.npy", image)
+    return SKY.replace(texture=str(folder / "sun.npy"), intensity=1)
+
+
+@pytest.mark.parametrize(
+    ("has_sun", "visible", "why"),
+    [
+        (False, True, ""),
+        (True, True, "solids throw shadows"),
+        (False, False, "of solids that the camera does not see"),
+    ],
+)
+def test_shadows_of_solids_that_are_seen_keep_it_from_points(tmp_path, has_sun, visible, why):
+    light = with_a_sun_in_it(tmp_path) if has_sun else SKY
+    scene = scene_of([light, SUN.replace(intensity=9)])
+    assert lookup_of(scene)[0] == "points"
+    ball = tfm.SphereSolid(centre=(0, 0, 0), radius=0.2, visible=visible)
+    value, found = lookup_of(scene.replace(solids=[ball]))
+    assert value == ("samples" if why else "points")
+    assert why in found
 
 
 def test_what_is_asked_for_stays():

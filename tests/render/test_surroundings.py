@@ -7,6 +7,8 @@ from tolerances import PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
+from tfm_cl.plan.surroundings import lattice_of
+from tfm_cl.render.surroundings import beside_hidden
 
 RIPPLE = 0.06
 """That 32 directions, each a part of the sky, leave of an even one; 1,000 where they were points."""
@@ -204,3 +206,49 @@ def test_primitives_are_too_fine_for_points(renderer):
     with pytest.warns(tfm.TfmWarning, match="every sample: points, curves and polygons are finer"):
         found = renderer.render(scene)
     assert np.array_equal(found.image, renderer.render(at_samples(scene)).image)
+
+
+def test_what_brings_nothing_is_black(renderer):
+    """Though points hold logarithms: in every colour by itself."""
+    image = renderer.render(beneath_a_sky(lights=[SKY.replace(intensity=(0.2, 0, 0.4))])).image
+    assert (image[..., 1] == 0).all()
+    assert image[..., 0].max() > 0.01
+
+
+BESIDE_SOLIDS = 0.03
+"""As `AT_POINTS`, in smoke around a ball: edges of its shadows lie between points. It is .2 where points
+within the ball are taken for those beside it."""
+
+
+@pytest.mark.slow
+def test_points_within_solids_do_not_darken_what_is_beside_them(renderer, save_on_failure):
+    ball = tfm.SphereSolid(centre=(0.2, 0.1, 0.3), radius=0.5, albedo=0)
+    scene = beneath_a_sky(solids=[ball], lights=[SKY.replace(samples=16)])
+    found, expected = renderer.render(scene).image, renderer.render(at_samples(scene)).image
+    with save_on_failure(found, expected):
+        assert relative_rmse(found, expected) < BESIDE_SOLIDS
+
+
+def test_a_neighbour_that_is_seen_stands_for_a_point_that_is_hidden():
+    numbers = np.array([0, 1, 2, 3, 5, 7, 8], np.int32)  # of a plane of 3×3 points; 4 and 6 do not count
+    hidden = np.isin(numbers, [3, 5, 7, 8])
+    ways = np.tile([0.6, -0.8, 0.0], (7, 1))
+    stands = numbers[beside_hidden((3, 3, 1), numbers, hidden, ways)]
+    # Of 3 (0, 1) and 5 (2, 1) the nearest are those below; 7 and 8 have none.
+    assert stands.tolist() == [0, 1, 2, 0, 2, 7, 8]
+    none = np.zeros(7, bool)
+    assert beside_hidden((3, 3, 1), numbers, none, ways).tolist() == list(range(7))
+    assert beside_hidden((3, 3, 1), numbers, ~none, ways).tolist() == list(range(7))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_camera_may_stand_at_a_point(renderer):
+    """From where no way leads to it."""
+    ball = tfm.SphereSolid(centre=(9, 0, 0), radius=0.5)
+    scene = beneath_a_sky(solids=[ball], lights=[SKY])
+    lattice, _ = lattice_of(scene)
+    place = lattice.positions([lattice.points // 2])[0]
+    camera = scene.camera.replace(from_=tuple(place), to=tuple(place + 1.0))
+    image = renderer.render(scene.replace(camera=camera)).image
+    assert np.isfinite(image).all()
+    assert image[..., 0].max() > 0.01

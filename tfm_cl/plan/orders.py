@@ -82,6 +82,12 @@ class Lattice(NamedTuple):
         """Their number."""
         return math.prod(self.size)
 
+    def positions(self, numbers: NDArray[np.integer]) -> NDArray[np.float64]:
+        """World positions [n, 3] of points of these numbers, x first."""
+        z, y, x = np.unravel_index(numbers, self.size[::-1])
+        found: NDArray[np.float64] = np.asarray(self.origin) + self.spacing * np.stack([x, y, z], axis=1)
+        return found
+
 
 def orders_of(scene: Scene) -> int:
     """Return how often light is scattered, at most."""

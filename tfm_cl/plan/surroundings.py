@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.lights.surroundings import Surroundings
     from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.settings import MapSettings
 
 ERROR_PER_DEPTH = 0.042
 """Of pictures of clouds and smoke where all light is from points, over the optical depth between these; where
@@ -52,6 +53,8 @@ towards it is much the same."""
 KEYS = ("lookup", "map_res")
 """Of a light from all around, that are left open."""
 TEXELS_MULTIPLE, FEWEST_TEXELS = 32, 64
+BRIGHTEST_PART = 0.25
+"""Share of the light from which on a part of an image throws shadows of solids that are seen: a sun."""
 WIDEST_PIXEL = 1.0
 """In distances between points, where the camera's rays cross what has density: with wider pixels rays take
 fewer samples than there are points."""
@@ -130,11 +133,8 @@ def _lookup(
 
 def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
     """Yield what keeps a light from points."""
-    settings, parts = scene.map, sum(part.spread > 0 for part in light.parts())
-    if settings.lookup != "auto" or settings.res != "auto" or settings.max_error is not None:
-        yield "what is asked for of maps says how good they are"
-    if parts < MANY_PARTS:
-        yield f"only {parts} parts"
+    yield from _asked_otherwise(scene.map)
+    yield from _edges(scene, light)
     lattice, why = lattice_of(scene)
     if lattice is None:
         yield why
@@ -149,6 +149,32 @@ def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
         yield f"the camera is as near as points, {lattice.spacing:.2g} apart"
     if scene.camera.pixel_width * (near + far) / 2 > WIDEST_PIXEL * lattice.spacing:
         yield "the picture has fewer samples than there would be points"
+
+
+def _asked_otherwise(settings: MapSettings) -> Iterator[str]:
+    """Yield what is asked for of maps that are looked up at samples."""
+    if settings.max_error is not None:
+        yield f"map.max_error = {settings.max_error:g} is of maps that are looked up there"
+    for key, value in (("res", settings.res), ("lookup", settings.lookup)):
+        if value != "auto":
+            yield f'map.{key} = {value}: points are for maps where it is "auto"'
+
+
+def _edges(scene: Scene, light: Surroundings) -> Iterator[str]:
+    """Yield why its light is not soft, or where it has edges."""
+    parts = sum(part.spread > 0 for part in light.parts())
+    if parts < MANY_PARTS:
+        yield f"only {parts} parts"
+    if not all(solid.visible for solid in scene.solids):
+        yield "of solids that the camera does not see, it sees the edges of their shadows"
+    if scene.solids and (brightest := _brightest(light)) > BRIGHTEST_PART:
+        yield f"{brightest:.0%} of it are from one direction, and solids throw shadows"
+
+
+def _brightest(light: Surroundings) -> float:
+    """Return the share of the brightest part."""
+    brings = [float(np.sum(part.intensity)) for part in light.parts() if part.spread > 0]
+    return max(brings) / max(sum(brings), 1e-300)
 
 
 def _texels(scene: Scene, light: Surroundings) -> tuple[int, str]:

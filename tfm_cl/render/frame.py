@@ -475,7 +475,8 @@ class Frame:
         found, _ = self._points
         assert found is not None  # noqa: S101 - lights are looked up there
         media = self._dark if self.scene.emits else self.media
-        lattice = SurroundingsLattice(self.launcher, self.scene.dark, media, work.view, found, lights)
+        tracer = self.visibility.tracer(self.scene)
+        lattice = SurroundingsLattice(self.launcher, self.scene.dark, media, work.view, found, lights, tracer)
 
         def make() -> Arrived:
             batches = [

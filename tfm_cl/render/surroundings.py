@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch, LightVariant
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.scene import Scene
 
 LOOK_UPS_AT_ONCE = 1 << 22
@@ -36,6 +37,10 @@ LOOK_UPS_AT_ONCE = 1 << 22
 WHAT = "the lattice of light from all around"
 """What messages call it."""
 RGB = 3
+NEIGHBOURS = np.array([place for place in np.ndindex(3, 3, 3) if place != (1, 1, 1)]) - 1
+"""Of a point, in distances along x, y, z."""
+TOWARDS_CAMERA = 0.5
+"""By how many distances a neighbour may be farther away that lies straight on the way to the camera."""
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
@@ -75,6 +80,8 @@ class Arrived:
     """float [lights, channels, row]."""
     row: int
     """``count``, rounded up to whole lanes."""
+    numbers: NDArray[np.int32]
+    """As ``listed``, on the host."""
     nbytes: int
 
 
@@ -94,6 +101,8 @@ class SurroundingsLattice:
         Where the points are.
     lights
         Numbers of those that are looked up there.
+    tracer
+        Of the solids; None without any.
     """
 
     launcher: Launcher
@@ -102,7 +111,9 @@ class SurroundingsLattice:
     view: cl.Buffer
     lattice: Lattice
     lights: list[int]
+    tracer: Tracer | None
     seconds: float = 0.0
+    _known_sources: tuple[Arrived, cl.Buffer] | None = None
 
     @property
     def _scattering(self) -> int:
@@ -156,7 +167,7 @@ class SurroundingsLattice:
                 for first in range(0, items, most):
                     window = {"items": (first, min(first + most, items))}
                     self.seconds += launcher.run(kernel, (window["items"][1] - first,), of_light | window)
-        return Arrived(listed, len(near), depths, row, nbytes + near.nbytes)
+        return Arrived(listed, len(near), depths, row, near, nbytes + 2 * near.nbytes)
 
     def _near_density(self, batch: Batch) -> NDArray[np.int32]:
         """Numbers of the points that samples with density may read."""
@@ -188,6 +199,7 @@ class SurroundingsLattice:
         places = np.array([self.lights.index(number) for number in lights], np.int32)
         known = {"media": self.media.arguments["media"], "view": self.view, "orders": self._struct}
         known |= {"lights": self._structs, "these": launcher.upload(WHAT, places), "many": len(lights)}
+        known |= {"sources": self._sources(arrived)}
         known |= {"listed": arrived.listed, "depths": arrived.depths, "scattered": scattered}
         known |= {"count": arrived.count, "row": arrived.row}
         items = arrived.row // launcher.lanes
@@ -196,6 +208,26 @@ class SurroundingsLattice:
             end = min(first + most, items)
             self.seconds += launcher.run(kernel, (end - first,), known | {"items": (first, end)})
         return scattered
+
+    def _sources(self, arrived: Arrived) -> cl.Buffer:
+        """Say, of each point that is listed, from which of them its light is taken: its place among them.
+
+        What solids hide from the camera is within them, or on their other side: there it may be dark, or lit
+        by what no sample in front of them sees. Such points take the light of one beside them that is seen.
+        """
+        if self._known_sources is None or self._known_sources[0] is not arrived:
+            sources = np.zeros(arrived.row, np.int32)
+            sources[: arrived.count] = np.arange(arrived.count)
+            if self.tracer is not None:
+                points = self.lattice.positions(arrived.numbers)
+                ways = np.asarray(self.scene.camera.from_) - points
+                lengths = np.linalg.norm(ways, axis=1)
+                ways[lengths == 0] = 1, 0, 0  # of the camera's own place
+                ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+                hidden = self.tracer.occluded(points, ways, lengths, by_seen=True)
+                sources[: arrived.count] = beside_hidden(self.lattice.size, arrived.numbers, hidden, ways)
+            self._known_sources = arrived, self.launcher.upload(WHAT, sources)
+        return self._known_sources[1]
 
     def see(
         self,
@@ -230,3 +262,47 @@ class SurroundingsLattice:
         arguments |= {"lights": lights} | ({} if layer is None else {"layer": layer})
         arguments |= frame.arguments("places", "solid") | frame.stored()
         return self.launcher.run_windows(kernel, bounds, steps, arguments, done)
+
+
+def beside_hidden(
+    size: tuple[int, int, int],
+    numbers: NDArray[np.int32],
+    hidden: NDArray[np.bool_],
+    ways: NDArray[np.floating],
+) -> NDArray[np.int32]:
+    """Return of each point which one stands for it: itself, or a neighbour that is seen where it is hidden.
+
+    Parameters
+    ----------
+    size
+        Points of the lattice along x, y, z.
+    numbers
+        [n], ascending: those that count, x first.
+    hidden
+        [n]: those that are not seen.
+    ways
+        [n, 3]: unit vectors towards the camera.
+
+    Returns
+    -------
+    [n], places in ``numbers``: the nearest of 26 neighbours, rather one towards the camera.
+    """
+    stands = np.arange(len(numbers), dtype=np.int32)
+    behind = np.flatnonzero(hidden)
+    if not len(behind) or len(behind) == len(numbers):
+        return stands
+    nx, ny, nz = size
+    place_of = np.full(nx * ny * nz, -1, np.int32)
+    place_of[numbers[~hidden]] = stands[~hidden]
+    of_behind = numbers[behind]
+    x, y, z = of_behind % nx, of_behind // nx % ny, of_behind // (nx * ny)
+    best = np.full(len(behind), np.inf)
+    for step in NEIGHBOURS:
+        i, j, k = x + step[0], y + step[1], z + step[2]
+        inside = (i >= 0) & (i < nx) & (j >= 0) & (j < ny) & (k >= 0) & (k < nz)
+        found = place_of[np.where(inside, (k * ny + j) * nx + i, of_behind)]
+        length = float(np.linalg.norm(step))
+        away = length - TOWARDS_CAMERA * (ways[behind] @ step) / length
+        nearer = (found >= 0) & (away < best)
+        best[nearer], stands[behind[nearer]] = away[nearer], found[nearer]
+    return stands

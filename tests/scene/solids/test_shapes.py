@@ -168,6 +168,13 @@ def test_the_nearest_of_several_wins(rng):
     assert not tracer.occluded(origins[~hit], directions[~hit], np.inf).any()
 
 
+def test_what_the_camera_does_not_see_hides_nothing_from_it():
+    tracer = Tracer([SphereSolid(visible=False), SphereSolid(centre=(9, 0, 0))])
+    starts = np.array([[0, 0, 3], [9, 0, 3]])
+    assert tracer.occluded(starts, (0, 0, -1), 9.0).tolist() == [True, True]
+    assert tracer.occluded(starts, (0, 0, -1), 9.0, by_seen=True).tolist() == [False, True]
+
+
 def test_one_origin_serves_for_all_rays(rng):
     directions = rays_towards(rng, np.zeros(3), 50)[1]
     tracer = Tracer([SphereSolid()])

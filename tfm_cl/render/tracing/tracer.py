@@ -192,7 +192,9 @@ class Tracer:
         in_chunks(rays.count, trace)
         return result
 
-    def occluded(self, origins: ArrayLike, directions: ArrayLike, distances: ArrayLike) -> NDArray[np.bool_]:
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, distances: ArrayLike, *, by_seen: bool = False
+    ) -> NDArray[np.bool_]:
         """Tell whether any solid lies strictly between the ends of rays, [N].
 
         Surfaces within `LIFT` of the far end do not count. Rays that start on a surface should start at
@@ -204,7 +206,11 @@ class Tracer:
             As in `nearest`.
         distances
             Length of each ray, [N] or one for all, world units; may be infinite.
+        by_seen
+            Whether only solids that are visible count.
         """
+        shapes = self._seen_shapes if by_seen else self._shapes
+        meshes = self._seen_meshes if by_seen else self._meshes
         rays = _Rays(origins, directions)
         lengths = np.broadcast_to(np.asarray(distances, dtype=np.float64), rays.count)
         result = np.zeros(rays.count, dtype=bool)
@@ -213,12 +219,12 @@ class Tracer:
             start, towards = rays[part]
             limits = lengths[part] * (1 - LIFT)
             blocked = np.zeros(len(start), dtype=bool)
-            for shape in self._shapes:
+            for shape in shapes:
                 blocked |= shape.distances(*shape.object_rays(start, towards)) < limits
-            if self._meshes is not None and not blocked.all():
+            if meshes is not None and not blocked.all():
                 left = np.flatnonzero(~blocked)
-                ends = limits[left] - LIFT * self._meshes.size
-                blocked[left] = self._meshes.occluded(start[left], towards[left], ends)
+                ends = limits[left] - LIFT * meshes.size
+                blocked[left] = meshes.occluded(start[left], towards[left], ends)
             result[part] = blocked
 
         in_chunks(rays.count, trace)
