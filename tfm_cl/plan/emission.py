@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.plan.marched import distances, marched, occupied_bounds
-from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, SAME, VOXELS_APART, Lattice, points_along
+from tfm_cl.plan.orders import (
+    FARTHER,
+    OF_SMALLEST_BODY,
+    SAME,
+    VOXELS_APART,
+    Lattice,
+    OnLattice,
+    points_along,
+    serves_no_lattice,
+)
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
@@ -41,13 +50,6 @@ class Texels(NamedTuple):
     """Of a map of such a light, along a side."""
 
     number: int
-    why: str
-
-
-class OnLattice(NamedTuple):
-    """Whether the lights are on a lattice, and on which."""
-
-    lattice: Lattice | None
     why: str
 
 
@@ -87,12 +89,8 @@ def lights_of(scene: Scene) -> list[Light]:
 def lattice_of(scene: Scene) -> OnLattice:
     """Decide where points lie at which the lights are looked up; at every sample where no lattice serves."""
     lights = scene.emission_lights
-    if scene.primitives:
-        return OnLattice(None, "points, curves and polygons are finer than a lattice")
-    if not np.isfinite(scene.bounds).all():
-        return OnLattice(None, "a medium that is everywhere has no lattice")
-    if scene.march.attenuation == "paper":
-        return OnLattice(None, 'march.attenuation = "paper" knows samples only')
+    if why := serves_no_lattice(scene):
+        return OnLattice(None, why)
     grids = [grid for grid in scene.grids if any(scene.medium_of(grid).sigma_s)]
     shapes = [body for body in scene.homogeneous if any(scene.medium_of(body).sigma_s)]
     if not grids and not shapes:

@@ -89,6 +89,24 @@ class Lattice(NamedTuple):
         return found
 
 
+class OnLattice(NamedTuple):
+    """Whether lights are looked up at such points, and at which."""
+
+    lattice: Lattice | None
+    why: str
+
+
+def serves_no_lattice(scene: Scene) -> str:
+    """Return why lights are looked up at every sample of a scene; nothing where points may serve."""
+    if scene.primitives:
+        return "points, curves and polygons are finer than a lattice"
+    if not np.isfinite(scene.bounds).all():
+        return "a medium that is everywhere has no lattice"
+    if scene.march.attenuation == "paper":
+        return 'march.attenuation = "paper" knows samples only'
+    return ""
+
+
 def orders_of(scene: Scene) -> int:
     """Return how often light is scattered, at most."""
     return max(scene.medium_of(body).orders for body in scene.bodies)

@@ -15,7 +15,7 @@ import numpy as np
 
 from tfm_cl.model import decided as whole
 from tfm_cl.plan.marched import distances, marched, occupied_bounds
-from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, Lattice
+from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, Lattice, OnLattice, serves_no_lattice
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
@@ -66,13 +66,6 @@ class Decided(NamedTuple):
     light: int
     key: str
     value: int | str
-    why: str
-
-
-class OnLattice(NamedTuple):
-    """Whether light from all around is on a lattice, and on which."""
-
-    lattice: Lattice | None
     why: str
 
 
@@ -206,12 +199,8 @@ def share_of(scene: Scene) -> float:
 
 def lattice_of(scene: Scene) -> OnLattice:
     """Decide where points lie."""
-    if scene.primitives:
-        return OnLattice(None, "points, curves and polygons are finer than a lattice")
-    if not np.isfinite(scene.bounds).all():
-        return OnLattice(None, "a medium that is everywhere has no lattice")
-    if scene.march.attenuation == "paper":
-        return OnLattice(None, 'march.attenuation = "paper" knows samples only')
+    if why := serves_no_lattice(scene):
+        return OnLattice(None, why)
     grids = _scattering_grids(scene)
     shapes = [body for body in scene.homogeneous if any(scene.medium_of(body).sigma_s)]
     if not grids:

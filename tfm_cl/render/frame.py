@@ -21,6 +21,7 @@ from tfm_cl.model import decided
 from tfm_cl.plan import emission, surroundings
 from tfm_cl.plan.lattice import smooth_lights
 from tfm_cl.plan.orders import (
+    OnLattice,
     lattice_of,
     media_of,
     orders_of,
@@ -432,7 +433,7 @@ class Frame:
         return lights if lattice is not None else []
 
     @cached_property
-    def _points(self) -> surroundings.OnLattice:
+    def _points(self) -> OnLattice:
         return surroundings.lattice_of(self.scene)
 
     def _light_from_all_around(self, work: _Work, shared: _Shared, lights: list[int]) -> None:

@@ -67,17 +67,9 @@ class EnvironmentLight(OfFrames, Surroundings):
             check_brightness(self.texture, float(flux.max()), self.intensity)
         else:
             flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
-        spread = self.spread_of(self.samples)
-        return tuple(
-            SunLight.of_part(
-                direction,
-                np.multiply(self.intensity, part),
-                spread,
-                self.part_texels,
-                at_points=self.lookup == "points",
-            )
-            for direction, part in zip(directions, flux, strict=True)
-        )
+        irradiances = np.multiply(self.intensity, flux)
+        spreads, at_points = [self.spread_of(self.samples)] * self.samples, self.lookup == "points"
+        return SunLight.of_parts(directions, irradiances, spreads, self.part_texels, at_points=at_points)
 
     def read_files(self) -> None:
         """Sum the texture up for its parts, which is kept."""

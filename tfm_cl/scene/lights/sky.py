@@ -127,16 +127,9 @@ class SkyLight(Surroundings):
             light = np.concatenate([light, [self._sky.sun_irradiance]])
             spreads.append(0.0)
         directions = turned(directions, self._world_from_sky.T)
-        return tuple(
-            SunLight.of_part(
-                direction,
-                np.multiply(self.intensity, part),
-                spread,
-                self.part_texels,
-                at_points=self.lookup == "points",
-            )
-            for direction, part, spread in zip(directions, light, spreads, strict=True)
-        )
+        irradiances = np.multiply(self.intensity, light)
+        at_points = self.lookup == "points"
+        return SunLight.of_parts(directions, irradiances, spreads, self.part_texels, at_points=at_points)
 
     def radiance(self, directions: Floats, width: Floats) -> Floats:
         """As `Surroundings.radiance`: sky, ground and, with ``sun``, the sun's disk."""

@@ -1,6 +1,6 @@
 """The sun: parallel light."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
@@ -78,34 +78,38 @@ class SunLight(Light):
         return sun
 
     @classmethod
-    def of_part(
+    def of_parts(
         cls,
-        direction: Floats,
-        irradiance: Floats,
-        spread: float,
+        directions: Floats,
+        irradiances: Floats,
+        spreads: Sequence[float],
         most_texels: int,
         *,
-        at_points: bool = False,
-    ) -> Self:
-        """Return the light from a part of the sky.
+        at_points: bool,
+    ) -> tuple[Self, ...]:
+        """Return the lights from parts of the sky.
 
         Parameters
         ----------
-        direction
-            [3], to the part.
-        irradiance
-            [RGB], on a plane facing it.
-        spread, most_texels
-            As of `Light`; the sun itself, without a spread, has a map like others.
+        directions
+            [n, 3], to the parts.
+        irradiances
+            [n, RGB], on planes facing them.
+        spreads, most_texels
+            [n] and for all, as of `Light`; the sun itself, without a spread, has a map like others.
         at_points
             `Light.is_at_points`, likewise.
         """
-        x, y, z = direction.tolist()
-        sun = cls(from_=(x, y, z), to=(0, 0, 0), intensity=tuple(irradiance.tolist()))
-        sun._spread = spread
-        sun._most_texels = most_texels if spread > 0 else None
-        sun._is_at_points = at_points and spread > 0
-        return sun
+        suns = []
+        for direction, irradiance, spread in zip(
+            directions.tolist(), irradiances.tolist(), spreads, strict=True
+        ):
+            sun = cls(from_=tuple(direction), to=(0, 0, 0), intensity=tuple(irradiance))
+            sun._spread = spread
+            sun._most_texels = most_texels if spread > 0 else None
+            sun._is_at_points = at_points and spread > 0
+            suns.append(sun)
+        return tuple(suns)
 
     @property
     def spread(self) -> float:
