@@ -28,12 +28,7 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
   if (!any_lane(pixels.wanted) || (here.count == 0 && !sees_camera))
     return;
   const Ray ray = camera_rays(view, pixels);
-  Interval seen = {floats(0.0f), floats(INFINITY)};
-#if TFM_SHADOW
-  seen.end = solid_distance(view, solid, pixels);
-#else
-  (void)solid;
-#endif
+  const Interval seen = before_solids(view, solid, pixels);
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   LightSums sums = light_sums_begin();

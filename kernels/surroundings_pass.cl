@@ -22,12 +22,7 @@ __kernel void surroundings_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GR
   if (!any_lane(pixels.wanted))
     return;
   const Ray ray = camera_rays(view, pixels);
-  Interval seen = {floats(0.0f), floats(INFINITY)};
-#if TFM_SHADOW
-  seen.end = solid_distance(view, solid, pixels);
-#else
-  (void)solid;
-#endif
+  const Interval seen = before_solids(view, solid, pixels);
   const MediaOnRay on_ray = media_on_ray(view, grids, bodies, ray, seen, pixels.inside);
   SCENE(scene, TO_INTS(pixels.at_x), TO_INTS(pixels.at_y));
   const OrdersOnRay lattice = orders_on_ray(orders, scattered, ray);

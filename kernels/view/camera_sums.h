@@ -6,6 +6,20 @@
 #include "view/camera_ray.h"
 #include "view/frame.h"
 
+/* What of their rays lies before the solids that pixels show. */
+TFM_INLINE Interval before_solids(VIEW view, __global const float4 *solid, Pixels pixels)
+{
+  Interval seen = {floats(0.0f), floats(INFINITY)};
+#if TFM_SHADOW
+  seen.end = solid_distance(view, solid, pixels);
+#else
+  (void)view;
+  (void)solid;
+  (void)pixels;
+#endif
+  return seen;
+}
+
 typedef struct {
   CameraRay ray;
   Amounts total;        /* of the whole ray */

@@ -161,10 +161,11 @@ def test_a_file_arrives_in_parts(viewer, tmp_path):
 
 
 def test_a_table_of_a_phase_function_arrives_as_one(viewer, tmp_path):
-    for kind in ("scene", "phase"):
+    for kind in ("mesh", "scene", "phase"):
         say(viewer, upload="cloud.txt", kind=kind, isFirst=True, isLast=True, buffers=[b"-1 1"])
 
-    line, path = (content["taken"] for content, _ in viewer.sent if "taken" in content)
+    unknown, line, path = (content["taken"] for content, _ in viewer.sent if "taken" in content)
+    assert unknown == {"line": "a file is of one kind: scene or phase"}
     assert "is no scene and no volume" in line["line"]
     assert path == {"path": "cloud.txt"}
     assert (tmp_path / "cloud.txt").read_bytes() == b"-1 1"

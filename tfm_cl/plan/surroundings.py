@@ -116,26 +116,27 @@ def resolved(scene: Scene, decisions: Iterable[Decided]) -> Scene:
 def _lookup(
     scene: Scene, light: Surroundings, *, reads_maps: bool
 ) -> tuple[Literal["points", "samples"], str]:
-    why_not = "light is marched there" if not reads_maps else next(_why_not(scene, light), "")
-    if why_not:
-        return "samples", why_not
+    if not reads_maps:
+        return "samples", "light is marched there"
     lattice, why = lattice_of(scene)
-    assert lattice is not None  # noqa: S101 - nothing is in its way
+    why_not = next(_why_not(scene, light, lattice, why), "")
+    if lattice is None or why_not:
+        return "samples", why_not
     return "points", "{}x{}x{} of them, ".format(*lattice.size) + why
 
 
-def _why_not(scene: Scene, light: Surroundings) -> Iterator[str]:
+def _why_not(scene: Scene, light: Surroundings, lattice: Lattice | None, why: str) -> Iterator[str]:
     """Yield what keeps a light from points."""
     yield from _asked_otherwise(scene.map)
     yield from _edges(scene, light)
-    lattice, why = lattice_of(scene)
     if lattice is None:
         yield why
         return
     share = share_of(scene)
-    if _tolerated(scene, share) < VOXELS_APART[0] * _finest(scene):
+    tolerated = _tolerated(scene, share)
+    if tolerated < VOXELS_APART[0] * _finest(scene):
         yield f"{share:.0%} of the light is from all around: points would be nearer than voxels"
-    if lattice.spacing > _tolerated(scene, share):
+    if lattice.spacing > tolerated:
         yield why
     near, far = distances(scene.occupied_bounds, np.asarray(scene.camera.from_))
     if lattice.spacing > WIDEST_TURN * near:

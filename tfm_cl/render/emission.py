@@ -11,11 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.declared import ORDERS
-from tfm_cl.render.lattice_points import TowardsCamera, see_points
+from tfm_cl.render.lattice_points import TowardsCamera, points_structs, run_in_parts, see_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,11 +82,7 @@ class EmissionLattice:
 
     @cached_property
     def _struct(self) -> cl.Buffer:
-        struct = np.zeros((), ORDERS.dtype)
-        struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
-        struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
-        struct["samples"] = self.lattice.samples
-        return self.launcher.upload(WHAT, struct)
+        return self.launcher.upload(WHAT, points_structs(self.lattice, self.scene, self.lattice.samples))
 
     @cached_property
     def _numbers(self) -> cl.Buffer:
@@ -113,9 +105,7 @@ class EmissionLattice:
         most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
         for number in range(len(batch.indices)):
             of_light = known | {"number": number, "begins": int(self._added == 0)}
-            for first in range(0, items, most):
-                end = min(first + most, items)
-                seconds += launcher.run(kernel, (end - first,), of_light | {"items": (first, end)})
+            seconds += run_in_parts(launcher, kernel, items, most, of_light)
             self._added += 1
         return seconds
 

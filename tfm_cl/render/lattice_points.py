@@ -1,8 +1,14 @@
-"""What the points of a lattice scatter to a camera, and the camera's pass through it (``order_pass.cl``)."""
+"""Points of a lattice on the device: where they are, what they scatter to a camera, its pass through them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.structs.declared import ORDERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -11,8 +17,29 @@ if TYPE_CHECKING:
 
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.program import Kernel
+    from tfm_cl.plan.orders import Lattice
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.scene.scene import Scene
+
+
+def points_structs(lattice: Lattice, scene: Scene, samples: int, count: int = 1) -> NDArray[Any]:
+    """Return structs [count] that tell kernels where points are, and what densities to read at each."""
+    structs = np.zeros(count, ORDERS.dtype)
+    structs["origin"] = np.subtract(lattice.origin, world_from_device(scene)[:3, 3])
+    structs["spacing"], structs["size"], structs["samples"] = lattice.spacing, lattice.size, samples
+    return structs
+
+
+def run_in_parts(
+    launcher: Launcher, kernel: Kernel, items: int, most: int, arguments: dict[str, Any]
+) -> float:
+    """Run a kernel over work-items in launches of so many at most; returns device seconds."""
+    seconds = 0.0
+    for first in range(0, items, most):
+        end = min(first + most, items)
+        seconds += launcher.run(kernel, (end - first,), arguments | {"items": (first, end)})
+    return seconds
 
 
 class TowardsCamera(NamedTuple):

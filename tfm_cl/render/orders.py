@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import MOST_DEGREE
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.declared import ORDERS, SWEEP
+from tfm_cl.device.structs.declared import SWEEP
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.errors import SceneError
 from tfm_cl.model import decided
@@ -61,7 +61,7 @@ from tfm_cl.plan.orders import (
     swept_media,
     ways_of,
 )
-from tfm_cl.render.lattice_points import TowardsCamera, see_points
+from tfm_cl.render.lattice_points import TowardsCamera, points_structs, run_in_parts, see_points
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.walls import NO_PATCH, Met, Sweep, walls_of
 from tfm_cl.scene.lights.colours import common_colour
@@ -80,7 +80,6 @@ if TYPE_CHECKING:
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.tracing.tracer import Tracer
-    from tfm_cl.scene.medium import Medium
     from tfm_cl.scene.scene import Scene
 
 MOST_BYTES_APART = 2 << 30
@@ -464,18 +463,12 @@ class Orders:
         return self.launcher.upload(WHAT, self._of_samples(1))
 
     def _of_samples(self, samples: int) -> NDArray[Any]:
-        structs = np.zeros(len(self.lobes), ORDERS.dtype)
+        structs = points_structs(self.lattice, self.scene, samples, len(self.lobes))
         for struct, medium, lobe in zip(structs, media_of(self.scene), self.lobes, strict=True):
-            self._fill(struct, medium, lobe, samples)
+            struct["albedo"], struct["straight"] = medium.albedo, lobe.straight
+            degrees = slice(lobe.degree + 1)
+            struct["bent"][degrees], struct["seen"][degrees] = lobe.bent, lobe.seen
         return structs
-
-    def _fill(self, struct: NDArray[Any], medium: Medium, lobe: Lobe, samples: int) -> None:
-        struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
-        struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
-        struct["samples"] = samples
-        struct["albedo"], struct["straight"] = medium.albedo, lobe.straight
-        degrees = slice(lobe.degree + 1)
-        struct["bent"][degrees], struct["seen"][degrees] = lobe.bent, lobe.seen
 
     @cached_property
     def _colour(self) -> NDArray[np.float64] | None:
@@ -800,9 +793,7 @@ class Orders:
         lanes = self.launcher.lanes
         items = self._items if items is None else items
         most = max(1, SAMPLES_AT_ONCE // (cost * lanes))
-        for first in range(0, items, most):
-            end = min(first + most, items)
-            self._run(kernel, (end - first,), arguments | {"items": (first, end)})
+        self.seconds += run_in_parts(self.launcher, kernel, items, most, arguments)
 
     def _add_lights(self, batch: Batch, light: cl.Buffer, times: int = 0) -> None:
         """Add what lights bring to points, after being scattered straight on so many times."""

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.declared import ORDERS
 from tfm_cl.device.structs.light import light_structs
+from tfm_cl.render.lattice_points import points_structs, run_in_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -132,11 +131,7 @@ class SurroundingsLattice:
 
     @cached_property
     def _struct(self) -> cl.Buffer:
-        struct = np.zeros((), ORDERS.dtype)
-        struct["origin"] = np.subtract(self.lattice.origin, world_from_device(self.scene)[:3, 3])
-        struct["spacing"], struct["size"] = self.lattice.spacing, self.lattice.size
-        struct["samples"] = self.lattice.samples
-        return self.launcher.upload(WHAT, struct)
+        return self.launcher.upload(WHAT, points_structs(self.lattice, self.scene, self.lattice.samples))
 
     def arrived(self, batches: Sequence[Batch], steps: int) -> Arrived:
         """Look the lights up.
@@ -164,9 +159,7 @@ class SurroundingsLattice:
             known |= {"count": len(near), "row": row}
             for number, light in enumerate(batch.indices):
                 of_light = known | {"number": number, "place": self.lights.index(light)}
-                for first in range(0, items, most):
-                    window = {"items": (first, min(first + most, items))}
-                    self.seconds += launcher.run(kernel, (window["items"][1] - first,), of_light | window)
+                self.seconds += run_in_parts(launcher, kernel, items, most, of_light)
         return Arrived(listed, len(near), depths, row, near, nbytes + 2 * near.nbytes)
 
     def _near_density(self, batch: Batch) -> NDArray[np.int32]:
@@ -204,9 +197,7 @@ class SurroundingsLattice:
         known |= {"count": arrived.count, "row": arrived.row}
         items = arrived.row // launcher.lanes
         most = max(1, LOOK_UPS_AT_ONCE // (len(lights) * launcher.lanes))
-        for first in range(0, items, most):
-            end = min(first + most, items)
-            self.seconds += launcher.run(kernel, (end - first,), known | {"items": (first, end)})
+        self.seconds += run_in_parts(launcher, kernel, items, most, known)
         return scattered
 
     def _sources(self, arrived: Arrived) -> cl.Buffer:

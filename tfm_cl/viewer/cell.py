@@ -16,7 +16,7 @@ import traitlets
 
 from tfm_cl.errors import InputError
 from tfm_cl.viewer.clients import failed
-from tfm_cl.viewer.files import KINDS, Kind, break_off
+from tfm_cl.viewer.files import break_off, kind_of
 from tfm_cl.viewer.mailbox import Mailbox
 from tfm_cl.viewer.messages import parsed
 from tfm_cl.viewer.page import script, style
@@ -196,7 +196,7 @@ def _taken(view: _View, content: dict[str, Any], buffers: list[Any], into: Files
     try:
         if content.get("isFirst"):
             view.break_off()
-            kind: Kind = next((kind for kind in KINDS if kind == content.get("kind")), "scene")
+            kind = kind_of(content.get("kind", "scene"))
             view.upload = view.opened.enter_context(into.upload(str(content["upload"]), kind))
         upload = view.upload
         if upload is None:

@@ -313,6 +313,20 @@ def openable() -> set[str]:
     return {".toml", *volume_io.FORMATS, *points_io.FORMATS, *curves_io.FORMATS}
 
 
+def kind_of(said: object) -> Kind:
+    """Return the kind that a page says.
+
+    Raises
+    ------
+    InputError
+        Another.
+    """
+    for kind in KINDS:
+        if said == kind:
+            return kind
+    raise InputError(f"a file is of one kind: {' or '.join(KINDS)}")
+
+
 def extensions_of(kind: Kind) -> set[str]:
     """Return the extensions of files of a kind."""
     return set(phase_table.EXTENSIONS) if kind == "phase" else openable()

@@ -20,7 +20,7 @@ from tfm_cl.errors import InputError
 from tfm_cl.extras import needs
 from tfm_cl.files.paths import reason_of
 from tfm_cl.viewer.clients import failed
-from tfm_cl.viewer.files import KINDS, Files, Upload, break_off, too_large
+from tfm_cl.viewer.files import Files, Upload, break_off, kind_of, too_large
 from tfm_cl.viewer.mailbox import Mailbox
 from tfm_cl.viewer.messages import MOST_BYTES, parsed
 from tfm_cl.viewer.page import document
@@ -350,9 +350,10 @@ class _Uploads(_Checked):
             raise _RefusedError(400, "a file needs a name: /upload?name=cloud.vdb")
         name = names[0].decode(errors="replace")
         said = self.request.query_arguments.get("kind", [b"scene"])
-        kind = next((kind for kind in KINDS if said == [kind.encode()]), None)
-        if kind is None:
-            raise _RefusedError(400, f"a file is of one kind: {' or '.join(KINDS)}")
+        try:
+            kind = kind_of(" ".join(one.decode(errors="replace") for one in said))
+        except InputError as error:
+            raise _RefusedError(400, str(error)) from None
         most = files.most_of(kind)
         length = self.request.headers.get("Content-Length", "")
         if length.isdecimal() and int(length) > most:

@@ -70,7 +70,7 @@ class Surroundings(Light):
 
     @property
     def surrounds(self) -> bool:
-        """It does."""
+        """As `Light.surrounds`."""
         return True
 
     @property
