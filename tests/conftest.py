@@ -59,12 +59,12 @@ that is quick, and modules beside it have the device's own number. Most device f
 both."""
 
 
-EVERY = 6
+EVERY = 12
 """Of a module's slow cases that differ from others in the rays a work-item only, and that no CPU chooses, so
 many are one that is run, from the first on: compiling took a fifth of CI. For GPUs all are compiled."""
-MOST, OF_PICTURES = 6, ("render", "maps", "plan")
-"""Of more slow cases of one test of these folders so many are run, spread evenly: each compiles kernels of
-its own. ``--every-case``, or a test's own name, runs all."""
+MOST, OF_PICTURES, OF_CHECKS = 3, ("render", "maps", "plan"), "test_the_check_sees"
+"""Of more slow cases of one test of these folders, or of one that tries a check on what is wrong, so many are
+run, spread evenly: each compiles kernels of its own. ``--every-case``, or a test's own name, runs all."""
 
 
 def pytest_collection_modifyitems(config, items):
@@ -84,8 +84,9 @@ def pytest_collection_modifyitems(config, items):
     if config.getoption("--every-case") or any("::" in argument for argument in config.args):
         return
     left_out = {case for cases in one_lane.values() for case in set(cases) - set(cases[::EVERY])}
-    for (path, _), cases in others.items():
-        if not {*OF_PICTURES}.isdisjoint(path.relative_to(config.rootpath).parts):
+    for (path, test), cases in others.items():
+        folders = path.relative_to(config.rootpath).parts
+        if not {*OF_PICTURES}.isdisjoint(folders) or test.startswith(OF_CHECKS):
             spread = {len(cases) * number // MOST for number in range(MOST)}
             left_out |= {
                 case for number, case in enumerate(cases) if number not in spread and len(cases) > MOST
