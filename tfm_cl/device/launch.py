@@ -1,6 +1,7 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
 import contextlib
+import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -112,22 +113,28 @@ class Launcher:
     ) -> None:
         self.device = device
         self._context = cl.Context([device])
-        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.lanes_possible = lanes_of(self.context)
         self.lanes = self.lanes_possible[-1] if lanes is None else lanes
         if self.lanes not in self.lanes_possible:
             possible = ", ".join(map(str, sorted(self.lanes_possible)))
             raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
-        self._kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._options = (*options, f"-DTFM_LANES={self.lanes}")
         self._shares_memory = bool(device.type & cl.device_type.CPU)
-        self._host_memory = HostMemory()
-        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
         self._groups: dict[int, tuple[int, ...] | None] = {
             **WORK_GROUPS,
             2: tiles if work_group == "auto" else work_group,
         }
         self._launch_seconds = launch_seconds
+        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+        self._begin_work()
+
+    def _begin_work(self) -> None:
+        """Make what serves one thread at a time."""
+        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self._kernels = KernelLibrary(self.context, self._options)
+        self._host_memory = HostMemory()
+        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         self._paces: dict[str, float] = {}
         """Kernel -> seconds of a density sample that an item may need, where that took longest."""
         self._cancelled = threading.Event()
@@ -135,7 +142,12 @@ class Launcher:
         """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
         self.seconds = 0.0
         """Of all kernels so far, on the device."""
-        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+
+    def beside(self) -> "Launcher":
+        """Return another for the same device, for what a second thread does meanwhile: buffers serve both."""
+        other = copy.copy(self)
+        other._begin_work()  # noqa: SLF001 - its own class
+        return other
 
     # All that is done on the device goes through one of these three.
 

@@ -109,6 +109,8 @@ class ShotFrames:
         ready = self._read(file, frame, self._like(states))
         ready.read_files()
         self._before = states, ready
+        if self._made is not None and not file.image.is_blurred:
+            self._made.prepare(ready.scene)
         return ready, time.perf_counter() - started
 
     def _like(self, states: States) -> ReadFrame | None:
