@@ -3,65 +3,106 @@
 #include "body/grid.h"
 #include "body/leaves.h"
 
-/* Whether the cube of at most 8 voxels along each axis from (x, y, z) on touches a leaf: one does at its corners. */
-TFM_INLINE int touches_leaf(LeafSlab slab, int x, int y, int z, int edge)
+/* Which of LEAF_BRICKS bricks along an axis answer for some of a leaf's LEAF_EDGE voxels: of brick k, as bits, those
+   that its cells touch. offset: the leaf's first voxel from the first of brick 1, 0 to BRICK_EDGE - 1. */
+TFM_INLINE int touched_by(int k, int offset)
 {
-  int touched = 0;
-  for (int corner = 0; corner < 8; ++corner)
-    touched |= leaf_of(slab, x + (corner & 1) * (edge - 1), y + (corner >> 1 & 1) * (edge - 1),
-                       z + (corner >> 2) * (edge - 1)) >= 0;
-  return touched;
+  const int begin = max((k - 1) * BRICK_EDGE - offset, 0);
+  const int end = min((k - 1) * BRICK_EDGE - offset + BRICK_EDGE + MOST_SHARED, LEAF_EDGE);
+  return begin < end ? (1 << end) - (1 << begin) : 0;
 }
 
-/* occupied  out: 1 for every brick of the slab (x fastest, from layer first_layer) with a voxel > 0 in the cells that
-   it answers for. brick_count  bricks along x, y and layers of the slab. One work-item a brick. */
-__kernel void find_occupied(__global const int *table, __global const float *leaves, int4 leaf_count, int4 first,
-                            int4 brick_count, int first_layer, __global uchar *occupied)
+/* bricks  out: for every leaf, the LEAF_BRICKS along each axis that its voxels may touch, as bits, x fastest: 1 with a
+   voxel > 0 in the cells that a brick answers for. offset: as of `touched_by`, along x, y, z. One work-item a leaf. */
+__kernel void find_occupied(__global const float *leaves, int count, int4 offset, __global ulong *bricks)
 {
-  const int bx = (int)get_global_id(0), by = (int)get_global_id(1), bz = (int)get_global_id(2);
-  if (bx >= brick_count.x || by >= brick_count.y || bz >= brick_count.z)
+  const int leaf = (int)get_global_id(0);
+  if (leaf >= count)
     return;
-  const LeafSlab slab = {table, leaves, leaf_count, first};
-  const int first_x = bx * BRICK_EDGE, first_y = by * BRICK_EDGE, first_z = (first_layer + bz) * BRICK_EDGE;
-  const int is_near = touches_leaf(slab, first_x, first_y, first_z, BRICK_EDGE + MOST_SHARED);
-  int found = 0;
-  for (int z = 0; z < BRICK_EDGE + MOST_SHARED && is_near && !found; ++z)
-    for (int y = 0; y < BRICK_EDGE + MOST_SHARED && !found; ++y)
-      for (int x = 0; x < BRICK_EDGE + MOST_SHARED && !found; ++x)
-        found = leaf_voxel(slab, first_x + x, first_y + y, first_z + z) > 0.0f;
-  occupied[((size_t)bz * (size_t)brick_count.y + (size_t)by) * (size_t)brick_count.x + (size_t)bx] = (uchar)found;
+  __global const float *voxel = leaves + (size_t)leaf * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE);
+  int found[LEAF_BRICKS][LEAF_BRICKS]; /* of bricks along z and y, which voxels along x */
+  for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS; ++i)
+    found[i / LEAF_BRICKS][i % LEAF_BRICKS] = 0;
+  for (int z = 0; z < LEAF_EDGE; ++z) {
+    int of_layer[LEAF_BRICKS];
+    for (int k = 0; k < LEAF_BRICKS; ++k)
+      of_layer[k] = 0;
+    for (int y = 0; y < LEAF_EDGE; ++y) {
+      int row = 0;
+      for (int x = 0; x < LEAF_EDGE; ++x, ++voxel)
+        row |= (*voxel > 0.0f) << x;
+      for (int k = 0; k < LEAF_BRICKS; ++k)
+        of_layer[k] |= touched_by(k, offset.y) >> y & 1 ? row : 0;
+    }
+    for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS; ++i)
+      found[i / LEAF_BRICKS][i % LEAF_BRICKS] |=
+          touched_by(i / LEAF_BRICKS, offset.z) >> z & 1 ? of_layer[i % LEAF_BRICKS] : 0;
+  }
+  ulong bits = 0;
+  for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS * LEAF_BRICKS; ++i) {
+    const int of_rows = found[i / (LEAF_BRICKS * LEAF_BRICKS)][i / LEAF_BRICKS % LEAF_BRICKS];
+    bits |= (ulong)((of_rows & touched_by(i % LEAF_BRICKS, offset.x)) != 0) << i;
+  }
+  bricks[leaf] = bits;
 }
 
-/* Write the records of the blocks listed: x, y, z and the number of the record in the pool given. exponent: voxels are multiplied by 2 to this power before they are stored (16 bits). One work-item a
-   record. */
+/* The voxel behind the leaf of another, along an axis of which `first` is where voxels begin. */
+TFM_INLINE int leaf_end(int voxel, int first)
+{
+  return voxel + LEAF_EDGE - ((voxel + first) & (LEAF_EDGE - 1));
+}
+
+/* Store a voxel in a record; most: the largest of the record's (8 bits). */
+TFM_INLINE void store_voxel(__global Voxel *record, int at, float value, float scale, float most)
+{
+#if TFM_VOXEL_BITS == 32
+  record[at] = value;
+#elif TFM_VOXEL_BITS == 16
+  vstore_half(value * scale, (size_t)at, (__global half *)record);
+#else
+  record[at] = most > 0.0f ? convert_uchar_sat_rte(255.0f * (value / most)) : (uchar)0;
+#endif
+}
+
+/* Write the records of the blocks listed: x, y, z and the number of the record in the pool given. scale: voxels are
+   multiplied by it before they are stored (16 bits). One work-item a record. */
 __kernel void fill_records(__global const int *table, __global const float *leaves, int4 leaf_count, int4 first,
-                           __global const int4 *blocks, int count, int exponent, __global Voxel *pool)
+                           __global const int4 *blocks, int count, float scale, __global Voxel *pool)
 {
   const int i = (int)get_global_id(0);
   if (i >= count)
     return;
-  const LeafSlab slab = {table, leaves, leaf_count, first};
-  const int4 corner = blocks[i] * BLOCK_EDGE;
   __global Voxel *record = pool + (size_t)blocks[i].w * RECORD_SIZE;
-#if TFM_VOXEL_BITS == 8
+  const LeafSlab slab = {table, leaves, leaf_count, first};
+  const int4 begin = blocks[i] * BLOCK_EDGE, end = begin + RECORD_EDGE;
   float most = 0.0f;
-  for (int z = 0; z < RECORD_EDGE; ++z)
-    for (int y = 0; y < RECORD_EDGE; ++y)
-      for (int x = 0; x < RECORD_EDGE; ++x)
-        most = fmax(most, leaf_voxel(slab, corner.x + x, corner.y + y, corner.z + z));
-  *(__global float *)(record + RECORD_VOXELS) = most / 255.0f;
-#endif
-  for (int z = 0; z < RECORD_EDGE; ++z)
-    for (int y = 0; y < RECORD_EDGE; ++y)
-      for (int x = 0; x < RECORD_EDGE; ++x) {
-        const float value = leaf_voxel(slab, corner.x + x, corner.y + y, corner.z + z);
-        const int at = z * RECORD_LAYER + y * RECORD_ROW + x;
-#if TFM_VOXEL_BITS == 32
-        record[at] = value;
-#elif TFM_VOXEL_BITS == 16
-        vstore_half(ldexp(value, exponent), at, (__global half *)record);
-#else
-        record[at] = most > 0.0f ? convert_uchar_sat_rte(255.0f * (value / most)) : (uchar)0;
-#endif
+  for (int stores = TFM_VOXEL_BITS != 8; stores < 2; ++stores) {
+    /* Leaf by leaf: to look one up takes longer than to read a voxel. */
+    for (int z0 = begin.z, z1; z0 < end.z; z0 = z1) {
+      z1 = min(leaf_end(z0, first.z), end.z);
+      for (int y0 = begin.y, y1; y0 < end.y; y0 = y1) {
+        y1 = min(leaf_end(y0, first.y), end.y);
+        for (int x0 = begin.x, x1; x0 < end.x; x0 = x1) {
+          x1 = min(leaf_end(x0, first.x), end.x);
+          const int leaf = leaf_of(slab, x0, y0, z0);
+          __global const float *voxels = leaves + (size_t)max(leaf, 0) * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE);
+          for (int z = z0; z < z1; ++z)
+            for (int y = y0; y < y1; ++y) {
+              const int from = leaf_place(slab, x0, y, z) - x0;
+              const int to = (z - begin.z) * RECORD_LAYER + (y - begin.y) * RECORD_ROW - begin.x;
+              for (int x = x0; x < x1; ++x) {
+                const float value = leaf < 0 ? 0.0f : voxels[from + x];
+                if (stores)
+                  store_voxel(record, to + x, value, scale, most);
+                else
+                  most = fmax(most, value);
+              }
+            }
+        }
       }
+    }
+#if TFM_VOXEL_BITS == 8
+    *(__global float *)(record + RECORD_VOXELS) = most / 255.0f;
+#endif
+  }
 }

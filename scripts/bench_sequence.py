@@ -1,7 +1,8 @@
 """Measure sequences: ``python scripts/bench_sequence.py -o out/bench_sequence``.
 
 - Overhead: frames per second of a sequence of 128³ voxels (VDB) at 640×360, beside the device seconds of its
-  passes, once the program has started; with one process and with two.
+  passes, once the program has started; with one process and with two; and where but the camera moves. What
+  else runs on the machine changes that, but hardly the CPU time of a frame, of all threads.
 - Steadiness: a volume that moves by an eighth of a voxel from frame to frame, beside the dual march in twice
   the steps, whose pictures are its own: how far differences of successive frames are from those of these.
 - Flicker of light from what glows (`medium.emission_lights`): the voxels of `fire.toml` are resampled an
@@ -12,6 +13,7 @@ The figures are written to ``sequence.json`` and to stdout.
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
@@ -58,22 +60,28 @@ def frames_in(folder: Path) -> None:
         write_grids(folder / f"plume.{frame:04d}.vdb", [grid])
 
 
-def rendered(folder: Path, frames: int, jobs: int) -> tuple[float, list[Figures]]:
-    """Render some frames as a user does; returns the seconds, and the figures of each."""
+def rendered(folder: Path, frames: int, jobs: int, *, turns: bool) -> tuple[float, float, list[Figures]]:
+    """Render some frames as a user does; returns the seconds, those of the CPU, and the figures of each."""
     size, figures = "x".join(map(str, RES)), folder / "figures.json"
-    command = [sys.executable, "-m", "tfm_cl", "render", "plume.####.vdb", "--frames", f"1-{frames}"]
-    command += ["--plan-frames", f"1-{FRAMES}", "-o", "a.####.exr", "--res", size, "--look", "plain"]
-    command += ["--jobs", str(jobs), "--json", figures.name, "-q"]
-    started = time.perf_counter()
+    what = ["plume.0001.vdb", "--turntable", str(FRAMES)] if turns else ["plume.####.vdb"]
+    command = [sys.executable, "-m", "tfm_cl", "render", *what, "--frames", f"1-{frames}"]
+    command += ["--plan-frames", f"1-{FRAMES}", "-o", f"{'turn' if turns else 'a'}.####.exr", "--res", size]
+    command += ["--look", "plain", "--jobs", str(jobs), "--json", figures.name, "-q"]
+    started, before = time.perf_counter(), os.times()
     subprocess.run(command, cwd=folder, check=True)  # noqa: S603
-    return time.perf_counter() - started, json.loads(figures.read_text())["frames"]
+    seconds, after = time.perf_counter() - started, os.times()
+    cpu = sum(after[2:4]) - sum(before[2:4])
+    return seconds, cpu, json.loads(figures.read_text())["frames"]
 
 
-def overhead(folder: Path, jobs: int) -> Figures:
-    """Compare the seconds of the frames after the first few with those of the device."""
-    rendered(folder, FEW, jobs)  # compiles, and decides what is left open
-    begun, _ = rendered(folder, FEW, jobs)
-    whole, of_frames = rendered(folder, FRAMES, jobs)
+def overhead(folder: Path, jobs: int, *, turns: bool = False) -> Figures:
+    """Compare the seconds of the frames after the first few with those of the device.
+
+    ``turns``: only the camera moves.
+    """
+    rendered(folder, FEW, jobs, turns=turns)  # compiles, and decides what is left open
+    begun, cpu_begun, _ = rendered(folder, FEW, jobs, turns=turns)
+    whole, cpu_whole, of_frames = rendered(folder, FRAMES, jobs, turns=turns)
     seconds, count = whole - begun, FRAMES - FEW
     parts = {
         name: sum(found["seconds"].get(name, 0.0) for found in of_frames[FEW:])
@@ -82,10 +90,12 @@ def overhead(folder: Path, jobs: int) -> Figures:
     device = (parts["light_pass"] + parts["view_pass"]) / jobs  # each has its part of the cores
     return {
         "jobs": jobs,
+        "moves": "the camera" if turns else "the volume",
         "frames": count,
         "start": begun,
         "seconds": seconds,
         "frames_per_second": count / seconds,
+        "cpu_seconds_a_frame": (cpu_whole - cpu_begun) / count,
         "of_frames": parts,
         "device": device,
         "overhead": seconds / device - 1,
@@ -193,7 +203,10 @@ def main() -> None:
     figures: Figures = {}
     if arguments.only in (None, "overhead"):
         frames_in(arguments.out)
-        figures["overhead"] = [overhead(arguments.out, jobs) for jobs in (1, 2)]
+        figures["overhead"] = [
+            *(overhead(arguments.out, jobs) for jobs in (1, 2)),
+            overhead(arguments.out, 1, turns=True),
+        ]
     if arguments.only in (None, "steadiness"):
         names = "plume.npz", "cumulus.npz", "figure.npz"
         figures["steadiness"] = [

@@ -96,7 +96,7 @@ def test_a_thousand_cubed_voxels_of_which_few_are_there(device_name):
     with tfm.Renderer(device_name) as renderer:
         result = renderer.render(scene)
         growth = peak.growth
-        bricks = renderer._media(scene, None).bricks
+        bricks = renderer._media.of(scene, None).bricks
 
     stored = bricks.nbytes + result.stats.map_bytes + result.image.nbytes
     assert bricks.nbytes < 4 * edge**3 / 2

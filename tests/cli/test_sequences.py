@@ -1,6 +1,7 @@
 """``tfm render --frames``: steady pictures, resuming, several processes, exit codes."""
 
 import errno
+import json
 import os
 import random
 import re
@@ -13,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import blobs
+
+import tfm_cl as tfm
 
 KILLS = 10
 MANY, FEW = 40, 10
@@ -51,6 +54,25 @@ def test_a_still_scene_is_the_same_in_all_frames(cli, folder, cloud, tiny):
     for extension in ("exr", "png"):
         assert len({path.read_bytes() for path in folder.glob(f"a.*.{extension}")}) == 1
     assert len(pictures(folder)) == 8
+
+
+def test_what_a_moving_camera_looks_at_is_read_and_lit_once(cli, folder, cloud, tiny, monkeypatch):
+    turning = ("render", cloud, "--turntable", "3", "-o", "a.####.exr", *tiny)
+    assert cli(*turning).code == 0
+    whole, read, load = pictures(folder), [], tfm.Volume.load
+    assert len(set(whole.values())) == 3
+    monkeypatch.setattr(tfm.Volume, "load", lambda *of, **how: read.append(of) or load(*of, **how))
+
+    done = cli(*turning, "--json", "a.json")  # all is decided
+
+    assert done.code == 0, done.err
+    assert len(read) == 1
+    light = [
+        frame["seconds"]["light_pass"] for frame in json.loads((folder / "a.json").read_text())["frames"]
+    ]
+    assert light[0] > 0
+    assert light[1:] == [0, 0]
+    assert pictures(folder) == whole
 
 
 def test_one_plan_for_all_of_it(cli, folder, sequence):

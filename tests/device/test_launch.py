@@ -81,3 +81,15 @@ def test_launches_that_are_not_bounded_grow_as_they_may():
     areas, _ = launches(Windows(0, 0, 960, 540, 100), lambda _: 1e-9)
 
     assert areas == [960 * 320, 960 * 220]
+
+
+def test_the_first_launch_of_a_frame_is_as_large_as_earlier_ones_tell():
+    """A picture that takes less than a tenth of a second is made at once, but for the first frame."""
+    first = Windows(0, 0, 960, 540, 100)
+    assert len(launches(first, lambda _: 1e-7)[0]) == 2
+
+    areas, _ = launches(Windows(0, 0, 960, 540, 100, pace=first.pace), lambda _: 1e-7)
+    assert areas == [960 * 540]
+
+    slow, _ = launches(Windows(0, 0, 960, 540, 100, pace=1e-8), lambda _: 1e-6)
+    assert slow[0] == 960 * 320  # never less than if nothing were known

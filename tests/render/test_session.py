@@ -12,9 +12,9 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl import metrics
-from tfm_cl.errors import CancelledError, DeviceError, ImageError
+from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
 from tfm_cl.plan import maps
-from tfm_cl.render import renderer as renderers
+from tfm_cl.render import media
 
 SPOT = tfm.SpotLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0), cone=24, intensity=3)
 POINT = tfm.PointLight(from_=(2, 2, 2))
@@ -129,14 +129,81 @@ def test_a_frame_makes_what_it_must(session, renderer, change):
 
 
 def test_media_of_the_last_frame_are_not_uploaded_again(session, monkeypatch):
-    made, make = [], renderers.media_on_device
-    monkeypatch.setattr(renderers, "media_on_device", lambda *of: made.append(of) or make(*of))
+    made, make = [], media.media_on_device
+    monkeypatch.setattr(media, "media_on_device", lambda *of: made.append(of) or make(*of))
     for fov in (30.0, 35.0):
         session.render(SCENE.replace(camera=SCENE.camera.replace(fov=fov)))
     assert len(made) == 1
     session.render(SCENE.replace(volume=SMALL))
     session.render(SCENE)
     assert len(made) == 3
+
+
+@pytest.fixture
+def on_device(monkeypatch):
+    """Threads that put voxels on the device, in their order."""
+    found, build = [], media.build_bricks
+    monkeypatch.setattr(
+        media, "build_bricks", lambda *of: found.append(threading.current_thread().name) or build(*of)
+    )
+    return found
+
+
+@pytest.mark.quick("smoke")
+@pytest.mark.parametrize("scene", [SCENE, IN_FOG, BESIDE_BALL], ids=["smoke", "in fog", "beside a ball"])
+def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_device, scene):
+    """The next frame's voxels are put on the device by another thread, and only there."""
+    session.render(scene)
+    later = [scene.replace(volume=[other_grid(), *scene.bodies[1:]]) for _ in range(3)]
+    with ThreadPoolExecutor(1, "reads") as executor:
+        ready = executor.submit(session.prepare, later[0])
+        for now, after in zip(later, [*later[1:], None], strict=True):
+            ready.result()
+            if after is not None:
+                ready = executor.submit(session.prepare, after)
+            found = session.render(now)
+            assert found.stats.made["bricks"] == found.stats.made["map"] / len(scene.lights) == 1
+            np.testing.assert_array_equal(found.image, renderer.render(now).image)
+    assert on_device.count("reads_0") == len(later)
+
+
+def test_what_is_there_is_not_prepared_again(session, on_device):
+    session.render(SCENE)
+    session.prepare(SCENE.replace(camera=SCENE.camera.replace(fov=20)))
+    assert len(on_device) == 1
+
+
+def test_what_is_prepared_and_not_rendered_is_given_back(session, on_device):
+    scenes = [SCENE.replace(volume=other_grid()) for _ in range(4)]
+    for scene in scenes:
+        session.prepare(scene)
+    before = len(on_device)
+    for scene in scenes:
+        session.render(scene)
+    assert before == 4
+    assert len(on_device) == 4 + 2  # the two that were prepared last were at hand
+
+
+def test_large_voxels_are_left_to_their_turn(new_renderer, on_device):
+    with new_renderer(lanes=1, cache_bytes=16 * SCENE.bodies[0].leaves.nbytes - 1) as renderer:
+        renderer.prepare(SCENE)
+        assert not on_device
+        renderer.render(SCENE)
+        assert len(on_device) == 1
+
+
+def test_what_cannot_be_prepared_is_told_when_it_is_rendered(session):
+    far = SCENE.replace(camera=SCENE.camera.replace(from_=(1e9, 0, 0)))
+    session.prepare(far)
+    with pytest.raises(SceneError, match=r"camera\.from"):
+        session.render(far)
+
+
+def test_a_closed_renderer_prepares_nothing(new_renderer, on_device):
+    renderer = new_renderer(lanes=1)
+    renderer.close()
+    renderer.prepare(SCENE)
+    assert not on_device
 
 
 def test_a_picture_stays_what_it_was_while_the_next_are_rendered(session):

@@ -9,6 +9,7 @@ there. Memory follows the blocks with density; nothing dense is ever made.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +18,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, LEAF_BRICKS, MOST_SHARED
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
@@ -49,6 +50,8 @@ ONE_FIELD: dict[str, int | str] = {
 """Macros of kernels that know of one field of density only: light passes."""
 ANY_GRID: dict[str, int | str] = {**ONE_FIELD, "TFM_POOLS": 1, "TFM_GRIDS": 1, "TFM_VOXEL_CHANNELS": 1}
 """Macros of kernels that make records and read none."""
+MOST_EXPONENT = 126
+"""Of two, by whose power voxels are scaled."""
 BATCH = 1024
 """Leaves looked at at a time on the host."""
 
@@ -177,11 +180,7 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
     ]
     uploads = _LeafUploads(launcher, stay=sum(len(one) for of_grid in slabs for one in of_grid) == 1)
     flags = [
-        np.any(
-            [np.concatenate([_occupied(launcher, slab, count, uploads) for slab in one]) for one in of_grid],
-            axis=0,
-        )
-        for of_grid, count in zip(slabs, counts, strict=True)
+        _occupied(launcher, of_grid, count, uploads) for of_grid, count in zip(slabs, counts, strict=True)
     ]
     blocks = [_any_of_blocks(of_grid) for of_grid in flags]
     records = 1 + sum(
@@ -254,9 +253,12 @@ def check_count(grids: Sequence[Channels], what: str) -> int:
 
 def _any_of_blocks(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which blocks have a brick that is flagged."""
-    z, y, x = (n // BLOCK_BRICKS for n in flags.shape)
-    split = flags.reshape(z, BLOCK_BRICKS, y, BLOCK_BRICKS, x, BLOCK_BRICKS)
-    return np.asarray(split.any(axis=(1, 3, 5)))
+    for axis in range(3):
+        ahead = (slice(None),) * axis
+        flags = np.logical_or.reduce(
+            [flags[(*ahead, slice(i, None, BLOCK_BRICKS))] for i in range(BLOCK_BRICKS)]
+        )
+    return flags
 
 
 def brick_table(
@@ -372,25 +374,40 @@ class _LeafUploads:
 
 
 def _occupied(
-    launcher: Launcher, slab: _Slab, count: tuple[int, int, int], uploads: _LeafUploads
+    launcher: Launcher,
+    channels: Sequence[Sequence[_Slab]],
+    count: tuple[int, int, int],
+    uploads: _LeafUploads,
 ) -> NDArray[np.bool_]:
-    """Which bricks [z, y, x] of a slab hold density."""
-    shape = (slab.end_layer - slab.first_layer, count[1], count[0])
-    if not len(slab.values):
-        return np.zeros(shape, np.bool_)
+    """Which bricks [z, y, x] of a grid hold density in any channel."""
     kernel = launcher.kernels.kernel("find_occupied", "bricks.cl", (), {"TFM_VOXEL_BITS": 32, **ANY_GRID})
-    flags = launcher.empty("the occupied bricks", math.prod(shape))
-    launcher.run(
-        kernel,
-        shape[::-1],
-        {
-            **uploads.of(slab),
-            "brick_count": (*shape[::-1], 0),
-            "first_layer": slab.first_layer,
-            "occupied": flags,
-        },
-    )
-    return launcher.download(flags, shape, np.uint8).astype(np.bool_)
+    shape = np.array(count[::-1])
+    # A leaf at the grid's sides may touch bricks that there are not.
+    flags = np.zeros(shape + 2 * LEAF_BRICKS, np.bool_)
+    strides = np.array(flags.strides)
+    touched = np.indices((LEAF_BRICKS,) * 3).reshape(3, -1).T @ strides
+    for slab in itertools.chain.from_iterable(channels):
+        leaves = np.argwhere(slab.table >= 0)
+        if not len(leaves):
+            continue
+        first, offset = np.divmod(-np.array(slab.first[::-1]), BRICK_EDGE)
+        found = launcher.empty("the occupied bricks", 8 * len(leaves))
+        launcher.run(
+            kernel,
+            (len(leaves),),
+            {
+                "leaves": uploads.of(slab)["leaves"],
+                "count": len(leaves),
+                "offset": (*offset[::-1].tolist(), 0),
+                "bricks": found,
+            },
+        )
+        bits = np.unpackbits(launcher.download(found, (8 * len(leaves),), np.uint8), bitorder="little")
+        leaf, brick = np.divmod(np.flatnonzero(bits.view(np.bool_)), len(touched))
+        starts = (LEAF // BRICK_EDGE * leaves + first + LEAF_BRICKS - 1) @ strides
+        flags.reshape(-1)[starts[leaf] + touched[brick]] = True
+    inside = tuple(slice(LEAF_BRICKS, LEAF_BRICKS + n) for n in shape)
+    return np.ascontiguousarray(flags[inside])
 
 
 def _allocate(
@@ -412,8 +429,11 @@ def _allocate(
 
 
 def _exponent(largest: float) -> int:
-    """Find the power of two that brings voxels into [0, 2): exact for values that are halves already."""
-    return math.frexp(largest)[1] - 1 if largest > 0 else 0
+    """Find the power of two that brings voxels into [0, 2): exact for values that are halves already.
+
+    It and its reciprocal are normal numbers of float32.
+    """
+    return min(max(math.frexp(largest)[1] - 1, -MOST_EXPONENT), MOST_EXPONENT) if largest > 0 else 0
 
 
 def _fill(
@@ -440,7 +460,7 @@ def _fill(
                 **leaf_arguments,
                 "blocks": launcher.upload("the blocks' places", blocks),
                 "count": len(blocks),
-                "exponent": -exponent,
+                "scale": 2.0**-exponent,
                 "pool": bricks.pools[pool],
             },
         )

@@ -1,6 +1,7 @@
 """What every pass needs to run kernels: the queue, buffers within the device's limits, and timing."""
 
 import contextlib
+import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ LAUNCH_SECONDS = 0.1
 Ctrl-C is heard."""
 
 FIRST_SAMPLES = 1 << 25
-"""Density samples, at most, of the first launch of a pass: the following ones are cut by its time."""
+"""Density samples, at most, of the first launch of a kernel: the following ones are cut by its time."""
+MOST_GROWTH = 8
+"""Times as much as the launch before may be in the next one."""
 MOST_SAMPLES = 1 << 28
 """Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
 
@@ -110,22 +113,28 @@ class Launcher:
     ) -> None:
         self.device = device
         self._context = cl.Context([device])
-        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.lanes_possible = lanes_of(self.context)
         self.lanes = self.lanes_possible[-1] if lanes is None else lanes
         if self.lanes not in self.lanes_possible:
             possible = ", ".join(map(str, sorted(self.lanes_possible)))
             raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
-        self._kernels = KernelLibrary(self.context, (*options, f"-DTFM_LANES={self.lanes}"))
+        self._options = (*options, f"-DTFM_LANES={self.lanes}")
         self._shares_memory = bool(device.type & cl.device_type.CPU)
-        self._host_memory = HostMemory()
-        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
         self._groups: dict[int, tuple[int, ...] | None] = {
             **WORK_GROUPS,
             2: tiles if work_group == "auto" else work_group,
         }
         self._launch_seconds = launch_seconds
+        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+        self._begin_work()
+
+    def _begin_work(self) -> None:
+        """Make what serves one thread at a time."""
+        self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self._kernels = KernelLibrary(self.context, self._options)
+        self._host_memory = HostMemory()
+        self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         self._paces: dict[str, float] = {}
         """Kernel -> seconds of a density sample that an item may need, where that took longest."""
         self._cancelled = threading.Event()
@@ -133,7 +142,12 @@ class Launcher:
         """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
         self.seconds = 0.0
         """Of all kernels so far, on the device."""
-        self.largest_buffer = min(largest_buffer or device.max_mem_alloc_size, device.max_mem_alloc_size)
+
+    def beside(self) -> "Launcher":
+        """Return another for the same device, for what a second thread does meanwhile: buffers serve both."""
+        other = copy.copy(self)
+        other._begin_work()  # noqa: SLF001 - its own class
+        return other
 
     # All that is done on the device goes through one of these three.
 
@@ -367,8 +381,8 @@ class Output:
 class Windows:
     """Cuts a rectangle into windows whose launches take about `LAUNCH_SECONDS` each.
 
-    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, the next ones
-    follow from its time.
+    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, unless it is
+    known how long launches take; the next ones follow from its time.
 
     Parameters
     ----------
@@ -380,7 +394,8 @@ class Windows:
         That a launch takes at most, where all of it is as slow as the slowest so far; None: they are about
         as long as the last one tells.
     pace
-        Seconds of a sample in the slowest of earlier launches; None: there was none.
+        Seconds of a sample in the slowest of earlier launches, which the first one is cut by; None: there was
+        none.
     """
 
     EDGE = 32
@@ -407,7 +422,10 @@ class Windows:
         self._done = 0
         self.pace = pace or 0.0
         """Seconds of a sample in the slowest launch so far; it fades, as a device may be busy at times."""
-        if pace is not None and most_seconds is not None:
+        if pace and most_seconds is None:
+            expected = int(self._seconds / (pace * samples_per_item))
+            self._items = max(self._items, min(expected, MOST_GROWTH * self._items, self._most))
+        elif pace is not None:
             self._items = self._bounded(self._most)
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
@@ -435,7 +453,8 @@ class Windows:
         """Choose the next window's size by the seconds that the last one took; returns them."""
         wanted = self._area * self._seconds / max(seconds, 1e-6)
         self.pace = max(seconds / (self._area * self._samples_per_item), PACE_KEPT * self.pace)
-        self._items = self._bounded(int(min(max(wanted, self._items / 4), 8 * self._items, self._most)))
+        most = min(MOST_GROWTH * self._items, self._most)
+        self._items = self._bounded(int(min(max(wanted, self._items / 4), most)))
         return seconds
 
     def _bounded(self, items: int) -> int:

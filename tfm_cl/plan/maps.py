@@ -58,24 +58,27 @@ class Planner:
         self._launcher, self._cache = launcher, cache
         self._probe = LightProbe(launcher)
 
-    def plans(self, scene: Scene, media: MediaOnDevice, clip: Clip) -> list[Planned]:
+    def plans(
+        self, scene: Scene, of_lights: list[cl.Buffer], media: MediaOnDevice, clip: Clip
+    ) -> list[Planned]:
         """Plan one map for each light of a resolved scene and each field, light by light.
 
         Those of a field differ only in what depends on the light.
 
         Parameters
         ----------
+        of_lights
+            As of `lights`.
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        lights = self._structs(scene)
         of_fields = [
-            self._of_field(scene, lights, medium, clip, field_key(scene, media, medium.index))
+            self._of_field(scene, of_lights, medium, clip, field_key(scene, media, medium.index))
             for medium in media.of_fields
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
-    def _structs(self, scene: Scene) -> list[cl.Buffer]:
+    def lights(self, scene: Scene) -> list[cl.Buffer]:
         """Put each light of a scene on the device."""
         structs = light_structs(scene, scene.lights)
         return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
@@ -85,9 +88,9 @@ class Planner:
     ) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield, for each field, what its maps are built by, α decided, and rays of each light.
 
-        Arguments as of `plans`.
+        ``clip`` as of `plans`.
         """
-        lights = self._structs(scene)
+        lights = self.lights(scene)
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
             seen = self._seen(scene, lights, medium, clip, key)

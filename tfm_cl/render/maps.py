@@ -21,6 +21,8 @@ from tfm_cl.plan.maps import Planner, field_key
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    import pyopencl as cl
+
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
@@ -43,9 +45,16 @@ class Sources:
     """
 
     def __init__(
-        self, scene: Scene, media: MediaOnDevice, plans: Sequence[Planned], maps: Sequence[TransmittanceMap]
+        self,
+        scene: Scene,
+        media: MediaOnDevice,
+        plans: Sequence[Planned],
+        maps: Sequence[TransmittanceMap],
+        of_lights: Sequence[cl.Buffer] = (),
     ) -> None:
         self.scene, self.media, self.plans, self.maps = scene, media, plans, maps
+        self.of_lights = of_lights
+        """Their structs on the device, where there are plans."""
 
 
 class _Rooms:
@@ -100,7 +109,8 @@ class MapBuilder:
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
             return self._visibility.clip(scene, light, size)
 
-        return Sources(scene, media, self._planner.plans(scene, media, clip), ())
+        of_lights = self._planner.lights(scene)
+        return Sources(scene, media, self._planner.plans(scene, of_lights, media, clip), (), of_lights)
 
     def curves(self, scene: Scene, media: MediaOnDevice) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield what the maps of such a scene are built by, and rays that their basis may learn from."""
@@ -167,7 +177,7 @@ class MapBuilder:
         progress: Progress,
     ) -> TransmittanceMap:
         scene, light, medium = sources.scene, sources.scene.lights[number], sources.media.of_fields[field]
-        of_light = self._launcher.upload("the light", light_structs(scene, [light]))
+        of_light = sources.of_lights[number]
         buffers = self._light_pass.build(plan, light, of_light, medium, room, progress)
         return TransmittanceMap(
             light=light,

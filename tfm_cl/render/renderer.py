@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import chain
 from types import TracebackType
@@ -14,16 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.cache import BUDGET, Cache
 from tfm_cl.device.device import choose_device
-from tfm_cl.device.frame import check_distances, world_from_device
+from tfm_cl.device.frame import check_distances
 from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
-from tfm_cl.device.margins import camera_margin, grown, light_margin
-from tfm_cl.device.media import media_on_device
-from tfm_cl.device.primitives import PrimitivesOnDevice
-from tfm_cl.errors import DeviceError, SceneError, TfmWarning
+from tfm_cl.device.margins import grown, light_margin
+from tfm_cl.errors import DeviceError, SceneError, TfmError, TfmWarning
 from tfm_cl.maps.light_at_points import EMISSION, LightAtPoints
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
@@ -45,6 +42,7 @@ from tfm_cl.render.checks import (
 from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
+from tfm_cl.render.media import MOST_AHEAD, Media
 from tfm_cl.render.motion import Moments, Mover
 from tfm_cl.render.result import RenderResult, RenderStats, members_of
 from tfm_cl.render.visibility import Visibility
@@ -55,14 +53,11 @@ from tfm_cl.scene.lights.base import names_of
 from tfm_cl.scene.settings import MOTION_SAMPLES, ImageSettings
 
 if TYPE_CHECKING:
-    from tfm_cl.device.bricks import BrickGrid, VoxelType
-    from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.tracing.tracer import Tracer
-    from tfm_cl.scene.bodies import Volume
     from tfm_cl.scene.scene import Scene
 
 
@@ -77,6 +72,16 @@ class _Asked(NamedTuple):
     """What its resolution is too coarse for."""
     for_lattice: bool
     """Whether a lattice of light is asked for."""
+
+
+class _Begun(NamedTuple):
+    """What needs no device of a scene that is rendered next."""
+
+    scene: Scene
+    method: str
+    planned: Plan
+    points: Scene
+    """With single, fitted lights."""
 
 
 class Renderer:
@@ -133,10 +138,12 @@ class Renderer:
             launch_seconds=launch_seconds,
         )
         self._cache = Cache(cache_bytes)
+        self._media = Media(self._launcher, self._cache)
         self._visibility = Visibility(self._cache)
         self._maps = MapBuilder(self._launcher, self._visibility, self._cache)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
-        self._last_media: tuple[tuple[object, ...], MediaOnDevice] | None = None
+        self._begun: dict[int, _Begun] = {}
+        """By the ids of their scenes."""
         self._is_closed = False
 
     @property
@@ -171,7 +178,9 @@ class Renderer:
                 return
             self._is_closed = True
             self._cache.clear()
-            self._choice = self._last_media = None
+            self._choice = None
+            self._begun.clear()
+            self._media.clear()
             self._visibility.clear()
             self._launcher.release()
 
@@ -217,7 +226,7 @@ class Renderer:
         progress = checked_progress(progress) or _silent
         with self._in_turn():
             scene = _single_lights(self._planned(scene, progress).scene)
-            media = self._media(scene, None)
+            media = self._media.of(scene, None)
             if not media.fields.count:
                 return []
             sources = self._maps.sources(scene, media, None)
@@ -262,7 +271,7 @@ class Renderer:
                 if planned.map is None or not (planned.map.learns and planned.map.lasts):
                     continue
                 single = _single_lights(planned.scene)
-                media = self._media(single, None)
+                media = self._media.of(single, None)
                 if media.fields.count:
                     found += self._maps.curves(single, media)
         return functions_for_all(found)
@@ -371,7 +380,7 @@ class Renderer:
         antialiasing: Antialiasing = PLAIN,
     ) -> Frame:
         """Begin a frame of a scene whose lights are single."""
-        media = self._media(scene, maps)
+        media = self._media.of(scene, maps)
         return Frame(
             self._launcher,
             self._visibility,
@@ -385,53 +394,23 @@ class Renderer:
             antialiasing,
         )
 
-    def _media(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
-        """Put the media of a scene on the device; those of the last frame are there.
+    def prepare(self, scene: Scene) -> None:
+        """Put the voxels of a scene that is rendered next on the device, while another thread renders.
 
-        Where maps are there already, and speak of the bounds' rays, these bounds stay.
+        The next frame of a sequence then begins with its light. What cannot be, as it is too large to have
+        beside those of other frames or fails, is left to `render`.
         """
-        margin = max(light_margin(scene), camera_margin(scene))
-        if maps and maps[0].settings.range == "box":
-            margin = maps[0].margin
-        grids, voxels, bricks = (*scene.grids, *scene.flames), scene.march.voxels, None
-        if grids:
-            bricks = self._cache.get(
-                "bricks",
-                (voxels, *(grid.content for grid in grids)),
-                lambda: self._build_bricks(grids, voxels),
-                lambda built: built.nbytes,
-                held=True,
-            )
-        primitives = self._primitives(scene) if scene.primitives else None
-        key = (
-            scene.bodies,
-            tuple(body.density_key for body in (*scene.marched, *scene.flames)),
-            scene.medium,
-            scene.spreads,
-            tuple(scene.medium_of(body).phase.content for body in scene.bodies),
-            scene.march.skip_empty,
-            world_from_device(scene).tobytes(),
-            margin,
-        )
-        kept, media = self._last_media or (None, None)
-        if media is None or kept != key or media.bricks is not bricks or media.primitives is not primitives:
-            media = media_on_device(self._launcher, scene, bricks, primitives, margin)
-            self._last_media = key, media
-        return media
-
-    def _primitives(self, scene: Scene) -> PrimitivesOnDevice:
-        """Put the primitives of a scene on the device; those of the last frames are there."""
-        return self._cache.get(
-            "primitives",
-            (tuple(body.density_key for body in scene.primitives), world_from_device(scene).tobytes()),
-            lambda: PrimitivesOnDevice(self._launcher, scene),
-            lambda made: made.nbytes,
-        )
-
-    def _build_bricks(self, grids: Sequence[Volume], voxels: VoxelType) -> BrickGrid:
-        self._last_media = None  # gives back its voxels first
-        leaves = [grid.channel_leaves for grid in grids]
-        return build_bricks(self._launcher, leaves, _what(grids), voxels)
+        if self._is_closed or scene.map.max_error is not None:
+            return
+        with suppress(TfmError, MemoryError):
+            scene.read_files()
+            method = checked_method(None, scene)
+            planned = plan(scene, method=method)
+            begun = _Begun(scene, method, planned, _single_lights(planned.scene))
+            self._media.prepare(begun.points)
+            while len(self._begun) >= MOST_AHEAD:  # scenes that were not rendered after all
+                self._begun.pop(next(iter(self._begun)), None)
+            self._begun[id(scene)] = begun
 
     def forget_unused(self) -> None:
         """Give back what the last two frames had no use for: of a sequence, they share little with others.
@@ -730,14 +709,18 @@ class Renderer:
         scene.read_files()
         started, launched = time.perf_counter(), self._launcher.seconds
         compiled = self._launcher.kernels.seconds
-        planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
+        begun = self._begun.pop(id(scene), None)
+        if maps or begun is None or begun.method != method:
+            planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
+            points = _single_lights(planned.scene)
+        else:
+            planned, points = begun.planned, begun.points
         planned.log()
         scene = planned.scene
         crop = checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
         made = self._cache.made.copy()
         traced = self._visibility.seconds
-        points = _single_lights(scene)
         around = antialiasing.around(crop, scene.camera.res)
         frame = self._frame(points, maps, around, stats, progress, antialiasing)
         layers_of_lights = _layers_of_lights(scene, aovs)
@@ -793,11 +776,6 @@ def _layers_of_lights(scene: Scene, asked: Collection[str]) -> list[int] | None:
     # One for all keeps the lights out of the ambient light's.
     apart = "ambient" in asked or ("orders" in asked and any(scene.ambient.radiance))
     return [1 for light in scene.lights for _ in light.parts()] if apart else None
-
-
-def _what(grids: Sequence[Volume]) -> str:
-    """Return what messages call the voxels of grids."""
-    return "the volume ({})".format(", ".join("{2}×{1}×{0} voxels".format(*grid.shape) for grid in grids))
 
 
 def _single_lights(scene: Scene) -> Scene:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from tfm_cl.render.result import RenderResult
+    from tfm_cl.scene.scene import Scene
 
 
 class Renderer(Protocol):
@@ -23,6 +24,9 @@ class Renderer(Protocol):
     @property
     def functions_for(self) -> Callable[..., str | None]:
         """`tfm_cl.render.renderer.Renderer.functions_for`, which takes the scenes of some frames."""
+
+    def prepare(self, scene: Scene) -> None:
+        """As `tfm_cl.render.renderer.Renderer.prepare`, while another thread renders."""
 
     def forget_unused(self) -> None:
         """As `tfm_cl.render.renderer.Renderer.forget_unused`."""

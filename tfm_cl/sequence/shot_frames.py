@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from tfm_cl.sequence.frame import ReadFrame, RenderedFrame
     from tfm_cl.sequence.renderer import Renderer
 
-Read = Callable[["SceneFile", float | None], "ReadFrame"]
+Read = Callable[["SceneFile", float | None, "ReadFrame | None"], "ReadFrame"]
+States = list[tuple[str, int, int]]
 MakeRenderer = Callable[[], AbstractContextManager["Renderer"]]
 
 
@@ -52,6 +53,8 @@ class ShotFrames:
         self._stack = ExitStack()
         self._made: Renderer | None = None
         self._last: tuple[int, SceneFile] | None = None
+        self._before: tuple[States, ReadFrame] | None = None
+        """The frame that was read last, of files as they were then."""
 
     def __enter__(self) -> Self:
         return self
@@ -63,7 +66,7 @@ class ShotFrames:
 
     def close(self) -> None:
         """Close the renderer; the next frame makes another."""
-        self._made = None
+        self._made = self._before = None
         self._stack.close()
 
     def decided(self, shot: Shot) -> None:
@@ -102,9 +105,21 @@ class ShotFrames:
         for path in self.outputs(frame):
             if file.is_file_of_a_frame(path):
                 raise InputError(f"{path}: is the input of a frame; choose another name")
-        ready = self._read(file, frame)
+        states = fingerprint.states(file)
+        ready = self._read(file, frame, self._like(states))
         ready.read_files()
+        self._before = states, ready
+        if self._made is not None and not file.image.is_blurred:
+            self._made.prepare(ready.scene)
         return ready, time.perf_counter() - started
+
+    def _like(self, states: States) -> ReadFrame | None:
+        """Return the frame before, whose files a frame need not read again; None if they have changed."""
+        if self._before is None:
+            return None
+        before, ready = self._before
+        known = {name: state for name, *state in before}
+        return ready if all(known.get(name, state) == state for name, *state in states) else None
 
     def render(self, ready: tuple[ReadFrame, float]) -> tuple[RenderedFrame, float, float]:
         """As `tfm_cl.sequence.run.Frames.render`; with the seconds of reading and rendering."""

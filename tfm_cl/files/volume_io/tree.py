@@ -285,8 +285,7 @@ def gather_leaves(
             slots = np.searchsorted(keys, ((batch.origins - low) // LEAF) @ strides)
             voxels = np.ascontiguousarray(batch.values.transpose(0, 3, 2, 1), np.float32)
             has_bits = voxels.view(np.uint32).any(axis=(1, 2, 3))  # -0 is kept: a dense array would have it
-            values[slots[has_bits]] = voxels[has_bits]
-            used[slots] = has_bits
+            values[slots], used[slots] = voxels, has_bits
     coordinates = np.stack(np.unravel_index(keys[used], dims), axis=-1).astype(np.int32)
     return Leaves(shape, (0, 0, 0), coordinates, _compacted(values, used))
 

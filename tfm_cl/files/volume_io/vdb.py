@@ -462,8 +462,10 @@ def walk_topology(file: Cursor, stored: StoredTree) -> Topology:
     for _ in range(child_count):
         origin = file.array(np.dtype("<i4"), 3, "origin of a root child").astype(np.int64)
         children[tuple(origin.tolist())] = _walk_upper(file, stored, background, origin)
-    root_origins = np.array([*children, *root["origin"].tolist()], np.int64).reshape(-1, 3)
-    if len(root) + child_count != len(np.unique(root_origins, axis=0)) or (root_origins % ROOT_EDGE).any():
+    root_origins = {*children, *map(tuple, root["origin"].tolist())}
+    if len(root) + child_count != len(root_origins) or any(
+        n % ROOT_EDGE for one in root_origins for n in one
+    ):
         raise file.damaged("origins at the root repeat or are no multiples of 4096")
 
     # Their leaf buffers follow in this order, regardless of the order of the children.
@@ -519,10 +521,13 @@ def _read_internal(
 ) -> NDArray[np.int64]:
     """Read an upper or lower node without its children; returns their origins [n, 3]."""
     size = 32**3 if edge == UPPER_EDGE else 16**3
-    has_child, active = (_bits(file.take(size // 8, "node mask")) for _ in range(2))
+    child_mask, active_mask = (file.take(size // 8, "node mask") for _ in range(2))
+    has_child, count = _bits(child_mask), int.from_bytes(active_mask, "little").bit_count()
     entries = np.arange(size) if stored.has_kinds else np.flatnonzero(~has_child)
-    block = _read_block(file, stored, background, int(active.sum()), len(entries))
-    values = np.zeros(size, stored.value)
+    block = _read_block(file, stored, background, count, len(entries))
+    if stored.has_kinds and count == 0 and block.is_all(background):
+        return place_origins(origin, np.flatnonzero(has_child), edge)
+    active, values = _bits(active_mask), np.zeros(size, stored.value)
     values[entries] = _unpack_blocks([block], active[None, entries], stored, file)[0]
     if stored.name == "mask":
         values = active.astype(np.uint8)
@@ -601,6 +606,12 @@ class _Block(NamedTuple):
     size: int
     """Size in bytes when unpacked."""
     packed: memoryview
+
+    def is_all(self, value: NDArray[Any]) -> bool:
+        """Tell whether no entry is stored, and all are this value."""
+        if self.size or self.choice is not None:
+            return False
+        return not differs(np.frombuffer(self.inactive, value.dtype, 1), value).any()
 
 
 def _read_leaf_blocks(
