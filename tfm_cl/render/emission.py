@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from tfm_cl.render.lattice_points import TowardsCamera, points_structs, run_in_parts, see_points
+from tfm_cl.device.launch import LOOK_UP
+from tfm_cl.render.lattice_points import TowardsCamera, points_structs, see_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.scene.scene import Scene
 
-LOOK_UPS_AT_ONCE = 1 << 22
-"""Of lights, or of densities on the way to them, in a launch."""
 WHAT = "the lattice of emission"
 """What messages call it."""
 RGB = 3
@@ -102,10 +101,9 @@ class EmissionLattice:
         known = self.media.arguments | batch.arguments
         known |= {"view": self.view, "orders": self._struct, "light": self._numbers}
         items, seconds = -(-self.lattice.points // lanes), 0.0
-        most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
         for number in range(len(batch.indices)):
             of_light = known | {"number": number, "begins": int(self._added == 0)}
-            seconds += run_in_parts(launcher, kernel, items, most, of_light)
+            seconds += launcher.run_items(kernel, items, LOOK_UP * steps * lanes, of_light)
             self._added += 1
         return seconds
 

@@ -31,17 +31,6 @@ def points_structs(lattice: Lattice, scene: Scene, samples: int, count: int = 1)
     return structs
 
 
-def run_in_parts(
-    launcher: Launcher, kernel: Kernel, items: int, most: int, arguments: dict[str, Any]
-) -> float:
-    """Run a kernel over work-items in launches of so many at most; returns device seconds."""
-    seconds = 0.0
-    for first in range(0, items, most):
-        end = min(first + most, items)
-        seconds += launcher.run(kernel, (end - first,), arguments | {"items": (first, end)})
-    return seconds
-
-
 class TowardsCamera(NamedTuple):
     """What points scatter to a camera."""
 

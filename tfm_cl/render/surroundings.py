@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tfm_cl.device.launch import LOOK_UP
 from tfm_cl.device.structs.light import light_structs
-from tfm_cl.render.lattice_points import points_structs, run_in_parts
+from tfm_cl.render.lattice_points import points_structs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.scene import Scene
 
-LOOK_UPS_AT_ONCE = 1 << 22
-"""Of lights, or of densities on the way to them, in a launch."""
 WHAT = "the lattice of light from all around"
 """What messages call it."""
 RGB = 3
@@ -150,7 +149,6 @@ class SurroundingsLattice:
         nbytes = 4 * row * self._channels * len(self.lights)
         listed = launcher.upload(WHAT, near if len(near) else np.zeros(1, np.int32))
         depths = launcher.empty(WHAT, nbytes)
-        most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
         for batch in batches:
             headers, defines = depths_variant(batch, self.media, self._scattering)
             kernel = launcher.kernels.kernel("surroundings_depths", "surroundings.cl", headers, defines)
@@ -159,7 +157,7 @@ class SurroundingsLattice:
             known |= {"count": len(near), "row": row}
             for number, light in enumerate(batch.indices):
                 of_light = known | {"number": number, "place": self.lights.index(light)}
-                self.seconds += run_in_parts(launcher, kernel, items, most, of_light)
+                self.seconds += launcher.run_items(kernel, items, LOOK_UP * steps * lanes, of_light)
         return Arrived(listed, len(near), depths, row, near, nbytes + 2 * near.nbytes)
 
     def _near_density(self, batch: Batch) -> NDArray[np.int32]:
@@ -172,8 +170,8 @@ class SurroundingsLattice:
         kernel = launcher.kernels.kernel("points_near_density", "surroundings.cl", headers, defines)
         near = launcher.empty(WHAT, points, reuse=True)
         known = {name: self.media.arguments[name] for name in ("grids", "bricks")}
-        known |= {"orders": self._struct, "near": near, "items": (0, items)}
-        self.seconds += launcher.run(kernel, (items,), known)
+        known |= {"orders": self._struct, "near": near}
+        self.seconds += launcher.run_items(kernel, items, LOOK_UP * launcher.lanes, known)
         return np.flatnonzero(launcher.download(near, (points,), np.uint8)).astype(np.int32)
 
     @cached_property
@@ -196,8 +194,8 @@ class SurroundingsLattice:
         known |= {"listed": arrived.listed, "depths": arrived.depths, "scattered": scattered}
         known |= {"count": arrived.count, "row": arrived.row}
         items = arrived.row // launcher.lanes
-        most = max(1, LOOK_UPS_AT_ONCE // (len(lights) * launcher.lanes))
-        self.seconds += run_in_parts(launcher, kernel, items, most, known)
+        samples = LOOK_UP * len(lights) * launcher.lanes
+        self.seconds += launcher.run_items(kernel, items, samples, known)
         return scattered
 
     def _sources(self, arrived: Arrived) -> cl.Buffer:
