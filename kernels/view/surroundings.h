@@ -15,22 +15,6 @@
 #define TFM_ORDER_SURROUNDINGS 1
 #include "view/orders.h"
 
-/* The item-th few of the points that are listed, a lane each. */
-TFM_INLINE Points listed_points(ORDERS orders, __global const int *listed, int count, int item)
-{
-  const int nx = orders->size[0], ny = orders->size[1];
-  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
-  Points points;
-  points.wanted = n < count;
-  points.number = gather_ints(listed, points.wanted ? n : ints(0));
-  points.place[0] = points.number % nx;
-  points.place[1] = points.number / nx % ny;
-  points.place[2] = points.number / (nx * ny);
-  points.at = points.turned = ints(0);
-  points.first = 0;
-  return points;
-}
-
 #ifdef TFM_AMOUNTS_H
 #define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity, weight)
 

@@ -116,15 +116,15 @@ def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
     moved = scene.replace(camera=scene.camera.replace(from_=(3.6, 0.8, 2.4)))
     with new_renderer() as session:
         first = session.render(scene)
-        assert first.stats.made["light from all around"] == 1
+        assert first.stats.made["light at points"] == 1
         again = session.render(moved)
-        assert "light from all around" not in again.stats.made
+        assert "light at points" not in again.stats.made
         assert "map" not in again.stats.made
         lights = [SKY.replace(intensity=(0.4, 0.3, 0.2)), SUN]
         recoloured = session.render(scene.replace(lights=lights))
-        assert "light from all around" not in recoloured.stats.made
+        assert "light at points" not in recoloured.stats.made
         thicker = session.render(scene.replace(volume=scene.volume.with_density_scale(5.0)))
-        assert thicker.stats.made["light from all around"] == 1
+        assert thicker.stats.made["light at points"] == 1
     with new_renderer() as session:
         assert np.array_equal(session.render(moved).image, again.image)
         assert not np.array_equal(recoloured.image, first.image)

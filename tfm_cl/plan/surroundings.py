@@ -2,7 +2,7 @@
 
 Each part stands for a whole region of the sky. What it brings changes little within a free path of the
 medium, so that its map needs no texels finer than that, and it is looked up at the points of a lattice
-instead of at every sample of every ray (``kernels/surroundings.cl``). What points find of a light's way stays
+instead of at every sample of every ray (``kernels/points.cl``). What points find of a light's way stays
 as long as media and lights do: a camera that moves only scatters it anew.
 """
 

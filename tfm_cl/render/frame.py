@@ -59,12 +59,11 @@ if TYPE_CHECKING:
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
-    from tfm_cl.render.lattice_points import TowardsCamera
+    from tfm_cl.render.lattice_points import Arrived, LightsAtPoints, TowardsCamera
     from tfm_cl.render.maps import MapBuilder, Sources
     from tfm_cl.render.orders import Scattered
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
-    from tfm_cl.render.surroundings import Arrived
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
 
@@ -411,18 +410,17 @@ class Frame:
         fills, reflects = work.is_first, work.gbuffer is not None
         for variant, members in work.batches.groups(lights) if fills or reflects else ():
             for indices in work.batches.cut(members):
-                maps = self._maps_of(work, indices)
                 if fills:
-                    shadowed = work.batches.shadowed_in_media
-                    at_points = work.batches.at_points(variant, indices, maps, shadowed=shadowed)
-                    work.seconds += lattice.add(at_points, work.light_steps)
+                    lattice.add(self._arrived(work, lattice, {variant: [indices]}), variant, indices)
                 if reflects:
-                    batch = work.batches.batch(variant, indices, maps, whole=False)
+                    batch = work.batches.batch(variant, indices, self._maps_of(work, indices), whole=False)
                     work.seconds += reflect(
                         self.launcher, self.media, work.met, work.view, batch, work.light_steps, frame, tell
                     )
         steps = decided(self.scene.march.steps)
         work.seconds += lattice.see(work.view, work.raster.bounds, steps, frame, tell)
+        if fills:
+            work.seconds += lattice.seconds
 
     def _at_points(self, work: _Work) -> list[int]:
         """Numbers of the lights from all around that are looked up at points."""
@@ -477,19 +475,14 @@ class Frame:
         assert found is not None  # noqa: S101 - lights are looked up there
         media = self._dark if self.scene.emits else self.media
         tracer = self.visibility.tracer(self.scene)
-        lattice = SurroundingsLattice(self.launcher, self.scene.dark, media, work.view, found, lights, tracer)
-
-        def make() -> Arrived:
-            batches = [
-                work.batches.at_points(
-                    variant, indices, self._maps_of(work, indices), shadowed=work.batches.shadowed_in_media
-                )
-                for variant, members in work.batches.groups(lights, all_of_them=True)
-                for indices in work.batches.cut(members)
-            ]
-            return lattice.arrived(batches, work.light_steps)
-
-        arrived = self._kept_around(work, lattice, make)
+        lattice = SurroundingsLattice(
+            self.launcher, self.scene.dark, media, work.view, found, lights=lights, tracer=tracer
+        )
+        batches = {
+            variant: list(work.batches.cut(members))
+            for variant, members in work.batches.groups(lights, all_of_them=True)
+        }
+        arrived = self._arrived(work, lattice, batches)
         groups: dict[int | None, list[int]] = {}
         for light in lights:
             groups.setdefault(None if work.layers is None else work.layers[light], []).append(light)
@@ -501,18 +494,34 @@ class Frame:
         work.seconds += lattice.seconds
         return made
 
-    def _kept_around(self, work: _Work, lattice: SurroundingsLattice, make: Callable[[], Arrived]) -> Arrived:
-        """Return what arrives in this or an earlier frame; maps that were given are known by nothing."""
-        if not work.builds:
+    def _arrived(
+        self, work: _Work, lattice: LightsAtPoints, batches: dict[LightVariant, list[list[int]]]
+    ) -> Arrived:
+        """Return what arrives of lights at points, in this or an earlier frame."""
+
+        def make() -> Arrived:
+            found = [
+                work.batches.at_points(
+                    variant, indices, self._maps_of(work, indices), shadowed=work.batches.shadowed_in_media
+                )
+                for variant, cut in batches.items()
+                for indices in cut
+            ]
+            return lattice.arrived(found, work.light_steps)
+
+        if not work.builds:  # maps that were given are known by nothing
             return make()
-        scene, settings = work.scene, resolve(work.scene.map)
+        scene, settings = work.scene, resolve(work.scene.map) if work.reads_maps else None
+        lights = [scene.lights[light] for cut in batches.values() for indices in cut for light in indices]
         # By α, maps may depend on the ways of all lights.
-        weighs = settings.target == "transmittance" and settings.density_weighting is None
+        weighs = (
+            settings is not None and settings.target == "transmittance" and settings.density_weighting is None
+        )
         key = (
             lattice.lattice,
-            lattice.media.channels(textured=False)["TFM_CHANNELS"],
-            tuple(scene.lights[light].map_key() for light in lattice.lights),
-            tuple(settings.of_light(scene.lights[light]) for light in lattice.lights),
+            lattice.channels,
+            tuple(light.map_key() for light in lights),
+            tuple(work.light_steps if settings is None else settings.of_light(light) for light in lights),
             tuple(light.map_key() for light in scene.lights) if weighs else (),
             tuple(body.density_key for body in scene.marched),
             tuple(body.with_medium(None) for body in scene.homogeneous),
@@ -522,7 +531,7 @@ class Frame:
             scene.shadow,
             world_from_device(scene).tobytes(),
         )
-        return self.cache.get("light from all around", key, make, lambda found: found.nbytes)
+        return self.cache.get("light at points", key, make, lambda found: found.nbytes)
 
     def _scatter_again(self, work: _Work, shared: _Shared) -> None:
         """Add the later orders of scattering."""
