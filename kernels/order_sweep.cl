@@ -237,7 +237,7 @@ __kernel void order_gather(SWEEP sweeps, __global const float *radiance, __globa
   /* Rows and planes change places from sweep to sweep; what is further apart is called a layer here. */
   const int flat = sweeps->plane > sweeps->row;
   const int row = flat ? sweeps->row : sweeps->plane, layer = flat ? sweeps->plane : sweeps->row;
-  const int rows = flat ? sweeps->rows : sweeps->planes, layers = flat ? sweeps->planes : sweeps->rows;
+  const int rows = flat ? sweeps->rows : sweeps->planes;
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
