@@ -154,7 +154,11 @@ typedef struct {
   Ray ray; /* in distances between points, from the first one */
 } OrdersOnRay;
 #define LATTICE const OrdersOnRay *
+#ifdef TFM_ORDER_SURROUNDINGS
+#define LATTICE_AT(lattice, walk, steps, k, t) radiances_of(lattice_at(lattice, t))
+#else
 #define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, t)
+#endif
 
 TFM_INLINE OrdersOnRay orders_on_ray(ORDERS orders, __global const float *numbers, Ray ray)
 {

@@ -244,6 +244,8 @@ def _of_deep_own(case: Case) -> Program:
 def _of_scatter(case: Case) -> Program:
     headers, defines = scatter_variant(*_batch(case))
     macros = {"TFM_LIGHT_LAYERS": case["layers"], "TFM_DEEP_COLOURS": case["colours of samples"]}
+    if case.get("around"):
+        macros |= {"TFM_AROUND": 1, "TFM_ORDER_MEDIA": _scattering(case)}
     return headers, defines | macros
 
 
@@ -426,6 +428,13 @@ SURROUNDED: Choices = {
     **GRIDS,
 }
 SURROUNDED_LIT: Choices = EMISSION_LIT | SURROUNDED | {"basis": EVALUATED}
+WITH_SURROUNDINGS: Choices = SURROUNDED_LIT | {
+    "bodies": [name for name in SURROUNDED["bodies"] if "box" not in name],
+    "shared": (1,),
+    "layers": (0,),
+    "colours of samples": (0,),
+    "around": (1,),
+}
 AT_POINTS: Choices = {"shared": (0,), "basis": EVALUATED}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
@@ -457,7 +466,10 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
-    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP]),
+    "scatter_pass.cl": (
+        _of_scatter,
+        [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP, WITH_SURROUNDINGS],
+    ),
     "points.cl": (_of_points_lit, [SURROUNDED_LIT, EMISSION_LIT]),
     "surroundings_pass.cl": (_of_surroundings_pass, [{**SURROUNDED, "shadow": (0, 1), **LAYERS, **DEEP}]),
     "surroundings_view.cl": (_of_surroundings_view, [SURROUNDED_LIT]),

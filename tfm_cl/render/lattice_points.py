@@ -197,6 +197,13 @@ class LightsAtPoints:
         return np.flatnonzero(launcher.download(near, (points,), np.uint8)).astype(np.int32)
 
 
+class Around(NamedTuple):
+    """Light from all around, as points know it: for the scatter pass."""
+
+    defines: dict[str, int | str]
+    arguments: dict[str, Any]
+
+
 class TowardsCamera(NamedTuple):
     """What points scatter to a camera."""
 

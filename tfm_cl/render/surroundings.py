@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from tfm_cl.device.launch import LOOK_UP
-from tfm_cl.render.lattice_points import RGB, LightsAtPoints, Variant, view_variant
+from tfm_cl.render.lattice_points import RGB, Around, LightsAtPoints, Variant, view_variant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -110,6 +110,11 @@ class SurroundingsLattice(LightsAtPoints):
                 sources[: arrived.count] = beside_hidden(self.lattice.size, arrived.numbers, hidden, ways)
             self._known_sources = arrived, self.launcher.upload(self.WHAT, sources)
         return self._known_sources[1]
+
+    def on_shared_samples(self, scattered: cl.Buffer, lights: int) -> Around:
+        """Return what the scatter pass takes to see so many lights, `towards_camera`, on its way."""
+        arguments = {"orders": self._struct, "scattered": scattered, "surrounding": lights}
+        return Around({"TFM_AROUND": 1, "TFM_ORDER_MEDIA": self._scattering}, arguments)
 
     def see(
         self,
