@@ -35,18 +35,20 @@ TFM_INLINE Floats arriving(SWEEP sweep, __global const float *radiance, int turn
    total     moments; to which what arrives is added where `arrives` is 1
    shares    of several media, as order_shares finds them
    source    out where `scatters` is 1, of each direction and colour, over what is extinguished or, of several media, what
-             is scattered; 0 around the points stays */
+             is scattered; 0 around the points stays
+   items     first of this launch and end */
 __kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *radiance, __global float *light,
                             __global float *total, __global float *source, int along, int count, int arrives, int scatters
 #if TFM_ORDER_MEDIA
                             , __global const float *shares
 #endif
-                            )
+                            , int2 items)
 {
-  const int nx = orders->size[0], ny = orders->size[1], nz = orders->size[2], chunks = (nx + TFM_LANES - 1) / TFM_LANES;
-  const int item = (int)get_global_id(0), x = item % chunks * TFM_LANES, y = item / chunks % ny, z = item / chunks / ny;
-  if (z >= nz)
+  const int nx = orders->size[0], ny = orders->size[1], chunks = (nx + TFM_LANES - 1) / TFM_LANES;
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const int x = item % chunks * TFM_LANES, y = item / chunks % ny, z = item / chunks / ny;
   const int row = nx + 2 * PAD, layer = row * (ny + 2), size = padded_size(orders);
   const int at = (z + 1) * layer + (y + 1) * row + x + PAD;
   const Ints inside = LANE_Y * TILE_WIDTH + LANE_X < nx - x;
@@ -111,12 +113,14 @@ __kernel void order_scatter(ORDERS orders, SWEEP sweeps, __global const float *r
 #define OF_NEIGHBOURS 1e-3f
 
 /* Of what is scattered at points, each medium's share; where nothing is, that of their neighbours.
-   of_media  as order_media finds it; shares: out, likewise */
-__kernel void order_shares(ORDERS orders, __global const float *of_media, __global float *shares)
+   of_media  as order_media finds it; shares: out, likewise
+   items     first of this launch and end */
+__kernel void order_shares(ORDERS orders, __global const float *of_media, __global float *shares, int2 items)
 {
-  const Points points = points_of(orders, (int)get_global_id(0));
-  if (!any_lane(points.wanted))
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const Points points = points_of(orders, item);
   const int row = orders->size[0] + 2 * PAD, layer = row * (orders->size[1] + 2), size = padded_size(orders);
   for (int c = 0; c < 3; ++c) {
     Floats scatters[TFM_ORDER_MEDIA], all = floats(0.0f);
@@ -139,18 +143,18 @@ __kernel void order_shares(ORDERS orders, __global const float *of_media, __glob
 
 /* Writes numbers of points, and of those before the first, in the other kind of rows.
    of_x   0: they are in rows along y
-   skip   numbers of each point along x that have none along y; count: those that have */
+   skip   numbers of each point along x that have none along y; count: those that have
+   items  first of this launch and end */
 __kernel void order_cross(ORDERS orders, __global const float *numbers, __global float *crossed, int of_x, int skip,
-                          int count)
+                          int count, int2 items)
 {
-  const int nz = orders->size[2];
   /* Points along the rows that numbers are in, and along those that they are written to. */
   const int n = orders->size[of_x ? 0 : 1], m = orders->size[of_x ? 1 : 0];
   /* Neighbours read the same rows. */
-  const int item = (int)get_global_id(0), chunks = (m + TFM_LANES - 1) / TFM_LANES;
-  const int i = item % (n + 1) - 1, j = item / (n + 1) % chunks * TFM_LANES, z = item / (n + 1) / chunks - 1;
-  if (z >= nz)
+  const int item = items.x + (int)get_global_id(0), chunks = (m + TFM_LANES - 1) / TFM_LANES;
+  if (item >= items.y)
     return;
+  const int i = item % (n + 1) - 1, j = item / (n + 1) % chunks * TFM_LANES, z = item / (n + 1) / chunks - 1;
   const Ints place = j + LANE_Y * TILE_WIDTH + LANE_X, inside = place < m;
   const Ints from = ((z + 1) * (m + 2) + (inside ? place : ints(0)) + 1) * (n + 2 * PAD) + i + PAD;
   const int to = ((z + 1) * (n + 2) + i + 1) * (m + 2 * PAD) + j + PAD;
@@ -163,12 +167,14 @@ __kernel void order_cross(ORDERS orders, __global const float *numbers, __global
 
 /* What all later orders scatter to the camera, over albedo and opacity; of each medium.
    total     moments of the points, in rows along x
-   scattered as of order_beyond: holds what that found, which is added */
-__kernel void order_view(VIEW view, ORDERS orders, __global const float *total, __global float *scattered)
+   scattered as of order_beyond: holds what that found, which is added
+   items     first of this launch and end */
+__kernel void order_view(VIEW view, ORDERS orders, __global const float *total, __global float *scattered, int2 items)
 {
-  const Points points = points_of(orders, (int)get_global_id(0));
-  if (!any_lane(points.wanted))
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const Points points = points_of(orders, item);
   Floats y[HARMONICS];
   harmonics_of(way_to_camera(view, position_of(orders, &points)), y);
   for (int m = 0; m < APART_MEDIA; ++m)

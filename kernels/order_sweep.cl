@@ -68,22 +68,24 @@ TFM_INLINE Floats source_of(const Mixed *mixed, const Mixed *shares)
    radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way;
              where there is a lobe, holds the same of the order before
    scattering  of several media, as order_media says, in the same rows
-   first     direction of this launch, and the end
-   size      numbers that one extinction or colour has */
+   first     direction of these; rays: work-items that each of them takes, at most
+   size      numbers that one extinction or colour has
+   items     first of this launch and end */
 __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *extinction, __global const float *light,
-                          __global float *radiance, int first, int end, int size
+                          __global float *radiance, int first, int rays, int size
 #if TFM_ORDER_MEDIA
                           , __global const float *scattering
 #endif
-                          WALLS_ARGUMENTS)
+                          WALLS_ARGUMENTS, int2 items)
 {
-  const int number = first + (int)get_global_id(1);
-  if (number >= end)
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const int number = first + item / rays;
   SWEEP sweep = sweeps + number;
   const float slope_x = sweep->slope[0], slope_y = sweep->slope[1], length = 0.5f * sweep->length;
   const int columns = sweep->columns, rows = sweep->rows, planes = sweep->planes, row = sweep->row;
-  const FirstRay ray = first_ray(sweep, (int)get_global_id(0));
+  const FirstRay ray = first_ray(sweep, item % rays);
   if (!ray.wanted)
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
@@ -96,7 +98,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
   float part[TFM_ORDER_COLOURS];
 #endif
   Floats radiances[TFM_ORDER_COLOURS], sources[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
-  WALLS_OF(number);
+  WALLS_OF(number, item % rays);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
 #if !TFM_ORDER_MEDIA
     part[c] = TFM_ORDER_LOBE ? orders->straight * orders->albedo[c] : orders->albedo[c];
@@ -175,20 +177,21 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
    emitted   of the points, of each colour, per world unit, in the rows that the sweeps have
    radiance  out, of each direction and colour, likewise */
 __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __global const float *emitted,
-                             __global float *radiance, int first, int end, int size WALLS_ARGUMENTS)
+                             __global float *radiance, int first, int rays, int size WALLS_ARGUMENTS, int2 items)
 {
-  const int number = first + (int)get_global_id(1);
-  if (number >= end)
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const int number = first + item / rays;
   SWEEP sweep = sweeps + number;
   const float length = 0.5f * sweep->length;
   const int planes = sweep->planes, row = sweep->row;
-  const FirstRay ray = first_ray(sweep, (int)get_global_id(0));
+  const FirstRay ray = first_ray(sweep, item % rays);
   if (!ray.wanted)
     return;
   __global float *out = radiance + (size_t)number * TFM_ORDER_COLOURS * size;
   Floats radiances[TFM_ORDER_COLOURS], emits[TFM_ORDER_COLOURS], extinctions[TFM_CHANNELS];
-  WALLS_OF(number);
+  WALLS_OF(number, item % rays);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
     radiances[c] = emits[c] = floats(0.0f);
   for (int c = 0; c < TFM_CHANNELS; ++c)
@@ -225,18 +228,20 @@ __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __g
 
 /* Sums what arrives at points from the directions of a launch, which have the same rows.
    next    of the points, in these rows: adds to, or begins
-   begins  1: the first directions */
+   begins  1: the first directions
+   items   first of this launch and end */
 __kernel void order_gather(SWEEP sweeps, __global const float *radiance, __global float *next, int count, int size,
-                           int begins)
+                           int begins, int2 items)
 {
   const int columns = sweeps->columns, chunks = (columns + TFM_LANES - 1) / TFM_LANES;
   /* Rows and planes change places from sweep to sweep; what is further apart is called a layer here. */
   const int flat = sweeps->plane > sweeps->row;
   const int row = flat ? sweeps->row : sweeps->plane, layer = flat ? sweeps->plane : sweeps->row;
-  const int rows = flat ? sweeps->rows : sweeps->planes, layers = flat ? sweeps->planes : sweeps->rows;
-  const int item = (int)get_global_id(0), x = item % chunks * TFM_LANES, y = item / chunks % rows, z = item / chunks / rows;
-  if (z >= layers)
+  const int rows = flat ? sweeps->rows : sweeps->planes;
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const int x = item % chunks * TFM_LANES, y = item / chunks % rows, z = item / chunks / rows;
   const int at = (z + 1) * layer + (y + 1) * row + x + PAD;
   Floats sum[TFM_ORDER_COLOURS];
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
@@ -257,13 +262,15 @@ __kernel void order_gather(SWEEP sweeps, __global const float *radiance, __globa
 /* next    of order_gather, from directions along y and z; turned_next: from those along x
    light   out: their mean
    total   to which that is added, of the points one after the other
-   share   of each direction among all */
+   share   of each direction among all
+   items   first of this launch and end */
 __kernel void order_mean(ORDERS orders, __global const float *next, __global const float *turned_next,
-                         __global float *light, __global float *total, float share)
+                         __global float *light, __global float *total, float share, int2 items)
 {
-  const Points points = points_of(orders, (int)get_global_id(0));
-  if (!any_lane(points.wanted))
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const Points points = points_of(orders, item);
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
     const Floats sum = gather_floats(next + (size_t)c * padded_size(orders), points.at) +
                        gather_floats(turned_next + (size_t)c * turned_size(orders), points.turned);
@@ -274,10 +281,13 @@ __kernel void order_mean(ORDERS orders, __global const float *next, __global con
 }
 
 /* Takes what the outermost points scatter: in a medium that is everywhere they end the lattice.
-   count: of numbers of a point, which lie one after the other */
-__kernel void order_end(ORDERS orders, __global float *scattered, int count)
+   count: of numbers of a point, which lie one after the other; items: first of this launch and end */
+__kernel void order_end(ORDERS orders, __global float *scattered, int count, int2 items)
 {
-  const Points points = points_of(orders, (int)get_global_id(0));
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
+    return;
+  const Points points = points_of(orders, item);
   Ints ends = points.place[0] < 0;
   for (int axis = 0; axis < 3; ++axis)
     ends |= (points.place[axis] == 0) | (points.place[axis] == orders->size[axis] - 1);
@@ -288,12 +298,15 @@ __kernel void order_end(ORDERS orders, __global float *scattered, int count)
     store_floats(scattered, points.number * count + c, ends, floats(0.0f));
 }
 
-/* Writes numbers of points once more, in rows along y. count: of extinctions or colours */
-__kernel void order_turn(ORDERS orders, __global const float *numbers, __global float *turned, int count)
+/* Writes numbers of points once more, in rows along y.
+   count  of extinctions or colours
+   items  first of this launch and end */
+__kernel void order_turn(ORDERS orders, __global const float *numbers, __global float *turned, int count, int2 items)
 {
-  const Points points = points_of(orders, (int)get_global_id(0));
-  if (!any_lane(points.wanted))
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
     return;
+  const Points points = points_of(orders, item);
   for (int c = 0; c < count; ++c)
     store_floats(turned + (size_t)c * turned_size(orders), points.turned, points.wanted,
                  gather_floats(numbers + (size_t)c * padded_size(orders), points.at));

@@ -12,20 +12,32 @@
 #define EXACT_STEPS 0
 #endif
 
+/* Light from all around is seen from the same samples. */
+#if TFM_AROUND
+#if !TFM_SHARED || TFM_BODIES || TFM_LIGHT_LAYERS || TFM_DEEP_COLOURS
+#error "TFM_AROUND needs TFM_SHARED, and neither TFM_BODIES nor what is kept apart"
+#endif
+#define AROUND_ARGUMENTS , ORDERS orders, __global const float *scattered, int surrounding
+#else
+#define AROUND_ARGUMENTS
+#endif
+
 /* solid            normal and distance of the solid that a pixel shows, INFINITY without (with TFM_SHADOW only)
    FRAME_ARGUMENTS  as of frame_store, where sees_camera is not 0, of the first launch: what lies along a ray is in the
                     cache already, and lights that share its samples need no march of their own; as of frame_add else
    serves_camera    1: there are but primitives and one light, which reaches them all
+   scattered        of surroundings_view, for so many `surrounding` lights (with TFM_AROUND only)
    window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
                            __global const float4 *albedo, FRAME_ARGUMENTS, int sees_camera, int serves_camera,
-                           int4 blocks, int4 window)
+                           int4 blocks AROUND_ARGUMENTS, int4 window)
 {
   const Pixels pixels = tile_pixels(view, places, window);
   LIGHT_BUFFERS(buffers);
   const Lights here = lights_of_block(lights, starts, touching, blocks, window, &buffers);
-  if (!any_lane(pixels.wanted) || (here.count == 0 && !sees_camera))
+  const int sees_more = sees_camera | TFM_AROUND;
+  if (!any_lane(pixels.wanted) || (here.count == 0 && !sees_more))
     return;
   const Ray ray = camera_rays(view, pixels);
   const Interval seen = before_solids(view, solid, pixels);
@@ -53,7 +65,14 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
     scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums, 0);
 #else
   CameraSums camera = none;
-  scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums, sees_camera ? &camera : 0);
+#if TFM_AROUND
+  const OrdersOnRay points = orders_on_ray(orders, scattered, ray);
+#define AND_AROUND , &points, surrounding
+#else
+#define AND_AROUND
+#endif
+  scatter_lights(&scene, &here, ray, &on_ray, on_ray.all, on_ray.meets, &none, &sums,
+                 sees_camera ? &camera : 0 AND_AROUND);
 #endif
 #else
   CameraSums camera = camera_sums_begin(media, on_ray.meets);

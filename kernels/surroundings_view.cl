@@ -7,7 +7,7 @@
 #include "view/surroundings.h"
 
 /* What the lights scatter towards the camera.
-   depths     of surroundings_depths
+   depths     of points_depths
    sources    of each point that is listed, which of them says how deep its ways are
    these      places of the lights, of which there are `many`, among those that depths has
    scattered  out: as view/surroundings.h says */

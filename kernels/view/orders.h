@@ -82,6 +82,22 @@ TFM_INLINE Points points_in(ORDERS orders, int4 low, int4 count, int item)
   return points;
 }
 
+/* The item-th few of the points that are listed, a lane each. */
+TFM_INLINE Points listed_points(ORDERS orders, __global const int *listed, int count, int item)
+{
+  const int nx = orders->size[0], ny = orders->size[1];
+  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
+  Points points;
+  points.wanted = n < count;
+  points.number = gather_ints(listed, points.wanted ? n : ints(0));
+  points.place[0] = points.number % nx;
+  points.place[1] = points.number / nx % ny;
+  points.place[2] = points.number / (nx * ny);
+  points.at = points.turned = ints(0);
+  points.first = 0;
+  return points;
+}
+
 TFM_INLINE Vec3 position_of(ORDERS orders, const Points *points)
 {
   return vec3(orders->origin[0] + orders->spacing * TO_FLOATS(points->place[0]),
@@ -138,7 +154,11 @@ typedef struct {
   Ray ray; /* in distances between points, from the first one */
 } OrdersOnRay;
 #define LATTICE const OrdersOnRay *
+#ifdef TFM_ORDER_SURROUNDINGS
+#define LATTICE_AT(lattice, walk, steps, k, t) radiances_of(lattice_at(lattice, t))
+#else
 #define LATTICE_AT(lattice, walk, steps, k, t) lattice_at(lattice, t)
+#endif
 
 TFM_INLINE OrdersOnRay orders_on_ray(ORDERS orders, __global const float *numbers, Ray ray)
 {

@@ -2,7 +2,8 @@
    reduced intensity is marched instead of looked up: the reference; every other line is shared.
    Includes expected before: a light header, and those of the phase functions.
    Requires: what reduced_intensity.h and camera_sums.h do; TFM_PHASE(medium, mu, fibres), the medium's phase function;
-   TFM_SHARED 1 where lights reach all of every ray and are sampled in the world: they share the samples of the camera's rays. */
+   TFM_SHARED 1 where lights reach all of every ray and are sampled in the world: they share the samples of the camera's rays;
+   TFM_AROUND 1 where those serve light from all around, too, which points know: with what surroundings.h does. */
 #ifndef TFM_SCATTER_H
 #define TFM_SCATTER_H
 
@@ -12,6 +13,17 @@
 #include "light/stretch.h"
 #include "phase/phase.h"
 #include "view/camera_sums.h"
+#ifndef TFM_AROUND
+#define TFM_AROUND 0
+#endif
+#if TFM_AROUND
+#include "view/surroundings.h"
+#define AROUND_PARAMETER , LATTICE around, int lights_around
+#define AROUND , around, lights_around
+#else
+#define AROUND_PARAMETER
+#define AROUND
+#endif
 
 /* How a light arrives at a sample. */
 typedef struct {
@@ -231,9 +243,11 @@ TFM_INLINE Floats take_step(MEDIUM media, CameraRay *state, const Amounts *step,
 }
 
 /* The stretch of a ray that holds grids: their density is read step by step. depth: optical depth so far, of each
-   colour, which bodies of constant density need. camera: also takes the samples, where it is not 0. */
+   colour, which bodies of constant density need. camera: also takes the samples, where it is not 0. around: what points know
+   of light from all around, the sum of so many lights. */
 TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval part,
-                                 Ints active, CameraRay *state, Floats *depth, LightSums *sums, CameraSums *camera)
+                                 Ints active, CameraRay *state, Floats *depth, LightSums *sums,
+                                 CameraSums *camera AROUND_PARAMETER)
 {
   if (!any_lane(active))
     return;
@@ -254,6 +268,10 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
   Steps list = no_steps();
 #if TFM_BODIES
   Floats step_begin = begin;
+#endif
+#if TFM_AROUND
+  LatticeValue radiances = lattice_begin();
+  int of_steps = -1;
 #endif
 #if !TFM_SHARED
   /* In the order of the steps, so that those that are left out leave no trace in its rounding. */
@@ -282,6 +300,12 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
       if (camera)
         camera_sums_step(media, camera, state, &step[k], place_of(&walk, list.n[k]).t, opacities[k], weights[k]);
     }
+#if TFM_AROUND
+    for (int k = 0; k < count; ++k) {
+      of_both_steps(around, &walk, list.n[k], &radiances, &of_steps);
+      surroundings_step(sums, &radiances, lights_around, media, &step[k], opacities[k], weights[k]);
+    }
+#endif
 #endif
     for (int i = 0; i < LIGHTS_OF_MARCH(lights); ++i) {
 #if TFM_SHARED
@@ -633,7 +657,7 @@ TFM_INLINE void scatter_in_bodies(const Scene *scene, const Lights *lights, Ray 
    before  what lies between the camera and that part: it dims all that follows; not so in the paper's algorithm 1
    camera  also takes the samples, where it is not 0 */
 TFM_INLINE void scatter_lights(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval lit,
-                               Ints active, const CameraSums *before, LightSums *sums, CameraSums *camera)
+                               Ints active, const CameraSums *before, LightSums *sums, CameraSums *camera AROUND_PARAMETER)
 {
   CameraRay state = before->ray;
   Floats depth[TFM_CHANNELS];
@@ -641,7 +665,7 @@ TFM_INLINE void scatter_lights(const Scene *scene, const Lights *lights, Ray ray
     depth[c] = least(extinguished(scene->media, &before->total, c), floats(TFM_MAX_OPTICAL_DEPTH));
   sums->samples += before->samples;
 #if TFM_BODIES == 0
-  scatter_in_grids(scene, lights, ray, on_ray, lit, active, &state, depth, sums, camera);
+  scatter_in_grids(scene, lights, ray, on_ray, lit, active, &state, depth, sums, camera AROUND);
 #else
   VIEW view = scene->view;
   (void)camera;

@@ -97,6 +97,10 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
   Ints alive = active & is_visible(view, &sums->ray);
   Ints read = ints(0);
   Steps list = no_steps();
+#if TFM_LATTICE == 3
+  LatticeValue held = lattice_begin();
+  int held_of = -1;
+#endif
   while (any_lane(alive) && find_steps(scene->padded, &walk, alive, 0, &list)) {
     Amounts step[MOST_STEPS];
     for (int k = 0; k < list.count; ++k) {
@@ -108,7 +112,14 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       add_bodies(scene->bodies, &on_ray->bodies, place.t - to_end, place.t + to_end, &step[k]);
 #endif
     }
-#if TFM_LATTICE
+#if TFM_LATTICE == 3
+    LatticeValue light[MOST_STEPS];
+    for (int k = 0; k < list.count; ++k) {
+      if (any_lane(any_amount(&step[k])))
+        of_both_steps(lattice, &walk, list.n[k], &held, &held_of);
+      light[k] = held; /* weighs nothing without any amount */
+    }
+#elif TFM_LATTICE
     LatticeValue light[MOST_STEPS];
     for (int k = 0; k < list.count; ++k)
       light[k] = any_lane(any_amount(&step[k])) ? LATTICE_AT(lattice, &walk, &list, k, place_of(&walk, list.n[k]).t)

@@ -15,24 +15,9 @@
 #define TFM_ORDER_SURROUNDINGS 1
 #include "view/orders.h"
 
-/* The item-th few of the points that are listed, a lane each. */
-TFM_INLINE Points listed_points(ORDERS orders, __global const int *listed, int count, int item)
-{
-  const int nx = orders->size[0], ny = orders->size[1];
-  const Ints n = item * TFM_LANES + LANE_Y * TILE_WIDTH + LANE_X;
-  Points points;
-  points.wanted = n < count;
-  points.number = gather_ints(listed, points.wanted ? n : ints(0));
-  points.place[0] = points.number % nx;
-  points.place[1] = points.number / nx % ny;
-  points.place[2] = points.number / (nx * ny);
-  points.at = points.turned = ints(0);
-  points.first = 0;
-  return points;
-}
-
 #ifdef TFM_AMOUNTS_H
-#define LATTICE_STEP(sums, value, media, step, opacity, weight) lattice_step(sums, value, media, step, opacity, weight)
+#define LATTICE_STEP(sums, value, media, step, opacity, weight) \
+  surroundings_step(sums, value, 1, media, step, opacity, weight)
 
 /* Below which a logarithm is that of nothing: between points that have none, too. */
 #define OF_NOTHING -125.0f
@@ -42,35 +27,53 @@ TFM_INLINE Floats radiance_of(Floats logarithm)
   return logarithm > OF_NOTHING ? exp2_of(logarithm) : floats(0.0f);
 }
 
-/* What the media of a step scatter, over what it extinguishes, of radiances whose logarithms are given. */
-TFM_INLINE Floats scattered_of(MEDIUM media, const Amounts *step, const Floats *logarithms, int colour)
+/* What points know, with radiances in the place of their logarithms. */
+TFM_INLINE LatticeValue radiances_of(LatticeValue value)
+{
+  for (int n = 0; n < SURROUNDINGS_ARRIVE; ++n)
+    value.of[n] = radiance_of(value.of[n]);
+  return value;
+}
+
+/* What the media of a step scatter of radiances, over what it extinguishes. */
+TFM_INLINE Floats scattered_of(MEDIUM media, const Amounts *step, const Floats *radiances, int colour)
 {
 #if TFM_MEDIA == 1
   (void)step;
-  return media->albedo[colour] * radiance_of(logarithms[colour]);
+  return media->albedo[colour] * radiances[colour];
 #else
   Floats scattered = floats(0.0f);
   for (int m = 0; m < TFM_ORDER_MEDIA; ++m)
-    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * radiance_of(logarithms[3 * m + colour]);
+    scattered += media[m].sigma_s[colour] * step->of[m][AMOUNT_OF(colour)] * radiances[3 * m + colour];
   const Floats extinct = extinguished(media, step, colour);
   return extinct > 0.0f ? scattered / extinct : floats(0.0f);
 #endif
 }
 
-/* A step took its opacity, of mean `weight`, from the ray. */
-TFM_INLINE void lattice_step(LightSums *sums, const LatticeValue *value, MEDIUM media, const Amounts *step,
-                             const Floats *opacity, Floats weight)
+/* What two steps of a ray take, the first of which has an even number: they are near, and light is smooth.
+   radiances  of the last two, whose first is `of`; out: of these */
+TFM_INLINE void of_both_steps(LATTICE lattice, const Walk *walk, int n, LatticeValue *radiances, int *of)
+{
+  const int even = n & ~1;
+  if (even != *of)
+    *radiances = radiances_of(lattice_at(lattice, 0.5f * (place_of(walk, even).t + place_of(walk, even + 1).t)));
+  *of = even;
+}
+
+/* A step took its opacity, of mean `weight`, from the ray. radiances: of radiances_of; lights: how many they are of. */
+TFM_INLINE void surroundings_step(LightSums *sums, const LatticeValue *radiances, int lights, MEDIUM media, const Amounts *step,
+                                  const Floats *opacity, Floats weight)
 {
   for (int c = 0; c < 3; ++c) {
     const Floats taken = opacity[TFM_CHANNELS == 3 ? c : 0];
-    sums->colour[c] += taken * scattered_of(media, step, value->of, c);
+    sums->colour[c] += taken * scattered_of(media, step, radiances->of, c);
 #if HAS_OCTAVES
-    sums->later[c] += taken * scattered_of(media, step, value->of + SURROUNDINGS_LATER, c);
+    sums->later[c] += taken * scattered_of(media, step, radiances->of + SURROUNDINGS_LATER, c);
 #endif
   }
   for (int c = 0; c < TFM_CHANNELS; ++c)
-    sums->seen[c] += weight * value->of[SURROUNDINGS_ARRIVE + c];
-  sums->seen_opacity += weight;
+    sums->seen[c] += weight * radiances->of[SURROUNDINGS_ARRIVE + c];
+  sums->seen_opacity += (float)lights * weight;
 }
 #endif
 

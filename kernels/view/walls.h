@@ -29,10 +29,10 @@ typedef struct {
   Floats gain[TFM_ORDER_COLOURS];  /* as at its beginning */
 } StepBefore;
 
-#define WALLS_OF(number)                                                                           \
+#define WALLS_OF(number, item)                                                                     \
   WallsAhead ahead;                                                                                \
   {                                                                                                \
-    const size_t of_item = (size_t)(wall_base + (number)) * wall_items + get_global_id(0);         \
+    const size_t of_item = (size_t)(wall_base + (number)) * wall_items + (item);                   \
     ahead.next = wall_starts[of_item];                                                             \
     ahead.end = wall_starts[of_item + 1];                                                          \
   }
@@ -92,7 +92,7 @@ TFM_INLINE void meet_walls(__global const int4 *walls, WallsAhead *ahead, int m,
 }
 #else
 #define WALLS_ARGUMENTS
-#define WALLS_OF(number)
+#define WALLS_OF(number, item)
 #define BEFORE_WALLS(radiances, of_gain)
 #define MEET_WALLS(m, depth, of_gain, radiances)
 #endif

@@ -526,11 +526,15 @@ def test_phase_functions_are_mixed_and_listed(viewer):
     row.locator("select").first.select_option("mix")
     before = viewer.options["medium"]["phase"]
     assert told() == {"type": "mix", "phases": [before, {"type": "rayleigh"}], "weights": [1, 1]}
-    page.get_by_label("phase, part 1: weight").last.fill("3")
+    page.get_by_label("phase, part 1: mix weight").last.fill("3")
     page.keyboard.press("Enter")
     assert told()["weights"] == [3, 1]
     row.get_by_role("button", name="Add a part").click()
     assert told()["phases"][2] == {"type": "isotropic"}
+    page.get_by_label("phase, part 3", exact=True).select_option("double-hg")
+    told()
+    names = row.locator(".parts > .phase").last.locator(".name").all_text_contents()
+    assert sorted(names) == ["g1", "g2", "mix weight", "weight"]
     page.get_by_label("phase, part 3", exact=True).select_option("hg")
     phase = told()
     assert (phase["phases"][2], phase["weights"]) == ({"type": "hg", "g": 0.0}, [3, 1, 1])

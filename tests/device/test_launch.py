@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tfm_cl.device.launch import Windows
+from tfm_cl.device.launch import Pacing, Windows
 from tfm_cl.errors import DeviceMemoryError
 
 
@@ -46,6 +46,10 @@ def test_what_is_uploaded_is_as_large_as_a_buffer_at_most(launcher, monkeypatch)
         launcher.upload("the voxels", np.zeros(1 << 19, np.float32))
 
 
+def windows_of(width, height, samples, **bounds):
+    return Windows(0, 0, width, height, Pacing(samples, Windows.EDGE**2, **bounds))
+
+
 def launches(windows, seconds):
     """Areas and times of a pass's launches, of which an item of a row takes ``seconds(row)``."""
     areas, times = [], []
@@ -60,17 +64,50 @@ def test_launches_of_bounded_time_do_all_of_the_work():
     """Half of the picture is empty: where it is not, the first frame is taken by surprise."""
     pace = None
     for _ in range(3):
-        windows = Windows(0, 0, 960, 540, 100, most_seconds=0.03, pace=pace)
+        windows = windows_of(960, 540, 100, most_seconds=0.03, pace=pace)
         areas, times = launches(windows, lambda row: 1e-9 if row < 200 else 5e-7)
         assert sum(areas) == 960 * 540
-        pace = windows.pace
+        pace = windows.pacing.pace
 
     assert max(times) <= 0.031
     assert len(areas) < 20
 
 
+def test_the_first_launches_of_a_kernel_are_careful():
+    """Nothing is known of it: neither are they long themselves, nor is what comes after empty space."""
+    slow, late = (
+        launches(windows_of(960, 540, 100, most_seconds=0.03), seconds)[1]
+        for seconds in (lambda _: 2e-6, lambda row: 1e-10 if row < 500 else 1.5e-7)
+    )
+    assert max(slow) <= 0.07  # the smallest of a row of tiles
+    assert max(late) <= 0.031
+
+
+@pytest.mark.parametrize(("items", "most"), [(0, 1), (1, 1), (100_000, 2), (9_000_000, 200)])
+def test_work_in_a_row_is_cut_into_launches_that_do_all_of_it(launcher, monkeypatch, items, most):
+    class Counted:
+        function_name = "counted"
+
+    begins = []
+
+    def run(_, size, arguments):
+        first, end = arguments["items"]
+        assert (end - first,) == size
+        assert first == (begins[-1] if begins else 0)
+        begins.append(end)
+        return (end - first) * 1e-8
+
+    monkeypatch.setattr(launcher, "run", run)
+    monkeypatch.setattr(launcher, "_launch_seconds", 0.03)
+    launcher.run_items(Counted, items, 8, {"count": 3})
+
+    assert not items or begins[-1] == items
+    assert len(begins) <= most
+    assert max(np.diff([0, *begins]), default=0) < 1 << 16
+
+
 def test_how_slow_the_slowest_launch_was_fades():
-    windows = Windows(0, 0, 4096, 4096, 1, most_seconds=0.03, pace=1e-5)
+    windows = windows_of(4096, 4096, 1, most_seconds=0.03, pace=1e-5)
 
     areas, _ = launches(windows, lambda _: 1e-7)
 
@@ -78,18 +115,18 @@ def test_how_slow_the_slowest_launch_was_fades():
 
 
 def test_launches_that_are_not_bounded_grow_as_they_may():
-    areas, _ = launches(Windows(0, 0, 960, 540, 100), lambda _: 1e-9)
+    areas, _ = launches(windows_of(960, 540, 100), lambda _: 1e-9)
 
     assert areas == [960 * 320, 960 * 220]
 
 
 def test_the_first_launch_of_a_frame_is_as_large_as_earlier_ones_tell():
     """A picture that takes less than a tenth of a second is made at once, but for the first frame."""
-    first = Windows(0, 0, 960, 540, 100)
+    first = windows_of(960, 540, 100)
     assert len(launches(first, lambda _: 1e-7)[0]) == 2
 
-    areas, _ = launches(Windows(0, 0, 960, 540, 100, pace=first.pace), lambda _: 1e-7)
+    areas, _ = launches(windows_of(960, 540, 100, pace=first.pacing.pace), lambda _: 1e-7)
     assert areas == [960 * 540]
 
-    slow, _ = launches(Windows(0, 0, 960, 540, 100, pace=1e-8), lambda _: 1e-6)
+    slow, _ = launches(windows_of(960, 540, 100, pace=1e-8), lambda _: 1e-6)
     assert slow[0] == 960 * 320  # never less than if nothing were known

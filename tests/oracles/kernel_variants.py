@@ -23,7 +23,7 @@ from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import LOOKUPS
 from tfm_cl.maps.light_pass import map_variant
 from tfm_cl.maps.resolved import ResolvedMap, resolve
-from tfm_cl.render import emission, orders, surroundings
+from tfm_cl.render import emission, lattice_points, orders, surroundings
 from tfm_cl.render.batches import SINGLE_NUMBER, Batch, LightVariant
 from tfm_cl.render.lattice import pass_variant, voxels_variant
 from tfm_cl.render.scatter import scatter_variant
@@ -244,6 +244,8 @@ def _of_deep_own(case: Case) -> Program:
 def _of_scatter(case: Case) -> Program:
     headers, defines = scatter_variant(*_batch(case))
     macros = {"TFM_LIGHT_LAYERS": case["layers"], "TFM_DEEP_COLOURS": case["colours of samples"]}
+    if case.get("around"):
+        macros |= {"TFM_AROUND": 1, "TFM_ORDER_MEDIA": _scattering(case)}
     return headers, defines | macros
 
 
@@ -301,7 +303,7 @@ def _lattice_colours(case: Case, media: MediaOnDevice) -> int:
 
 def _of_emission_lights(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return emission.lights_variant(of_lights, media, _scattering(case))
+    return emission.lights_variant(of_lights.of, media, _scattering(case))
 
 
 def _scattering(case: Case) -> int:
@@ -311,14 +313,14 @@ def _scattering(case: Case) -> int:
 RGB = 3
 
 
-def _of_surroundings(case: Case) -> Program:
+def _of_points_lit(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return surroundings.depths_variant(of_lights, media, _scattering(case))
+    return lattice_points.depths_variant(of_lights, media)
 
 
 def _of_surroundings_view(case: Case) -> Program:
     of_lights, media = _batch(case)
-    return surroundings.view_variant(of_lights.of, media, _scattering(case))
+    return lattice_points.view_variant(of_lights.of, media, _scattering(case))
 
 
 def _of_surroundings_pass(case: Case) -> Program:
@@ -426,6 +428,13 @@ SURROUNDED: Choices = {
     **GRIDS,
 }
 SURROUNDED_LIT: Choices = EMISSION_LIT | SURROUNDED | {"basis": EVALUATED}
+WITH_SURROUNDINGS: Choices = SURROUNDED_LIT | {
+    "bodies": [name for name in SURROUNDED["bodies"] if "box" not in name],
+    "shared": (1,),
+    "layers": (0,),
+    "colours of samples": (0,),
+    "around": (1,),
+}
 AT_POINTS: Choices = {"shared": (0,), "basis": EVALUATED}
 ON_SOLIDS: Choices = {"shared": (0,), "shadow": (1, 2)}
 FIELD: Choices = {"grids": list(FIELDS_IN), **GRIDS, **LIGHT, "shadow": (0, 1)}
@@ -457,8 +466,11 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
     "prefilter.cl": (lambda case: ((), {"TFM_GROUP": case["group"]}), [{"group": (1, 8, 64)}]),
     "primitives.cl": (_of_primitives, [PRIMITIVES]),
     "probe.cl": (_of_probe, [FIELD]),
-    "scatter_pass.cl": (_of_scatter, [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP]),
-    "surroundings.cl": (_of_surroundings, [SURROUNDED_LIT]),
+    "scatter_pass.cl": (
+        _of_scatter,
+        [GRIDS_LIT | LAYERS | DEEP, OTHERS_LIT | LAYERS | DEEP, WITH_SURROUNDINGS],
+    ),
+    "points.cl": (_of_points_lit, [SURROUNDED_LIT, EMISSION_LIT]),
     "surroundings_pass.cl": (_of_surroundings_pass, [{**SURROUNDED, "shadow": (0, 1), **LAYERS, **DEEP}]),
     "surroundings_view.cl": (_of_surroundings_view, [SURROUNDED_LIT]),
     "surface_pass.cl": (_of_surface, [GRIDS_LIT | ON_SOLIDS | LAYERS, OTHERS_LIT | ON_SOLIDS | LAYERS]),

@@ -7,7 +7,7 @@ from scenes import blobs
 import tfm_cl as tfm
 from tfm_cl.plan import resolution, surroundings
 from tfm_cl.plan.plan import plan
-from tfm_cl.plan.surroundings import ERROR_PER_DEPTH, TOLERATED, VOXELS_APART, lattice_of, share_of, steps_of
+from tfm_cl.plan.surroundings import ERROR_PER_DEPTH, TOLERATED, VOXELS_APART, lattice_of, share_of
 
 CAMERA = tfm.Camera(from_=(0, 0, 6), to=(0, 0, 0), res=(640, 480))
 SKY = tfm.EnvironmentLight(samples=16, intensity=0.05)
@@ -165,10 +165,6 @@ def test_lights_at_points_are_on_no_lattice_of_voxels():
     assert planned.scene.lights[0].lookup == "points"
     assert planned.scene.map.lookup == "lattice"
     assert plan(planned.scene).scene.lights == planned.scene.lights
-
-
-def test_the_march_through_points_takes_half_the_steps():
-    assert steps_of(scene_of(march=tfm.MarchSettings(steps=31))) == 16
 
 
 def test_numbers_are_decided_elsewhere_too():

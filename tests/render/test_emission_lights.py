@@ -110,3 +110,21 @@ def test_small_maps_are_built_once(new_renderer):
         assert [light_map.settings.res for light_map in maps] == [96, 64, 64, 64]
         session.render(scene.replace(map=scene.map.replace(res=96)), maps=maps)
     assert np.array_equal(first.image, again.image)
+
+
+def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
+    scene = scene_of(GLOWING)
+    moved = scene.replace(camera=scene.camera.replace(from_=(3.6, 0.8, 2.4)))
+    with new_renderer() as session:
+        first = session.render(scene)
+        assert first.stats.made["light at points"] == 1
+        again = session.render(moved)
+        assert not {"light at points", "map"} & again.stats.made.keys()
+        # As bright as it glows, whatever stayed.
+        brighter = session.render(scene_of(GLOWING.replace(emission=(6, 4, 2))))
+        assert "light at points" not in brighter.stats.made
+        np.testing.assert_allclose(brighter.image[..., :3], 2 * first.image[..., :3], rtol=PASS)
+        thicker = session.render(scene.replace(volume=scene.volume.with_density_scale(5.0)))
+        assert thicker.stats.made["light at points"] == 1
+    with new_renderer() as session:
+        np.testing.assert_array_equal(session.render(moved).image, again.image)

@@ -46,7 +46,7 @@ def test_tiles_do_not_show(renderer, small_scene, method, monkeypatch):
 
 def windows_of(*bounds, seconds):
     """Windows of launches that all take so long."""
-    windows, found = launch.Windows(*bounds, 1 << 16), []
+    windows, found = launch.Windows(*bounds, launch.Pacing(1 << 16, launch.Windows.EDGE**2)), []
     for window in windows:
         found.append(window)
         windows.took(seconds)

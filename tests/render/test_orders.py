@@ -7,6 +7,7 @@ from tolerances import LIGHTS, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
+from tfm_cl.device import launch
 from tfm_cl.plan import orders
 from tfm_cl.render import orders as of_render
 from tfm_cl.render.regions import LitRegions
@@ -98,6 +99,18 @@ def test_picture_equals_the_reference(renderer, save_on_failure, what, method):
     with save_on_failure(image, expected.astype(np.float32)):
         assert np.abs(image - expected).max() < 20 * PASS * brightest
     assert np.abs(result.aovs["orders"] - layers["orders"]).max() < 20 * PASS * brightest
+
+
+@pytest.mark.usefixtures("coarse")
+@pytest.mark.quick("colours")
+@pytest.mark.parametrize("what", ["colours", "solids, a lobe, a glow", "two media of lobes", "fog"])
+def test_launches_however_short_do_the_same(new_renderer, renderer, monkeypatch, what):
+    """Where a sweep is cut among its directions, and among the rays of one."""
+    whole = renderer.render(CASES[what])
+    monkeypatch.setattr(launch, "FIRST_BOUNDED", 1)  # of the kernels, too, that nothing is known of
+    with new_renderer(lanes=renderer.lanes, launch_seconds=1e-9) as cut:
+        found = cut.render(CASES[what])
+    np.testing.assert_array_equal(found.aovs["orders"], whole.aovs["orders"])
 
 
 @pytest.mark.slow

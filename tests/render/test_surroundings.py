@@ -8,7 +8,7 @@ from tolerances import PASS
 import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.plan.surroundings import lattice_of
-from tfm_cl.render.surroundings import beside_hidden
+from tfm_cl.render.surroundings import SurroundingsLattice, beside_hidden
 
 RIPPLE = 0.06
 """That 32 directions, each a part of the sky, leave of an even one; 1,000 where they were points."""
@@ -116,15 +116,15 @@ def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
     moved = scene.replace(camera=scene.camera.replace(from_=(3.6, 0.8, 2.4)))
     with new_renderer() as session:
         first = session.render(scene)
-        assert first.stats.made["light from all around"] == 1
+        assert first.stats.made["light at points"] == 1
         again = session.render(moved)
-        assert "light from all around" not in again.stats.made
+        assert "light at points" not in again.stats.made
         assert "map" not in again.stats.made
         lights = [SKY.replace(intensity=(0.4, 0.3, 0.2)), SUN]
         recoloured = session.render(scene.replace(lights=lights))
-        assert "light from all around" not in recoloured.stats.made
+        assert "light at points" not in recoloured.stats.made
         thicker = session.render(scene.replace(volume=scene.volume.with_density_scale(5.0)))
-        assert thicker.stats.made["light from all around"] == 1
+        assert thicker.stats.made["light at points"] == 1
     with new_renderer() as session:
         assert np.array_equal(session.render(moved).image, again.image)
         assert not np.array_equal(recoloured.image, first.image)
@@ -147,6 +147,14 @@ def test_maps_that_are_given_are_looked_up_at_points(renderer):
     scene = beneath_a_sky()
     given = renderer.render(scene, maps=renderer.build_maps(scene))
     assert np.array_equal(given.image, renderer.render(scene).image)
+
+
+def test_one_march_serves_the_camera_a_sun_and_the_sky(renderer, monkeypatch):
+    """What it finds is what marches of their own do: the layers of lights add up to it."""
+    monkeypatch.setattr(
+        SurroundingsLattice, "see", lambda *_, **__: pytest.fail("the sky is marched by itself")
+    )
+    assert renderer.render(beneath_a_sky()).image.max() > 0
 
 
 @pytest.mark.slow

@@ -11,6 +11,8 @@ from tfm_cl.scene.lights.texels import look_up
 
 ROUNDED = 1e-6
 """Of float32, in which pictures are."""
+SKY = 1e-5
+"""Of radiance in float32: exponentials near the horizon, cosines near the sun; of the sun's, at its edge."""
 SUMS = 1e-9
 """Differences of sums over an image, in float64."""
 
@@ -75,3 +77,20 @@ def test_surroundings_add_up_in_every_part_of_the_frame(image, monkeypatch):
     whole = radiance_behind(sky, view)
     monkeypatch.setattr("tfm_cl.scene.background.BLOCK", 50)  # some rows at a time
     np.testing.assert_array_equal(radiance_behind(sky, view, (2, 3, 17, 15)), whole[3:15, 2:17])
+
+
+@pytest.mark.parametrize("up", ["y", (0.3, 1, -0.2)])
+def test_a_sky_that_is_seen_is_that_in_every_direction_in_float64(up):
+    view = camera((0.3, 0.1, 1), fov=40.0, res=(240, 160))
+    _, directions = view.rays((0, 20, 240, 150))
+    seen, cosines = view.directions((0, 20, 240, 150))
+    np.testing.assert_allclose(seen, directions, atol=ROUNDED)
+    np.testing.assert_allclose(cosines, directions @ view.world_from_camera[:3, 2], rtol=ROUNDED)
+    width = view.pixel_width * np.asarray(cosines, np.float64) ** 1.5
+    for sun in (False, True):
+        sky = tfm.SkyLight(elevation=4, azimuth=18, up=up, sun=sun)
+        expected = sky.radiance(directions, width).reshape(130, 240, 3)
+        least = SKY * expected.max() if sun else 0
+        found = radiance_behind([sky], view, (0, 20, 240, 150))
+        np.testing.assert_allclose(found, expected, rtol=SKY, atol=least)
+        assert (expected.max() > 1000 * np.median(expected)) == sun  # it is in the picture

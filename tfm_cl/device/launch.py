@@ -26,13 +26,23 @@ Ctrl-C is heard."""
 
 FIRST_SAMPLES = 1 << 25
 """Density samples, at most, of the first launch of a kernel: the following ones are cut by its time."""
-MOST_GROWTH = 8
-"""Times as much as the launch before may be in the next one."""
+FIRST_BOUNDED = 1 << 20
+"""The same where launches are bounded: nothing is known of it."""
+GROWTH, GROWTH_BOUNDED = 8, 2
+"""By how many times more a launch may have than the last one, and where launches are bounded."""
+LIKELY_PACE = 1.5e-9
+"""Seconds of a sample, where launches are bounded, as long as none was slower: two cores, a dense medium.
+What is empty tells nothing of what comes next."""
+LOOK_UP = 16
+"""Density samples that the look-up of a light's map takes as long as, at a point that no ray leads up to."""
 MOST_SAMPLES = 1 << 28
 """Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
 
 PACE_KEPT = 0.98
 """Of how slow the slowest launch was, from one launch to the next."""
+
+MOST_ITEMS = (1 << 16) - 64
+"""Work-items of a launch of some in a row: for more than 16 bits of them PoCL compiles a kernel once more."""
 
 WORK_GROUPS: dict[int, tuple[int, ...]] = {1: (64,), 2: (4, 4), 3: (4, 4, 4)}
 """Dimensions -> work-group size. Always the same: CPU drivers compile a kernel anew for every size; kernels
@@ -227,17 +237,43 @@ class Launcher:
         Seconds on the device.
         """
         seconds, name = 0.0, kernel.function_name
-        windows = Windows(
-            *bounds, samples_per_item, most_seconds=self._launch_seconds, pace=self._paces.get(name)
-        )
+        windows = Windows(*bounds, self._pacing(kernel, samples_per_item, Windows.EDGE**2))
         for window in windows:
             seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
-            self._paces[name] = windows.pace
+            self._paces[name] = windows.pacing.pace
             if after is not None:
                 after(window)
             if done is not None:
                 done(windows.done)
         return seconds
+
+    def run_items(
+        self, kernel: Kernel, items: int, samples_per_item: int, arguments: Mapping[str, Any]
+    ) -> float:
+        """Run a kernel over work-items in a row, in launches of bounded time; returns seconds on the device.
+
+        Parameters
+        ----------
+        items
+            Their number; the kernel gets the first of each launch, and the end, as ``items``.
+        samples_per_item
+            Density samples that one may need, or what takes as long.
+        arguments
+            As of `run`, but for ``items``.
+        """
+        seconds, first = 0.0, 0
+        pacing = self._pacing(kernel, samples_per_item, WORK_GROUPS[1][0])
+        while first < items:
+            end = min(first + min(pacing.items, MOST_ITEMS), items)
+            took = self.run(kernel, (end - first,), {**arguments, "items": (first, end)})
+            pacing.took(end - first, took)
+            self._paces[kernel.function_name] = pacing.pace
+            seconds, first = seconds + took, end
+        return seconds
+
+    def _pacing(self, kernel: Kernel, samples_per_item: int, least: int) -> "Pacing":
+        pace = self._paces.get(kernel.function_name)
+        return Pacing(samples_per_item, least, most_seconds=self._launch_seconds, pace=pace)
 
     def begin(self) -> None:
         """Begin work that may be cancelled: what was cancelled before has ended."""
@@ -378,55 +414,90 @@ class Output:
         return int(np.prod(self.shape)) * np.dtype(self.dtype).itemsize
 
 
-class Windows:
-    """Cuts a rectangle into windows whose launches take about `LAUNCH_SECONDS` each.
+class Pacing:
+    """How many items, texels or pixels, each launch of a pass takes: about `LAUNCH_SECONDS` of them.
 
-    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, unless it is
-    known how long launches take; the next ones follow from its time.
+    The first launch is small, unless it is known how long launches take; the next ones follow from its time;
+    after each call `took`.
 
     Parameters
     ----------
-    x0, y0, x1, y1
-        The rectangle.
     samples_per_item
-        Density samples that one texel or pixel may need.
+        Density samples that one item may need.
+    least
+        Items of a launch, at least.
     most_seconds
         That a launch takes at most, where all of it is as slow as the slowest so far; None: they are about
         as long as the last one tells.
     pace
         Seconds of a sample in the slowest of earlier launches, which the first one is cut by; None: there was
         none.
+
+    Attributes
+    ----------
+    items
+        Of the next launch.
+    pace
+        Seconds of a sample in the slowest launch so far; it fades, as a device may be busy at times.
+    """
+
+    def __init__(
+        self,
+        samples_per_item: int,
+        least: int,
+        *,
+        most_seconds: float | None = None,
+        pace: float | None = None,
+    ) -> None:
+        self._samples_per_item, self._least, self._most_seconds = samples_per_item, least, most_seconds
+        self._seconds = LAUNCH_SECONDS if most_seconds is None else most_seconds
+        self._most = max(least, MOST_SAMPLES // samples_per_item)
+        self.pace = (LIKELY_PACE if most_seconds is not None else 0.0) if pace is None else pace
+        if most_seconds is not None:
+            self.items = self._bounded(max(least, FIRST_BOUNDED // samples_per_item))
+            if pace is not None:
+                self.items = self._bounded(self._most)
+        else:
+            self.items = max(least, FIRST_SAMPLES // samples_per_item)
+            if pace:
+                expected = int(self._seconds / (pace * samples_per_item))
+                self.items = max(self.items, min(expected, GROWTH * self.items, self._most))
+
+    def took(self, items: int, seconds: float) -> None:
+        """Choose the number of the next launch by what the last one took."""
+        wanted = items * self._seconds / max(seconds, 1e-6)
+        growth = GROWTH if self._most_seconds is None else GROWTH_BOUNDED
+        self.pace = max(seconds / (items * self._samples_per_item), PACE_KEPT * self.pace)
+        self.items = self._bounded(int(min(max(wanted, self.items / 4), growth * self.items, self._most)))
+
+    def _bounded(self, items: int) -> int:
+        """Return how many items, at most, do not take too long even where they are slowest."""
+        if self._most_seconds is None or self.pace == 0:
+            return items
+        slowest = int(self._most_seconds / (self.pace * self._samples_per_item))
+        return max(min(items, slowest), self._least)
+
+
+class Windows:
+    """Cuts a rectangle into windows, one for each launch.
+
+    Iterating yields (x0, y0, x1, y1); after each launch call `took`.
+
+    Parameters
+    ----------
+    x0, y0, x1, y1
+        The rectangle.
+    pacing
+        How large they are.
     """
 
     EDGE = 32
     """Windows end at multiples of it: a multiple of every tile and work-group."""
 
-    def __init__(
-        self,
-        x0: int,
-        y0: int,
-        x1: int,
-        y1: int,
-        samples_per_item: int,
-        *,
-        most_seconds: float | None = None,
-        pace: float | None = None,
-    ) -> None:
-        self._bounds = x0, y0, x1, y1
-        self._samples_per_item, self._most_seconds = samples_per_item, most_seconds
-        self._seconds = LAUNCH_SECONDS if most_seconds is None else most_seconds
-        shorter = min(self._seconds / LAUNCH_SECONDS, 1.0)
-        self._most = max(self.EDGE**2, MOST_SAMPLES // samples_per_item)
-        self._items = max(self.EDGE**2, int(shorter * FIRST_SAMPLES) // samples_per_item)
+    def __init__(self, x0: int, y0: int, x1: int, y1: int, pacing: Pacing) -> None:
+        self._bounds, self.pacing = (x0, y0, x1, y1), pacing
         self._area = 0
         self._done = 0
-        self.pace = pace or 0.0
-        """Seconds of a sample in the slowest launch so far; it fades, as a device may be busy at times."""
-        if pace and most_seconds is None:
-            expected = int(self._seconds / (pace * samples_per_item))
-            self._items = max(self._items, min(expected, MOST_GROWTH * self._items, self._most))
-        elif pace is not None:
-            self._items = self._bounded(self._most)
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
         """Yield windows, row by row."""
@@ -434,13 +505,13 @@ class Windows:
         x, y = x0, y0
         while y < y1:
             # Cut where tiles of the whole frame end.
-            rows = min(self.EDGE - y % self.EDGE, y1 - y)
+            rows, items = min(self.EDGE - y % self.EDGE, y1 - y), self.pacing.items
             columns = x1 - x
-            if self._items < rows * columns:
-                wide = max(self._items // rows // self.EDGE, 1) * self.EDGE
+            if items < rows * columns:
+                wide = max(items // rows // self.EDGE, 1) * self.EDGE
                 columns = min(columns, wide - x % self.EDGE)
             elif x == x0:
-                more = max(self._items // columns // self.EDGE - 1, 0) * self.EDGE
+                more = max(items // columns // self.EDGE - 1, 0) * self.EDGE
                 rows = min(rows + more, y1 - y)
             self._area = rows * columns
             self._done += self._area
@@ -451,18 +522,8 @@ class Windows:
 
     def took(self, seconds: float) -> float:
         """Choose the next window's size by the seconds that the last one took; returns them."""
-        wanted = self._area * self._seconds / max(seconds, 1e-6)
-        self.pace = max(seconds / (self._area * self._samples_per_item), PACE_KEPT * self.pace)
-        most = min(MOST_GROWTH * self._items, self._most)
-        self._items = self._bounded(int(min(max(wanted, self._items / 4), most)))
+        self.pacing.took(self._area, seconds)
         return seconds
-
-    def _bounded(self, items: int) -> int:
-        """Return how many items, at most, do not take too long even where they are slowest."""
-        if self._most_seconds is None or self.pace == 0:
-            return items
-        slowest = int(self._most_seconds / (self.pace * self._samples_per_item))
-        return max(min(items, slowest), self.EDGE**2)
 
     @property
     def done(self) -> float:

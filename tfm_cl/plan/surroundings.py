@@ -2,7 +2,7 @@
 
 Each part stands for a whole region of the sky. What it brings changes little within a free path of the
 medium, so that its map needs no texels finer than that, and it is looked up at the points of a lattice
-instead of at every sample of every ray (``kernels/surroundings.cl``). What points find of a light's way stays
+instead of at every sample of every ray (``kernels/points.cl``). What points find of a light's way stays
 as long as media and lights do: a camera that moves only scatters it anew.
 """
 
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
-from tfm_cl.model import decided as whole
 from tfm_cl.plan.marched import distances, marched, occupied_bounds
 from tfm_cl.plan.orders import FARTHER, OF_SMALLEST_BODY, Lattice, OnLattice, serves_no_lattice
 from tfm_cl.scene.bodies.base import around
@@ -39,8 +38,6 @@ SHARES = 10
 """Into which the light is cut for that: points stay where lights are dimmed a little."""
 PARTS_OF_VOXEL = 4
 """Of which it is whole multiples."""
-OF_STEPS = 0.5
-"""Of the steps of a camera ray, those that its march through the lattice takes: the light there is smooth."""
 MOST_POINTS = 1 << 22
 """Of a lattice."""
 MOST_NUMBERS = 1 << 25
@@ -246,11 +243,6 @@ def _apart(scene: Scene, share: float) -> float:
     least, most = VOXELS_APART
     voxels = min(max(_tolerated(scene, share) / _finest(scene), least), most)
     return _finest(scene) * math.floor(PARTS_OF_VOXEL * voxels) / PARTS_OF_VOXEL
-
-
-def steps_of(scene: Scene) -> int:
-    """Return the steps of a camera ray through the lattice."""
-    return max(math.ceil(OF_STEPS * whole(scene.march.steps)), 1)
 
 
 def _points(low: np.ndarray, high: np.ndarray, spacing: float) -> tuple[np.ndarray, tuple[int, int, int]]:

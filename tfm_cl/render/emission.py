@@ -1,44 +1,34 @@
 """What media emit, as light on their surroundings: looked up at the points of a lattice.
 
-What each of the lights (`tfm_cl.plan.emission`) brings to a point, and each medium there would scatter
-towards the camera, is added up (``kernels/emission_lights.cl``); camera rays interpolate it as they do the
-later orders of scattering (``kernels/view/orders.h``).
+What each of the lights (`tfm_cl.plan.emission`) brings to a point (`tfm_cl.render.lattice_points`), and each
+medium there would scatter towards the camera, is added up (``kernels/emission_lights.cl``); camera rays
+interpolate it as they do the later orders of scattering (``kernels/view/orders.h``).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from tfm_cl.render.lattice_points import TowardsCamera, points_structs, run_in_parts, see_points
+from tfm_cl.device.launch import LOOK_UP
+from tfm_cl.render.lattice_points import RGB, LightsAtPoints, TowardsCamera, Variant, see_points, view_variant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import pyopencl as cl
 
-    from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
-    from tfm_cl.plan.orders import Lattice
-    from tfm_cl.render.batches import Batch
+    from tfm_cl.render.batches import LightVariant
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
-    from tfm_cl.scene.scene import Scene
-
-LOOK_UPS_AT_ONCE = 1 << 22
-"""Of lights, or of densities on the way to them, in a launch."""
-WHAT = "the lattice of emission"
-"""What messages call it."""
-RGB = 3
-
-Variant = tuple[tuple[str, ...], dict[str, int | str]]
-"""Headers and macros."""
+    from tfm_cl.render.lattice_points import Arrived
 
 
-def lights_variant(batch: Batch, media: MediaOnDevice, scattering: int) -> Variant:
-    """Return those of the kernel that looks lights up; ``scattering``: media that bodies are made of."""
-    headers, defines = batch.variant(media)
+def lights_variant(lights: LightVariant, media: MediaOnDevice, scattering: int) -> Variant:
+    """Return those of the kernel that scatters lights; ``scattering``: media that bodies are made of."""
+    headers, defines = view_variant(lights, media, scattering)
     return headers, defines | _of_media(scattering)
 
 
@@ -53,61 +43,34 @@ def _of_media(scattering: int) -> dict[str, int | str]:
 
 
 @dataclass
-class EmissionLattice:
-    """The lights of emission of a frame.
+class EmissionLattice(LightsAtPoints):
+    """The lights of emission of a frame."""
 
-    Attributes
-    ----------
-    scene
-        Of single, fitted lights; its media emit nothing.
-    media
-        These.
-    view
-        The struct of the whole picture, on the device.
-    lattice
-        Where the points are.
-    """
+    WHAT: ClassVar[str] = "the lattice of emission"
 
-    launcher: Launcher
-    scene: Scene
-    media: MediaOnDevice
-    view: cl.Buffer
-    lattice: Lattice
     _added: int = 0
-
-    @property
-    def _scattering(self) -> int:
-        """Media that bodies are made of."""
-        return len({self.scene.medium_of(body) for body in self.scene.bodies})
-
-    @cached_property
-    def _struct(self) -> cl.Buffer:
-        return self.launcher.upload(WHAT, points_structs(self.lattice, self.scene, self.lattice.samples))
 
     @cached_property
     def _numbers(self) -> cl.Buffer:
-        return self.launcher.empty(WHAT, 4 * RGB * self._scattering * self.lattice.points, reuse=True)
+        return self.launcher.zeros(self.WHAT, 4 * RGB * self._scattering * self.lattice.points)
 
-    def add(self, batch: Batch, steps: int) -> float:
-        """Look some of the lights up; returns device seconds.
+    def add(self, arrived: Arrived, of: LightVariant, lights: Sequence[int]) -> None:
+        """Add what is scattered of some lights, all of a kind, towards the camera.
 
         Parameters
         ----------
-        steps
-            Densities that are read on the way to a light, where no map holds them.
+        arrived
+            Of these, in their order: by number.
         """
-        launcher, lanes = self.launcher, self.launcher.lanes
-        headers, defines = lights_variant(batch, self.media, self._scattering)
+        launcher = self.launcher
+        headers, defines = lights_variant(of, self.media, self._scattering)
         kernel = launcher.kernels.kernel("emission_lights", "emission_lights.cl", headers, defines)
-        known = self.media.arguments | batch.arguments
-        known |= {"view": self.view, "orders": self._struct, "light": self._numbers}
-        items, seconds = -(-self.lattice.points // lanes), 0.0
-        most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
-        for number in range(len(batch.indices)):
-            of_light = known | {"number": number, "begins": int(self._added == 0)}
-            seconds += run_in_parts(launcher, kernel, items, most, of_light)
-            self._added += 1
-        return seconds
+        known = {"media": self.media.arguments["media"], "view": self.view, "orders": self._struct}
+        known |= {"lights": self._structs_of(lights), "many": len(lights), "light": self._numbers}
+        samples = LOOK_UP * len(lights) * launcher.lanes
+        items = arrived.row // launcher.lanes
+        self.seconds += launcher.run_items(kernel, items, samples, known | arrived.arguments)
+        self._added += len(lights)
 
     def see(
         self,

@@ -59,12 +59,11 @@ if TYPE_CHECKING:
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.culling import Rectangle
     from tfm_cl.render.gbuffer import GBuffer
-    from tfm_cl.render.lattice_points import TowardsCamera
+    from tfm_cl.render.lattice_points import Around, Arrived, LightsAtPoints, TowardsCamera
     from tfm_cl.render.maps import MapBuilder, Sources
     from tfm_cl.render.orders import Scattered
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
-    from tfm_cl.render.surroundings import Arrived
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
 
@@ -104,6 +103,8 @@ class _Work:
     """Whether it is the frame itself, not more samples of its pixels."""
     seconds: float = 0.0
     camera_is_seen: bool = False
+    around_is_seen: bool = False
+    """Whether light from all around is, with the camera's samples."""
     lattice_change: NDArray[np.float32] | None = None
     warnings: dict[str, None] = field(default_factory=dict)
 
@@ -309,7 +310,9 @@ class Frame:
             self._light_lattice(work, lattice)
         of_emission, at_points = emission.numbers_of(scene.lights), self._at_points(work)
         others = {*range(len(scene.lights))}.difference(on_lattice, of_emission, at_points)
-        self._scatter(work, sorted(others), work.frame)
+        if at_points and shared.around is None:
+            shared.around = self._around(work, at_points)
+        self._scatter(work, sorted(others), work.frame, self._on_shared_samples(work, shared))
         if not work.camera_is_seen:
             work.seconds += self._see(work, work.frame, has_solids=work.gbuffer is not None)
             work.camera_is_seen = True
@@ -346,8 +349,26 @@ class Frame:
             with np.errstate(invalid="ignore"):  # any bits may lie where listed rays leave room
                 work.lattice_change = np.subtract(*so_far)
 
-    def _scatter(self, work: _Work, lights: Sequence[int], frame: buffers.FrameBuffers) -> None:
-        """Look lights up at every sample of the camera's rays."""
+    def _on_shared_samples(self, work: _Work, shared: _Shared) -> Around | None:
+        """Return light from all around that lights which share the camera's samples may serve; None: none."""
+        if shared.around is None or len(shared.around) > 1 or work.layers is not None:
+            return None
+        if self.scene.homogeneous or work.frame.deep or work.without_lattice is not None:
+            return None
+        ((lattice, scattered, lights, _),) = shared.around
+        return lattice.on_shared_samples(scattered, len(lights))
+
+    def _scatter(
+        self,
+        work: _Work,
+        lights: Sequence[int],
+        frame: buffers.FrameBuffers,
+        around: Around | None = None,
+    ) -> None:
+        """Look lights up at every sample of the camera's rays.
+
+        ``around``: what these samples may serve, too; if they do, ``work.around_is_seen``.
+        """
         launcher, media, view = self.launcher, self.media, work.view
         scatters, met = media, work.met
         if self.scene.flames and not self.scene.primitives and lights:
@@ -367,7 +388,10 @@ class Frame:
         for variant, members in work.batches.groups(lights):
             for indices in work.batches.cut(members):
                 maps = self._maps_of(work, indices)
-                batch = work.batches.batch(variant, indices, maps, whole=not work.camera_is_seen)
+                serves = around if variant.shares_samples and not work.around_is_seen else None
+                whole = serves is not None or not work.camera_is_seen
+                batch = work.batches.batch(variant, indices, maps, whole=whole)
+                work.around_is_seen |= serves is not None
                 done = _reporter(self.progress, f"view pass, {batch.name}")
                 work.seconds += scatter(
                     launcher,
@@ -380,6 +404,7 @@ class Frame:
                     done,
                     sees_camera=not work.camera_is_seen,
                     serves_camera=serves_camera,
+                    around=serves,
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
@@ -411,18 +436,17 @@ class Frame:
         fills, reflects = work.is_first, work.gbuffer is not None
         for variant, members in work.batches.groups(lights) if fills or reflects else ():
             for indices in work.batches.cut(members):
-                maps = self._maps_of(work, indices)
                 if fills:
-                    shadowed = work.batches.shadowed_in_media
-                    at_points = work.batches.at_points(variant, indices, maps, shadowed=shadowed)
-                    work.seconds += lattice.add(at_points, work.light_steps)
+                    lattice.add(self._arrived(work, lattice, {variant: [indices]}), variant, indices)
                 if reflects:
-                    batch = work.batches.batch(variant, indices, maps, whole=False)
+                    batch = work.batches.batch(variant, indices, self._maps_of(work, indices), whole=False)
                     work.seconds += reflect(
                         self.launcher, self.media, work.met, work.view, batch, work.light_steps, frame, tell
                     )
         steps = decided(self.scene.march.steps)
         work.seconds += lattice.see(work.view, work.raster.bounds, steps, frame, tell)
+        if fills:
+            work.seconds += lattice.seconds
 
     def _at_points(self, work: _Work) -> list[int]:
         """Numbers of the lights from all around that are looked up at points."""
@@ -440,8 +464,6 @@ class Frame:
         """Add what media scatter, and solids reflect, of lights that are looked up at points."""
         tell, without = _reporter(self.progress, "view pass, surroundings"), work.without_lattice
         frame = work.frame.without_emission() if self.scene.emits else work.frame
-        if shared.around is None:
-            shared.around = self._around(work, lights)
         if without is not None:
             self._see(work, without, has_solids=work.gbuffer is not None)
         alone = None if without is None else buffers.rgb_so_far(self.launcher, without)
@@ -457,14 +479,9 @@ class Frame:
                 if without is not None:
                     self._add(work, batch, without)
         before = None if without is None else buffers.rgb_so_far(self.launcher, frame)
-        steps = surroundings.steps_of(self.scene)
-        march = self.scene.march.replace(steps=steps)
-        view, bounds = (
-            self._view(self.scene.replace(march=march), self.media, work.raster),
-            work.raster.bounds,
-        )
-        for lattice, scattered, these, layer in shared.around:
-            work.seconds += lattice.see(view, scattered, len(these), bounds, steps, frame, tell, layer)
+        steps, bounds = decided(self.scene.march.steps), work.raster.bounds
+        for lattice, scattered, these, layer in () if work.around_is_seen else shared.around or ():
+            work.seconds += lattice.see(work.view, scattered, len(these), bounds, steps, frame, tell, layer)
         if without is not None and before is not None and alone is not None:
             now, of_samples = (buffers.rgb_so_far(self.launcher, one) for one in (frame, without))
             with np.errstate(invalid="ignore"):  # any bits may lie where listed rays leave room
@@ -477,19 +494,14 @@ class Frame:
         assert found is not None  # noqa: S101 - lights are looked up there
         media = self._dark if self.scene.emits else self.media
         tracer = self.visibility.tracer(self.scene)
-        lattice = SurroundingsLattice(self.launcher, self.scene.dark, media, work.view, found, lights, tracer)
-
-        def make() -> Arrived:
-            batches = [
-                work.batches.at_points(
-                    variant, indices, self._maps_of(work, indices), shadowed=work.batches.shadowed_in_media
-                )
-                for variant, members in work.batches.groups(lights, all_of_them=True)
-                for indices in work.batches.cut(members)
-            ]
-            return lattice.arrived(batches, work.light_steps)
-
-        arrived = self._kept_around(work, lattice, make)
+        lattice = SurroundingsLattice(
+            self.launcher, self.scene.dark, media, work.view, found, lights=lights, tracer=tracer
+        )
+        batches = {
+            variant: list(work.batches.cut(members))
+            for variant, members in work.batches.groups(lights, all_of_them=True)
+        }
+        arrived = self._arrived(work, lattice, batches)
         groups: dict[int | None, list[int]] = {}
         for light in lights:
             groups.setdefault(None if work.layers is None else work.layers[light], []).append(light)
@@ -501,18 +513,34 @@ class Frame:
         work.seconds += lattice.seconds
         return made
 
-    def _kept_around(self, work: _Work, lattice: SurroundingsLattice, make: Callable[[], Arrived]) -> Arrived:
-        """Return what arrives in this or an earlier frame; maps that were given are known by nothing."""
-        if not work.builds:
+    def _arrived(
+        self, work: _Work, lattice: LightsAtPoints, batches: dict[LightVariant, list[list[int]]]
+    ) -> Arrived:
+        """Return what arrives of lights at points, in this or an earlier frame."""
+
+        def make() -> Arrived:
+            found = [
+                work.batches.at_points(
+                    variant, indices, self._maps_of(work, indices), shadowed=work.batches.shadowed_in_media
+                )
+                for variant, cut in batches.items()
+                for indices in cut
+            ]
+            return lattice.arrived(found, work.light_steps)
+
+        if not work.builds:  # maps that were given are known by nothing
             return make()
-        scene, settings = work.scene, resolve(work.scene.map)
+        scene, settings = work.scene, resolve(work.scene.map) if work.reads_maps else None
+        lights = [scene.lights[light] for cut in batches.values() for indices in cut for light in indices]
         # By α, maps may depend on the ways of all lights.
-        weighs = settings.target == "transmittance" and settings.density_weighting is None
+        weighs = (
+            settings is not None and settings.target == "transmittance" and settings.density_weighting is None
+        )
         key = (
             lattice.lattice,
-            lattice.media.channels(textured=False)["TFM_CHANNELS"],
-            tuple(scene.lights[light].map_key() for light in lattice.lights),
-            tuple(settings.of_light(scene.lights[light]) for light in lattice.lights),
+            lattice.channels,
+            tuple(light.map_key() for light in lights),
+            tuple(work.light_steps if settings is None else settings.of_light(light) for light in lights),
             tuple(light.map_key() for light in scene.lights) if weighs else (),
             tuple(body.density_key for body in scene.marched),
             tuple(body.with_medium(None) for body in scene.homogeneous),
@@ -522,7 +550,7 @@ class Frame:
             scene.shadow,
             world_from_device(scene).tobytes(),
         )
-        return self.cache.get("light from all around", key, make, lambda found: found.nbytes)
+        return self.cache.get("light at points", key, make, lambda found: found.nbytes)
 
     def _scatter_again(self, work: _Work, shared: _Shared) -> None:
         """Add the later orders of scattering."""

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.device.launch import LOOK_UP
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -18,8 +20,6 @@ if TYPE_CHECKING:
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.batches import Batch
 
-LOOK_UPS_AT_ONCE = 1 << 22
-"""Of a light at points, in a launch."""
 WHAT = "the light at points"
 """What messages call it."""
 RGB = 3
@@ -69,15 +69,13 @@ class PointSums:
         kernel = launcher.kernels.kernel("light_at_points", "light_at.cl", *batch.variant(self._media))
         known = self._met.arguments | batch.arguments
         known |= {"view": self._view, "points": self._points, "count": self._count}
-        items, most = -(-self._count // lanes), max(1, LOOK_UPS_AT_ONCE // lanes)
+        items = -(-self._count // lanes)
         for number, light in enumerate(batch.indices):
             group = self._groups[light]
             if group not in self._sums:
                 self._sums[group] = launcher.zeros(WHAT, self._nbytes)
             of_light = known | {"number": number, "sums": self._sums[group]}
-            for first in range(0, items, most):
-                end = min(first + most, items)
-                launcher.run(kernel, (end - first,), of_light | {"items": (first, end)})
+            launcher.run_items(kernel, items, LOOK_UP * lanes, of_light)
 
     def of(self, group: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return what is left of a group's light, and what arrives of it, both [n, RGB]."""

@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.constants import MOST_DEGREE
 from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.launch import LOOK_UP
 from tfm_cl.device.structs.declared import SWEEP
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.errors import SceneError
@@ -61,7 +62,7 @@ from tfm_cl.plan.orders import (
     swept_media,
     ways_of,
 )
-from tfm_cl.render.lattice_points import TowardsCamera, points_structs, run_in_parts, see_points
+from tfm_cl.render.lattice_points import TowardsCamera, points_structs, see_points
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.walls import NO_PATCH, Met, Sweep, walls_of
 from tfm_cl.scene.lights.colours import common_colour
@@ -87,9 +88,7 @@ MOST_BYTES_APART = 2 << 30
 RADIANCE_BYTES = 256 << 20
 """Of the radiances of the directions that are swept together."""
 POINTS_AT_ONCE = 1 << 24
-"""Points times directions of a launch."""
-SAMPLES_AT_ONCE = 1 << 21
-"""Of the density, or of light, in a launch."""
+"""Points times directions that are swept together."""
 OF_CUBE = 0.51
 """Of the distance between points: from one to the sides of its cube, and what coordinates are rounded by."""
 WHAT = "the lattice of later orders"
@@ -592,7 +591,7 @@ class Orders:
             self._turn(scattering, RGB * (1 + (self.lobe.degree > 0)))
             if self.lobe.degree:
                 known = {"orders": self._struct, "of_media": of_media, "shares": shares}
-                self._run(self._of_moments("order_shares"), (self._items,), known)
+                self._run(self._of_moments("order_shares"), self._items, RGB * self._mixed, known)
         density = _Density(extinction, scattering, shares, emission)
         colour = (1.0, 1.0, 1.0) if self._colour is None else tuple(self._colour.tolist())
         find = self._scatter_lobe if self.lobe.degree else self._scatter_evenly
@@ -659,7 +658,7 @@ class Orders:
     def _end(self, scattered: cl.Buffer, count: int) -> None:
         """End the lattice in a medium that goes on."""
         known = {"orders": self._struct, "scattered": scattered, "count": count}
-        self._run(self._kernel("order_end"), (self._items,), known)
+        self._run(self._kernel("order_end"), self._items, count, known)
 
     def _scatter_lobe(
         self, density: _Density, arrive: Arrive, done: Callable[[float], None]
@@ -720,7 +719,8 @@ class Orders:
             "arrives": int(arrives),
             "scatters": int(scatters),
         }
-        self._run(self._of_moments("order_scatter"), (-(-x // self.launcher.lanes) * y * z,), known)
+        items = -(-x // self.launcher.lanes) * y * z
+        self._run(self._of_moments("order_scatter"), items, count * self._colours, known)
 
     def _cross(
         self, numbers: cl.Buffer, crossed: cl.Buffer, ways: tuple[_Ways, _Ways], *, of_x: bool
@@ -738,10 +738,10 @@ class Orders:
             "count": self._colours * count,
         }
         items = (inner + 1) * -(-outer // self.launcher.lanes) * (z + 1)
-        self._run(self._of_moments("order_cross"), (items,), known)
+        self._run(self._of_moments("order_cross"), items, self._colours * count, known)
 
     def _sweep_ways(self, ways: tuple[_Ways, _Ways], counts: tuple[int, int], source: _Source) -> None:
-        """Let light go on in all directions, as many at once as a launch of bounded time takes.
+        """Let light go on in all directions.
 
         ``counts``: of the directions whose rows are along x, and along y.
         """
@@ -753,13 +753,15 @@ class Orders:
             known = swept | {"sweeps": some.uploaded, "radiance": some.radiance, "size": rows.numbers}
             if met is not None:
                 known |= met.arguments | {"wall_base": base}
-            together = max(1, POINTS_AT_ONCE // rows.numbers)
-            for first in range(0, count, together):
-                end = min(first + together, count)
-                rays = rays_of(some.sweeps[first:end], self.launcher.lanes)
-                self._run(kernel, (rays, end - first), known | {"first": first, "end": end})
+            rays = rays_of(some.sweeps[:count], self.launcher.lanes)
+            known |= {"first": 0, "rays": rays}
+            self._run(kernel, rays * count, self._planes(some.sweeps[:count]), known)
         self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
         self._reflect(met)
+
+    def _planes(self, sweeps: NDArray[Any]) -> int:
+        """Return the samples that a ray of some directions takes as long as."""
+        return int(sweeps["planes"].max(initial=1)) * self._colours
 
     @property
     def _pad(self) -> int:
@@ -789,11 +791,8 @@ class Orders:
     def _over_points(
         self, kernel: Kernel, arguments: dict[str, Any], cost: int, items: int | None = None
     ) -> None:
-        """Run a kernel over all points, or some work-items, in launches of bounded time."""
-        lanes = self.launcher.lanes
-        items = self._items if items is None else items
-        most = max(1, SAMPLES_AT_ONCE // (cost * lanes))
-        self.seconds += run_in_parts(self.launcher, kernel, items, most, arguments)
+        """Look lights or media up at all points, or of some work-items."""
+        self._run(kernel, self._items if items is None else items, LOOK_UP * cost, arguments)
 
     def _add_lights(self, batch: Batch, light: cl.Buffer, times: int = 0) -> None:
         """Add what lights bring to points, after being scattered straight on so many times."""
@@ -849,8 +848,10 @@ class Orders:
         headers, defines = moments_variant(self._colours, self.lobe.degree, self._mixed)
         return self.launcher.kernels.kernel(name, "order_moments.cl", headers, defines)
 
-    def _run(self, kernel: Kernel, size: tuple[int, ...], arguments: dict[str, Any]) -> None:
-        self.seconds += self.launcher.run(kernel, size, arguments)
+    def _run(self, kernel: Kernel, items: int, samples: int, arguments: dict[str, Any]) -> None:
+        """Run a kernel over work-items; ``samples``: that each of a work-item's points takes as long as."""
+        lanes = self.launcher.lanes
+        self.seconds += self.launcher.run_items(kernel, items, samples * lanes, arguments)
 
     @property
     def _items(self) -> int:
@@ -861,7 +862,7 @@ class Orders:
         """Write numbers in rows along x once more in rows along y."""
         along_x, along_y = numbers
         known = {"orders": self._struct, "numbers": along_x, "turned": along_y, "count": count}
-        self._run(self._kernel("order_turn"), (self._items,), known)
+        self._run(self._kernel("order_turn"), self._items, count, known)
 
     def _sweep(self, order: int, source: _Source, room: _Room, light: cl.Buffer, total: cl.Buffer) -> None:
         """Let what is swept in an order's directions arrive at all points, as light; add it to the total."""
@@ -878,17 +879,19 @@ class Orders:
                     "radiance": room.radiance,
                     "size": rows.numbers,
                 }
-                of_points = source.arguments[turned] | {"first": 0, "end": len(some)}
+                rays = rays_of(some, lanes)
+                of_points = source.arguments[turned] | {"first": 0, "rays": rays}
                 if met is not None:
                     of_points |= met.arguments | {"wall_base": first + turned * met.along}
-                self._run(kernel, (rays_of(some, lanes), len(some)), known | of_points)
+                self._run(kernel, rays * len(some), self._planes(some), known | of_points)
                 adds = {"next": room.following[turned], "begins": int(first == 0), "count": len(some)}
-                self._run(self._kernel("order_gather"), (-(-x // lanes) * y * z,), known | adds)
+                items, numbers = -(-x // lanes) * y * z, self._colours * len(some)
+                self._run(self._kernel("order_gather"), items, numbers, known | adds)
             if not len(sweeps):
                 self.launcher.clear(room.following[turned], 4 * self._colours * rows.numbers)
         means = {"orders": self._struct, "light": light, "total": total, "share": 1 / len(ways)}
         means |= {"next": room.following[0], "turned_next": room.following[1]}
-        self._run(self._kernel("order_mean"), (self._items,), means)
+        self._run(self._kernel("order_mean"), self._items, self._colours, means)
         self._reflect(met)
 
     def see(
@@ -929,7 +932,7 @@ class Orders:
         of_lights |= self._of_way([1.0] * len(self.lobes))
         arrive(lambda batch: self._over_lights("order_beyond", batch, of_lights, 1))
         known = {"view": self._view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
-        self._run(self._of_moments("order_view"), (self._items,), known)
+        self._run(self._of_moments("order_view"), self._items, count * self.lobe.harmonics, known)
         if is_endless(self.scene):
             self._end(numbers, count)
         return TowardsCamera(numbers, count, found.colour)

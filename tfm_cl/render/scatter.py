@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
+    from tfm_cl.render.lattice_points import Around
 
 
 def scatter_variant(batch: Batch, media: MediaOnDevice) -> tuple[tuple[str, ...], dict[str, int | str]]:
@@ -32,6 +33,7 @@ def scatter(
     *,
     sees_camera: bool = False,
     serves_camera: bool = False,
+    around: Around | None = None,
 ) -> float:
     """Add the single scattering of some lights of one kind; returns device seconds.
 
@@ -48,9 +50,13 @@ def scatter(
         them.
     serves_camera
         There are but primitives and this light, which reaches them all: its samples do as well.
+    around
+        Light from all around that the same samples see, with what the camera does.
     """
     headers, defines = scatter_variant(batch, media)
     defines |= frame.defines
+    if around is not None:
+        defines |= around.defines
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
     return launcher.run_windows(
         kernel,
@@ -60,6 +66,7 @@ def scatter(
         | met.arguments
         | batch.arguments
         | batch.blocks
+        | ({} if around is None else around.arguments)
         | frame.arguments("places", "solid", "albedo")
         | frame.stored(),
         done,

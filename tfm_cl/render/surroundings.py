@@ -1,20 +1,20 @@
 """Light from all around, looked up at the points of a lattice.
 
-How much of each light arrives at a point does not depend on the camera, and is kept from frame to frame. What
-each medium there scatters of it towards the camera is added up (``kernels/surroundings.cl``), and camera rays
-interpolate that (``kernels/view/surroundings.h``).
+What each medium at a point scatters towards the camera of what arrives there (`tfm_cl.render.lattice_points`)
+is added up (``kernels/surroundings_view.cl``), and camera rays interpolate that
+(``kernels/view/surroundings.h``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tfm_cl.device.structs.light import light_structs
-from tfm_cl.render.lattice_points import points_structs, run_in_parts
+from tfm_cl.device.launch import LOOK_UP
+from tfm_cl.render.lattice_points import RGB, Around, LightsAtPoints, Variant, view_variant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,39 +22,17 @@ if TYPE_CHECKING:
     import pyopencl as cl
     from numpy.typing import NDArray
 
-    from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
-    from tfm_cl.plan.orders import Lattice
-    from tfm_cl.render.batches import Batch, LightVariant
+    from tfm_cl.render.batches import LightVariant
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.lattice_points import Arrived
     from tfm_cl.render.tracing.tracer import Tracer
-    from tfm_cl.scene.scene import Scene
 
-LOOK_UPS_AT_ONCE = 1 << 22
-"""Of lights, or of densities on the way to them, in a launch."""
-WHAT = "the lattice of light from all around"
-"""What messages call it."""
-RGB = 3
 NEIGHBOURS = np.array([place for place in np.ndindex(3, 3, 3) if place != (1, 1, 1)]) - 1
 """Of a point, in distances along x, y, z."""
 TOWARDS_CAMERA = 0.5
 """By how many distances a neighbour may be farther away that lies straight on the way to the camera."""
-
-Variant = tuple[tuple[str, ...], dict[str, int | str]]
-"""Headers and macros."""
-
-
-def depths_variant(batch: Batch, media: MediaOnDevice, scattering: int) -> Variant:
-    """Return those of the kernels that look lights up; ``scattering``: media that bodies are made of."""
-    headers, defines = batch.variant(media)
-    return headers, defines | {"TFM_ORDER_MEDIA": scattering}
-
-
-def view_variant(lights: LightVariant, media: MediaOnDevice, scattering: int) -> Variant:
-    """Return those of the kernel that scatters lights of a kind towards the camera."""
-    defines = {**dict(lights.falloff), **media.defines, **media.channels(textured=False)}
-    return (*media.headers, *lights.headers), defines | {"TFM_ORDER_MEDIA": scattering}
 
 
 def pass_variant(media: MediaOnDevice, scattering: int, *, has_solids: bool) -> Variant:
@@ -67,137 +45,50 @@ def pass_variant(media: MediaOnDevice, scattering: int, *, has_solids: bool) -> 
     }
 
 
-@dataclass(frozen=True)
-class Arrived:
-    """Optical depths on the ways from lights to points near density; they do not depend on the camera."""
-
-    listed: cl.Buffer
-    """int: numbers of the points, ascending."""
-    count: int
-    """Of these."""
-    depths: cl.Buffer
-    """float [lights, channels, row]."""
-    row: int
-    """``count``, rounded up to whole lanes."""
-    numbers: NDArray[np.int32]
-    """As ``listed``, on the host."""
-    nbytes: int
-
-
 @dataclass
-class SurroundingsLattice:
+class SurroundingsLattice(LightsAtPoints):
     """The lights from all around of a frame.
 
     Attributes
     ----------
-    scene
-        Of single, fitted lights; its media emit nothing.
-    media
-        These.
-    view
-        The struct of the whole picture, on the device.
-    lattice
-        Where the points are.
     lights
-        Numbers of those that are looked up there.
+        Numbers of all that are looked up there, ascending.
     tracer
         Of the solids; None without any.
     """
 
-    launcher: Launcher
-    scene: Scene
-    media: MediaOnDevice
-    view: cl.Buffer
-    lattice: Lattice
-    lights: list[int]
-    tracer: Tracer | None
-    seconds: float = 0.0
+    WHAT: ClassVar[str] = "the lattice of light from all around"
+
+    lights: list[int] = field(default_factory=list)
+    tracer: Tracer | None = None
     _known_sources: tuple[Arrived, cl.Buffer] | None = None
-
-    @property
-    def _scattering(self) -> int:
-        """Media that bodies are made of."""
-        return len({self.scene.medium_of(body) for body in self.scene.bodies})
-
-    @property
-    def _channels(self) -> int:
-        return self.media.channels(textured=False)["TFM_CHANNELS"]
 
     @property
     def _numbers(self) -> int:
         """Of a point, as ``kernels/view/surroundings.h`` has them."""
         sorts = 2 if self.media.defines["TFM_OCTAVES"] != 1 else 1
-        return RGB * self._scattering * sorts + self._channels
-
-    @cached_property
-    def _struct(self) -> cl.Buffer:
-        return self.launcher.upload(WHAT, points_structs(self.lattice, self.scene, self.lattice.samples))
-
-    def arrived(self, batches: Sequence[Batch], steps: int) -> Arrived:
-        """Look the lights up.
-
-        Parameters
-        ----------
-        batches
-            Of all of them.
-        steps
-            Densities that are read on the way to a light, where no map holds them.
-        """
-        launcher, lanes = self.launcher, self.launcher.lanes
-        near = self._near_density(batches[0])
-        items = max(1, -(-len(near) // lanes))
-        row = items * lanes
-        nbytes = 4 * row * self._channels * len(self.lights)
-        listed = launcher.upload(WHAT, near if len(near) else np.zeros(1, np.int32))
-        depths = launcher.empty(WHAT, nbytes)
-        most = max(1, LOOK_UPS_AT_ONCE // (steps * lanes))
-        for batch in batches:
-            headers, defines = depths_variant(batch, self.media, self._scattering)
-            kernel = launcher.kernels.kernel("surroundings_depths", "surroundings.cl", headers, defines)
-            known = self.media.arguments | batch.arguments
-            known |= {"view": self.view, "orders": self._struct, "listed": listed, "depths": depths}
-            known |= {"count": len(near), "row": row}
-            for number, light in enumerate(batch.indices):
-                of_light = known | {"number": number, "place": self.lights.index(light)}
-                self.seconds += run_in_parts(launcher, kernel, items, most, of_light)
-        return Arrived(listed, len(near), depths, row, near, nbytes + 2 * near.nbytes)
-
-    def _near_density(self, batch: Batch) -> NDArray[np.int32]:
-        """Numbers of the points that samples with density may read."""
-        points = self.lattice.points
-        if self.scene.homogeneous or self.media.bricks is None:
-            return np.arange(points, dtype=np.int32)
-        launcher, items = self.launcher, -(-points // self.launcher.lanes)
-        headers, defines = depths_variant(batch, self.media, self._scattering)
-        kernel = launcher.kernels.kernel("points_near_density", "surroundings.cl", headers, defines)
-        near = launcher.empty(WHAT, points, reuse=True)
-        known = {name: self.media.arguments[name] for name in ("grids", "bricks")}
-        known |= {"orders": self._struct, "near": near, "items": (0, items)}
-        self.seconds += launcher.run(kernel, (items,), known)
-        return np.flatnonzero(launcher.download(near, (points,), np.uint8)).astype(np.int32)
+        return RGB * self._scattering * sorts + self.channels
 
     @cached_property
     def _structs(self) -> cl.Buffer:
-        structs = light_structs(self.scene, [self.scene.lights[number] for number in self.lights])
-        return self.launcher.upload(WHAT, structs)
+        return self._structs_of(self.lights)
 
     def towards_camera(self, arrived: Arrived, of: LightVariant, lights: Sequence[int]) -> cl.Buffer:
         """Return what some of the lights, all of a kind, scatter towards the camera, at all points."""
         launcher = self.launcher
         nbytes = 4 * self._numbers * self.lattice.points
-        scattered = launcher.empty(WHAT, nbytes, reuse=True)
+        scattered = launcher.empty(self.WHAT, nbytes, reuse=True)
         launcher.clear(scattered, nbytes)
         headers, defines = view_variant(of, self.media, self._scattering)
         kernel = launcher.kernels.kernel("surroundings_view", "surroundings_view.cl", headers, defines)
         places = np.array([self.lights.index(number) for number in lights], np.int32)
         known = {"media": self.media.arguments["media"], "view": self.view, "orders": self._struct}
-        known |= {"lights": self._structs, "these": launcher.upload(WHAT, places), "many": len(lights)}
+        known |= {"lights": self._structs, "these": launcher.upload(self.WHAT, places), "many": len(lights)}
         known |= {"sources": self._sources(arrived)}
-        known |= {"listed": arrived.listed, "depths": arrived.depths, "scattered": scattered}
-        known |= {"count": arrived.count, "row": arrived.row}
+        known |= arrived.arguments | {"scattered": scattered}
         items = arrived.row // launcher.lanes
-        most = max(1, LOOK_UPS_AT_ONCE // (len(lights) * launcher.lanes))
-        self.seconds += run_in_parts(launcher, kernel, items, most, known)
+        samples = LOOK_UP * len(lights) * launcher.lanes
+        self.seconds += launcher.run_items(kernel, items, samples, known)
         return scattered
 
     def _sources(self, arrived: Arrived) -> cl.Buffer:
@@ -217,8 +108,13 @@ class SurroundingsLattice:
                 ways /= np.linalg.norm(ways, axis=1, keepdims=True)
                 hidden = self.tracer.occluded(points, ways, lengths, by_seen=True)
                 sources[: arrived.count] = beside_hidden(self.lattice.size, arrived.numbers, hidden, ways)
-            self._known_sources = arrived, self.launcher.upload(WHAT, sources)
+            self._known_sources = arrived, self.launcher.upload(self.WHAT, sources)
         return self._known_sources[1]
+
+    def on_shared_samples(self, scattered: cl.Buffer, lights: int) -> Around:
+        """Return what the scatter pass takes to see so many lights, `towards_camera`, on its way."""
+        arguments = {"orders": self._struct, "scattered": scattered, "surrounding": lights}
+        return Around({"TFM_AROUND": 1, "TFM_ORDER_MEDIA": self._scattering}, arguments)
 
     def see(
         self,

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
 from tfm_cl.scene.lights.surroundings import Surroundings
-from tfm_cl.scene.transform import turned
 
 if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights.base import Light
 
-BLOCK = 1 << 17
-"""Pixels that are looked up at once, at least a row."""
+BLOCK = 1 << 14
+"""Pixels that are looked up at once, at least a row: what is known of them fits a core's cache."""
 
 
 def surroundings_of(lights: Iterable[Light]) -> list[Surroundings]:
@@ -54,12 +53,12 @@ def radiance_behind(
     surroundings = surroundings_of(lights)
     x0, y0, x1, y1 = crop or (0, 0, *camera.res)
     seen = np.zeros((y1 - y0, x1 - x0, 3), np.float32)
-    forward, rows = camera.world_from_camera[:3, 2], max(1, BLOCK // (x1 - x0))
+    rows = max(1, BLOCK // (x1 - x0))
     for top in range(y0, y1, rows):
         bottom = min(top + rows, y1)
-        directions = camera.rays((x0, top, x1, bottom))[1]
+        directions, cosines = camera.directions((x0, top, x1, bottom))
         # Pixels are squares on a plane: their solid angle falls as the cosine's third power.
-        width = camera.pixel_width * turned(directions, forward[:, None])[:, 0] ** 1.5
+        width = camera.pixel_width * cosines * np.sqrt(cosines)
         for light in surroundings:
             seen[top - y0 : bottom - y0] += light.radiance(directions, width).reshape(bottom - top, -1, 3)
     return seen

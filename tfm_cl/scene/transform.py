@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from pydantic import BeforeValidator
 
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
+
+Float = TypeVar("Float", bound=np.floating)
 
 FLATTEST = 1e-6
 """Least volume of a transform's axes, each brought to length 1: below, it is flat within float32."""
@@ -50,12 +52,12 @@ Transform = Accepts[Rows, Matrix]
 """4×4, affine and invertible; 16 numbers row by row, 4 rows or an array are accepted."""
 
 
-def turned(vectors: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
+def turned(vectors: NDArray[Float], axes: NDArray[Float]) -> NDArray[Float]:
     """Return vectors [N, 3] times a matrix [3, n], by rows: ``vectors @ axes``.
 
     Without a BLAS, whose threads go on spinning when they are done and take the cores from the device.
     """
-    product: NDArray[np.float64] = np.einsum("ij,jk->ik", vectors, axes)
+    product: NDArray[Float] = np.einsum("ij,jk->ik", vectors, axes)
     return product
 
 

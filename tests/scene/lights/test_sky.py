@@ -24,7 +24,8 @@ def quadrature(rows=120, columns=360):
 
 
 def seen(light, directions, width=1e-3):
-    return light.radiance(np.atleast_2d(directions), np.full(len(np.atleast_2d(directions)), width))
+    directions = np.atleast_2d(np.asarray(directions, np.float64))
+    return light.radiance(directions, np.full(len(directions), width))
 
 
 @pytest.mark.parametrize("elevation", [2.0, 45.0])

@@ -19,6 +19,8 @@ from tfm_cl.scene.lights.texels import look_up
 from tfm_cl.scene.transform import corners_of
 
 Floats = NDArray[np.float64]
+Directions = NDArray[np.floating]
+"""That are seen, and what is seen there: float64, or float32 for pictures."""
 
 SHORTEST_REACH = 1e-9
 """Smallest reach of a light, world units: the square of its inverse is still far below the largest

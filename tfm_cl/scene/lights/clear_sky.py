@@ -7,7 +7,8 @@ need a hundred megabytes of numbers and more; the one library of them on PyPI, s
 
 The models end at the horizon. The ground is ours: even and diffuse, it fades into the haze.
 
-Directions are in the sky's own frame: +y is the zenith.
+Directions are in the sky's own frame: +y is the zenith. What is asked for in float32 is worked out so: what a
+camera sees, whose picture has no more. Columns that lie one after the other in memory are the fastest.
 """
 
 import math
@@ -17,8 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from tfm_cl.files.hosek_wilkie import dataset
-from tfm_cl.scene.lights.base import Floats
-from tfm_cl.scene.transform import turned
+from tfm_cl.scene.lights.base import Directions, Floats
 
 SUN_RADIUS = math.radians(0.5358 / 2)
 """Of the sun's disk, radians."""
@@ -108,17 +108,26 @@ class ClearSky:
         irradiance: Floats = np.maximum(pieces[piece] @ beyond ** np.arange(4), 0)
         return irradiance
 
-    def sky_radiance(self, directions: Floats) -> Floats:
+    def sky_radiance(self, directions: Directions) -> Directions:
         """Radiance [n, RGB] of the sky, without the sun, in unit directions [n, 3], y ≥ 0; eq. 8."""
-        a, b, c, d, e, f, g, i, h = self._shape[:, None]
-        up = np.maximum(directions[:, 1:2], LOWEST)
-        cosine = np.clip(turned(directions, np.array([self.sun]).T), -1, 1)
-        angle = np.arccos(cosine)
-        halo = (1 + cosine**2) / (1 + h**2 - 2 * h * cosine) ** 1.5
-        gradient = 1 + a * np.exp(b / (up + FOLLOWING))
-        around = c + d * np.exp(e * angle) + f * cosine**2 + g * halo + i * np.sqrt(up)
-        radiance: Floats = np.maximum(gradient * around * self._mean, 0)
+        up, half = np.maximum(directions[:, 1], LOWEST), self._half_chord(directions)
+        cosine, angle, root = 1 - 2 * half * half, 2 * np.arcsin(half), np.sqrt(up)
+        square, inverse = cosine * cosine, 1 / (up + FOLLOWING)
+        radiance = np.empty_like(directions)
+        # One colour after the other: each array is then one row of numbers.
+        for colour, (a, b, c, d, e, f, g, i, h) in enumerate(self._shape.T.tolist()):
+            away = (1 + h * h) - 2 * h * cosine
+            halo = (1 + square) / (away * np.sqrt(away))
+            around = c + d * np.exp(e * angle) + f * square + g * halo + i * root
+            gradient = 1 + a * np.exp(b * inverse)
+            radiance[:, colour] = np.maximum(gradient * around * float(self._mean[colour]), 0)
         return radiance
+
+    def _half_chord(self, directions: Directions) -> Directions:
+        """Half of the distances [n] of unit vectors from that to the sun, at most 1: exact near it, too."""
+        x, y, z = (directions[:, axis] - self.sun[axis] for axis in range(3))
+        half: Directions = np.minimum(0.5 * np.sqrt(x * x + y * y + z * z), 1)
+        return half
 
     @cached_property
     def ground_radiance(self) -> Floats:
@@ -137,28 +146,33 @@ class ClearSky:
         light: Floats = radiance * SOLID_ANGLES[:, None, None]
         return light
 
-    def around(self, directions: Floats) -> Floats:
+    def around(self, directions: Directions) -> Directions:
         """Radiance [n, RGB] of sky and ground in unit directions [n, 3], without the sun.
 
         The ground lies `HEIGHT` below. The air before it, of which there is much near the horizon, is as
         bright as that in the mirrored direction, so that nothing breaks off there.
         """
-        mirrored, down = directions.copy(), np.maximum(-directions[:, 1:2], TINY)
-        mirrored[:, 1] = np.abs(mirrored[:, 1])
-        sky = self.sky_radiance(mirrored)
-        clear = np.where(directions[:, 1:2] < 0, np.exp(-HAZE * HEIGHT * self.turbidity / down), 0)
-        mixed: Floats = (1 - clear) * sky + clear * self.ground_radiance
-        return mixed
+        down = -directions[:, 1]
+        mirrored = directions.copy(order="K")
+        np.abs(down, out=mirrored[:, 1])
+        seen = self.sky_radiance(mirrored)
+        clear = np.where(down > 0, np.exp(-HAZE * HEIGHT * self.turbidity / np.maximum(down, TINY)), 0)
+        for colour, ground in enumerate(self.ground_radiance.tolist()):
+            seen[:, colour] += clear * (ground - seen[:, colour])
+        return seen
 
-    def disk(self, directions: Floats, width: Floats) -> Floats:
+    def disk(self, directions: Directions, width: Directions) -> Directions:
         """Radiance [n, RGB] of the sun's disk, evenly bright, in unit directions [n, 3].
 
         Its edge is smoothed over ``width`` [n], an angle in radians; a disk that is smaller than that keeps
         its light. The ground hides it.
         """
-        angle = 2 * np.arcsin(np.clip(np.linalg.norm(directions - self.sun, axis=1) / 2, 0, 1))
+        radiance, half = np.zeros_like(directions), self._half_chord(directions)
+        # An arc is longer than its chord: the disk covers nothing beyond.
+        near = np.flatnonzero(2 * half < np.maximum(SUN_RADIUS, width / 2) + width / 2)
+        angle, width = 2 * np.arcsin(half[near]), width[near]
         edge = np.maximum(SUN_RADIUS, width / 2)
         covered = np.clip((edge - angle) / width + 0.5, 0, 1)
-        covered *= np.clip(np.arcsin(np.clip(directions[:, 1], -1, 1)) / width + 0.5, 0, 1)
-        radiance: Floats = (covered / (math.pi * (edge**2 + width**2 / 12)))[:, None] * self.sun_irradiance
+        covered *= np.clip(np.arcsin(np.clip(directions[near, 1], -1, 1)) / width + 0.5, 0, 1)
+        radiance[near] = (covered / (math.pi * (edge**2 + width**2 / 12)))[:, None] * self.sun_irradiance
         return radiance

@@ -12,7 +12,7 @@ from tfm_cl.files.texture import ImagePath, check_brightness, panorama_for, read
 from tfm_cl.model import RGB
 from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.lights.area import MOST_SAMPLES, sphere_directions
-from tfm_cl.scene.lights.base import Floats, Light
+from tfm_cl.scene.lights.base import Directions, Floats, Light
 from tfm_cl.scene.lights.panorama import means
 from tfm_cl.scene.lights.sun import SunLight
 from tfm_cl.scene.lights.surroundings import Surroundings
@@ -75,11 +75,13 @@ class EnvironmentLight(OfFrames, Surroundings):
         """Sum the texture up for its parts, which is kept."""
         self.parts()
 
-    def radiance(self, directions: Floats, width: Floats) -> Floats:
+    def radiance(self, directions: Directions, width: Directions) -> Directions:
         """As `Surroundings.radiance`: the image between its pixels, or the mean of those in the width."""
         if not self.texture:
             return np.broadcast_to(np.asarray(self.intensity), directions.shape)
-        return np.multiply(self.intensity, means(panorama_for(self.texture), directions, width))
+        # Means are differences of sums over many pixels.
+        seen = means(panorama_for(self.texture), directions.astype(np.float64), width.astype(np.float64))
+        return np.multiply(self.intensity, seen)
 
 
 def directions_of(rows: Floats, columns: Floats) -> Floats:

@@ -12,7 +12,7 @@ from tfm_cl.model import RGB, Point
 from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
 from tfm_cl.scene.frames import AXES, Axis, as_direction, from_y_up
 from tfm_cl.scene.lights.area import MOST_SAMPLES
-from tfm_cl.scene.lights.base import Floats, Light
+from tfm_cl.scene.lights.base import Directions, Floats, Light
 from tfm_cl.scene.lights.clear_sky import COLUMNS, DIRECTIONS, ROWS, ClearSky, direction_of
 from tfm_cl.scene.lights.sun import SunLight
 from tfm_cl.scene.lights.surroundings import Surroundings
@@ -131,13 +131,14 @@ class SkyLight(Surroundings):
         at_points = self.lookup == "points"
         return SunLight.of_parts(directions, irradiances, spreads, self.part_texels, at_points=at_points)
 
-    def radiance(self, directions: Floats, width: Floats) -> Floats:
+    def radiance(self, directions: Directions, width: Directions) -> Directions:
         """As `Surroundings.radiance`: sky, ground and, with ``sun``, the sun's disk."""
-        local = turned(directions, self._world_from_sky)
+        local = turned(self._world_from_sky.T.astype(directions.dtype), directions.T).T
         seen = self._sky.around(local)
         if self.sun:
             seen += self._sky.disk(local, width)
-        return np.multiply(self.intensity, seen)
+        seen *= np.asarray(self.intensity, seen.dtype)
+        return seen
 
 
 BRIGHTEST = 1e6

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tfm_cl.errors import SceneError
 from tfm_cl.model import count_or_auto
-from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame
+from tfm_cl.scene.lights.base import Arrival, Directions, Floats, Light, LightFrame
 
 MOST_TEXELS = 256
 """Along a side of the map of a part, where nothing else is asked for."""
@@ -48,8 +48,10 @@ class Surroundings(Light):
         return float(np.arccos(1 - 2 / max(count, 2)))
 
     @abstractmethod
-    def radiance(self, directions: Floats, width: Floats) -> Floats:
+    def radiance(self, directions: Directions, width: Directions) -> Directions:
         """Radiance [n, RGB] that is seen in unit directions [n, 3], world, where nothing is in the way.
+
+        Of float32 it may be no more exact than that.
 
         Parameters
         ----------

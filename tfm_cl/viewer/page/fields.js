@@ -327,7 +327,8 @@ const BEGINS = {
   mix: (before) => ({ phases: [before, { type: "rayleigh" }], weights: [1, 1] }),
 };
 const MOST_PARTS = 8;
-const WEIGHT = { key: "weight", description: "the part of what is scattered that it scatters, over the sum of all", kind: "number", least: 0, initial: 1, choices: [] };
+/** Named apart from a key `weight` that the part itself may have. */
+const WEIGHT = { key: "mix_weight", description: "the part of what is scattered that it scatters, over the sum of all", kind: "number", least: 0, initial: 1, choices: [] };
 
 /** A control in a row with its name. */
 const named = (name, title, field) => make("div", { className: "row" }, make("span", { className: "name", textContent: spaced(name), title }), field.element);
@@ -344,11 +345,11 @@ function mixture(label, change, app) {
     const index = parts.length;
     const name = `${label}, part ${index + 1}`;
     const phase = FIELDS.phase({ isPart: true }, name, (next, drag) => change({ phases: value.phases.with(index, next) }, drag), app);
-    const weight = FIELDS.number(WEIGHT, `${name}: weight`, (next, drag) => change({ weights: value.weights.with(index, next) }, drag));
+    const weight = FIELDS.number(WEIGHT, `${name}: mix weight`, (next, drag) => change({ weights: value.weights.with(index, next) }, drag));
     const remove = iconButton("remove", `Remove ${name}`, "", () => change({ phases: without(value.phases, index), weights: without(value.weights, index) }, false));
     remove.classList.add("tiny");
     phase.element.firstChild.append(remove);
-    phase.element.append(named("weight", WEIGHT.description, weight));
+    phase.element.append(named(WEIGHT.key, WEIGHT.description, weight));
     add.before(phase.element);
     parts.push({ phase, weight, remove });
   };

@@ -1,10 +1,9 @@
-/* How deep the ways are that soft lights from all around come to the points of a lattice (view/surroundings.h): that stays
-   while the camera moves.
+/* How deep the ways are that lights come to the points of a lattice (view/orders.h): that stays while the camera moves.
    Includes expected before: a basis and a light header, and those of the bodies' kinds. Requires: what
-   light/reduced_intensity.h and view/surroundings.h do. */
+   light/reduced_intensity.h and view/orders.h do. */
 #include "core/store.h"
 #include "light/reduced_intensity.h"
-#include "view/surroundings.h"
+#include "view/orders.h"
 
 #if TFM_GRIDS
 /* The bricks along an axis that a point's neighbourhood reaches: the first and the last. */
@@ -59,9 +58,9 @@ __kernel void points_near_density(GRID grids, __global const int *bricks, ORDERS
            as deep as need be
    number  of the light among those given; place: among all
    items   first of this launch and end */
-__kernel void surroundings_depths(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                                  ORDERS orders, __global const int *listed, __global float *depths, int count, int row,
-                                  int number, int place, int2 items)
+__kernel void points_depths(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                            ORDERS orders, __global const int *listed, __global float *depths, int count, int row, int number,
+                            int place, int2 items)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
