@@ -1,9 +1,12 @@
-"""Memory that kernels write and the host reads."""
+"""Memory that kernels write and the host reads, and launches."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tfm_cl.device.launch import Windows
+from tfm_cl.device.launch import FIRST_SAMPLES, Windows
+from tfm_cl.device.running import Running
 from tfm_cl.errors import DeviceMemoryError
 
 
@@ -81,3 +84,24 @@ def test_launches_that_are_not_bounded_grow_as_they_may():
     areas, _ = launches(Windows(0, 0, 960, 540, 100), lambda _: 1e-9)
 
     assert areas == [960 * 320, 960 * 220]
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_all_launches_of_a_pass_but_the_last_have_ended(launcher, monkeypatch, bounded):
+    """Where they are to be short, the last one too: what is cancelled waits for all that was started."""
+    started, ended, parts = [], [], []
+
+    def start(_kernel, _size, arguments):
+        started.append(arguments["window"])
+        return Running(lambda: ended.append(arguments["window"]) or 0.1)
+
+    monkeypatch.setattr(launcher, "start", start)
+    monkeypatch.setattr(launcher, "_launch_seconds", 0.1 if bounded else None)
+    monkeypatch.setattr(launcher, "_paces", {})
+    kernel = SimpleNamespace(function_name="any")
+    running = launcher.start_windows(kernel, (0, 0, 64, 64), FIRST_SAMPLES // (64 * 32), {}, parts.append)
+
+    assert started == [(0, 0, 64, 32), (0, 32, 64, 64)]
+    assert (ended, parts) == ((started, [0.5, 1]) if bounded else (started[:1], [0.5]))
+    assert running.wait() == running.wait() == pytest.approx(0.2)
+    assert (ended, parts) == (started, [0.5, 1])

@@ -14,6 +14,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
 from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
+from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -158,6 +159,16 @@ class Launcher:
     def run(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> float:
         """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
 
+        Parameters
+        ----------
+        size, arguments
+            As of `start`.
+        """
+        return self.start(kernel, size, arguments).wait()
+
+    def start(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> Running:
+        """Let a kernel run over at least ``size`` work-items, when all that was started before has ended.
+
         The size is rounded up to whole work-groups: kernels check their bounds.
 
         Parameters
@@ -170,19 +181,31 @@ class Launcher:
             raise CancelledError("the rendering was cancelled")
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
-        try:
+        with self._launching(kernel):
             event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
-            event.wait()
+            self.queue.flush()
+
+        def end() -> float:
+            with self._launching(kernel):
+                event.wait()
+            self.kernels.ran(kernel, whole)
+            seconds = float(event.profile.end - event.profile.start) * 1e-9
+            self.seconds += seconds
+            return seconds
+
+        return Running(end)
+
+    @contextlib.contextmanager
+    def _launching(self, kernel: Kernel) -> Iterator[None]:
+        """Say which kernel failed in here."""
+        try:
+            yield
         except cl.MemoryError as error:
             raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
         except cl.Error as error:
             raise DeviceError(
                 f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
             ) from error
-        self.kernels.ran(kernel, whole)
-        seconds = float(event.profile.end - event.profile.start) * 1e-9
-        self.seconds += seconds
-        return seconds
 
     def run_windows(
         self,
@@ -193,7 +216,22 @@ class Launcher:
         done: Callable[[float], None] | None = None,
         after: Callable[[tuple[int, int, int, int]], None] | None = None,
     ) -> float:
+        """Run a kernel over a rectangle, as `start_windows` does, and wait; returns seconds on the device."""
+        return self.start_windows(kernel, bounds, samples_per_item, arguments, done, after).wait()
+
+    def start_windows(
+        self,
+        kernel: Kernel,
+        bounds: tuple[int, int, int, int],
+        samples_per_item: int,
+        arguments: Mapping[str, Any],
+        done: Callable[[float], None] | None = None,
+        after: Callable[[tuple[int, int, int, int]], None] | None = None,
+    ) -> Running:
         """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
+
+        All but the last have ended when this returns; the last one too where launches are to be short, as
+        what is cancelled has to wait for all that was started.
 
         Parameters
         ----------
@@ -202,28 +240,35 @@ class Launcher:
         samples_per_item
             Density samples that one texel or pixel may need.
         arguments
-            As of `run`, but for ``window``.
+            As of `start`, but for ``window``.
         done
             Called after each launch with the part that is done, 0 to 1: what it raises ends the work.
         after
             Called after each launch with its window.
-
-        Returns
-        -------
-        Seconds on the device.
         """
-        seconds, name = 0.0, kernel.function_name
+        name = kernel.function_name
         windows = Windows(
             *bounds, samples_per_item, most_seconds=self._launch_seconds, pace=self._paces.get(name)
         )
+        seconds = 0.0
         for window in windows:
-            seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
-            self._paces[name] = windows.pace
-            if after is not None:
-                after(window)
-            if done is not None:
-                done(windows.done)
-        return seconds
+            launch = self.start(kernel, self.tiles(window), {**arguments, "window": window})
+
+            def end(
+                launch: Running = launch, window: tuple[int, int, int, int] = window, before: float = seconds
+            ) -> float:
+                spent = before + windows.took(launch.wait())
+                self._paces[name] = windows.pace
+                if after is not None:
+                    after(window)
+                if done is not None:
+                    done(windows.done)
+                return spent
+
+            if windows.done == 1 and self._launch_seconds is None:
+                return Running(end)
+            seconds = end()
+        return Running(lambda: seconds)
 
     def begin(self) -> None:
         """Begin work that may be cancelled: what was cancelled before has ended."""

@@ -14,7 +14,7 @@ from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.curves import Curves
 from tfm_cl.maps.bases.given import functions_in, functions_text
-from tfm_cl.maps.planned import LARGEST_HALF, Planned
+from tfm_cl.maps.planned import LARGEST_HALF, Making, Planned
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
 from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 
@@ -118,7 +118,7 @@ class Planner:
             of_map = settings.of_light(light)
             fit = partial(self._fit, of_map, light, of_light, medium, probe)
             before = self._launcher.seconds
-            if settings.learns:  # learning takes longer than all else here
+            if settings.learns:  # which takes longer than all else on the host
                 fitted = self._cache.get(
                     "functions",
                     (key, light.map_key(), seen.shadow_res, of_map, seen.cut, extinction),
@@ -132,7 +132,7 @@ class Planner:
                 Planned(
                     settings=of_map,
                     field=fitted.field,
-                    functions=fitted.functions,
+                    made=fitted.made,
                     number_unit=unit,
                     density_weighting=alpha,
                     extinction=extinction,
@@ -190,10 +190,11 @@ class Planner:
     def _fit(
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
     ) -> Fitted:
-        """Find the ranges of a map, and make the functions of its basis."""
+        """Find the ranges of a map, and the rays that the functions of its basis are made from."""
         field = _field(settings, probe)
         curves = self._curves(settings, light, of_light, medium, probe, field) if settings.learns else None
-        return Fitted(field, functions_of(settings, curves))
+        nbytes = 0 if curves is None else curves.optical_depth.nbytes
+        return Fitted(field, Making(partial(functions_of, settings, curves), nbytes))
 
     def _curves(
         self,
@@ -232,13 +233,13 @@ class Fitted:
 
     field: np.ndarray
     """Ranges of the rays, as in `Planned`."""
-    functions: Functions | None
-    """Of the basis."""
+    made: Making
+    """What makes the functions of the basis."""
 
     @property
     def nbytes(self) -> int:
         """Size."""
-        return self.field.nbytes + (0 if self.functions is None else self.functions.modes.nbytes)
+        return self.field.nbytes + self.made.nbytes
 
 
 def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import Running
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.maps.light_pass import Numbers
     from tfm_cl.maps.planned import Planned
@@ -113,6 +114,8 @@ class MapBuilder:
     ) -> list[TransmittanceMap]:
         """Return the maps of some lights, in the order of lights and fields.
 
+        The pass of the last one may not have ended.
+
         Parameters
         ----------
         kept
@@ -125,12 +128,17 @@ class MapBuilder:
         rooms = _Rooms(self._light_pass, [sources.plans[place] for place in places])
 
         self.built = set()
+        passes: list[Running] = []
 
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)
             plan = sources.plans[place]
             built = self._build(sources, number, field, plan, rooms.next(plan.settings), progress)
             self.built.add(id(built))
+            # While the device is at one, the host prepares the next.
+            for running in passes:
+                running.wait()
+            passes[:] = [built.buffers.running]
             return built
 
         if not kept:
@@ -179,9 +187,7 @@ class MapBuilder:
             solids=scene.solids,
             shadow_res=scene.shadow.res,
             origin=world_from_device(scene)[:3, 3],
-            held=OnDevice(
-                replace(buffers, seconds=buffers.seconds + plan.seconds), of_light, medium, self._light_pass
-            ),
+            held=OnDevice(replace(buffers, before=plan.seconds), of_light, medium, self._light_pass),
         )
 
     def _here(
