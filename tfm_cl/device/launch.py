@@ -284,10 +284,19 @@ class Launcher:
         width, height = TILE[self.lanes]
         return -(-x1 // width) - x0 // width, -(-y1 // height) - y0 // height
 
-    def widened(self, window: tuple[int, int, int, int], size: tuple[int, int]) -> tuple[int, int, int, int]:
-        """Widen a window x0, y0, x1, y1 of a rectangle: it begins and ends where launches over all do."""
-        (x0, y0, x1, y1), (width, height), edge = window, size, Windows.EDGE
-        x0, y0, x1, y1 = x0 // edge * edge, y0 // edge * edge, -(-x1 // edge) * edge, -(-y1 // edge) * edge
+    def widened(
+        self, window: tuple[int, int, int, int], size: tuple[int, int], margin: int
+    ) -> tuple[int, int, int, int]:
+        """Widen a window x0, y0, x1, y1 of a rectangle by a margin; one that is empty stays so.
+
+        It begins and ends where launches over all do.
+        """
+        x0, y0, x1, y1 = window
+        if x0 >= x1 or y0 >= y1:
+            return window
+        (width, height), edge = size, Windows.EDGE
+        x0, y0 = (max(low - margin, 0) // edge * edge for low in (x0, y0))
+        x1, y1 = (-(-(high + margin) // edge) * edge for high in (x1, y1))
         return x0, y0, min(x1, width), min(y1, height)
 
     def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:

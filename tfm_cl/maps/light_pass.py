@@ -29,6 +29,9 @@ RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own
 errors."""
 
+READ_AROUND = 3
+"""Texels beyond those with a range that are read with them: neighbours between which is interpolated, and
+theirs, with a weight of 0."""
 MOST_PARTS = 4096
 """Parts of a map whose limits are found apart: enough work-items for any device, few enough for the host."""
 
@@ -96,6 +99,8 @@ class MapBuffers:
     """[n, 2] lowest value and extent, for 8 bits."""
     occupied: cl.Buffer
     """float2 [res, res]: where density begins and ends, distances from the light; 0 without."""
+    window: tuple[int, int, int, int]
+    """Texels x0, y0, x1, y1 outside of which no ray has a range: there both hold anything, which means 0."""
     running: Running
     """Its light pass, which may not have ended: what is asked of that waits. Kernels that read the map need
     not be waited for, as the device takes one after the other."""
@@ -187,17 +192,20 @@ class LightPass:
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
         tables, starts = self._tables(plan)
-        occupied = launcher.zeros("the map's occupied ranges", 8 * res * res)
         # Straight to where they stay, unless something is still done to them.
         is_last = settings.storage == "f32" and settings.blur == 0
         struct = plan.struct()
         struct["first_number"] = room.first if is_last else 0
         target = room.buffer if is_last else self._floats(settings)
-        window = 0, 0, res, res
-        if settings.target != "transmittance":  # else zeros may mean something
-            floats = 4 * NUMBERS_UNIT
-            launcher.clear(target, floats * numbers_size(settings), floats * int(struct["first_number"]))
-            window = launcher.widened(plan.window, (res, res))
+        occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
+        window = written = 0, 0, res, res
+        if settings.target != "transmittance":  # of which zeros may mean something
+            window = launcher.widened(plan.window, (res, res), READ_AROUND)
+            if is_last:
+                written = window
+            else:
+                launcher.clear(target, 4 * NUMBERS_UNIT * numbers_size(settings))
+                launcher.clear(occupied, 8 * res * res)
         counting = _Counting(launcher, window)
         met = medium.met_by(light, of_light, res)
         running = launcher.start_windows(
@@ -227,7 +235,7 @@ class LightPass:
             limits, packing = self._pack(plan, light, medium, blurred, room)
             seconds = running.wait() + blurring + packing
             running = Running(lambda: seconds)
-        return MapBuffers(room, limits, occupied, running, counting.counts)
+        return MapBuffers(room, limits, occupied, written, running, counting.counts)
 
     def _tables(self, plan: MapPlan) -> tuple[cl.Buffer, cl.Buffer]:
         """Return the tables of the basis, one behind the other, and where each begins.
@@ -403,7 +411,8 @@ class LightPass:
         self._launcher.write(room.buffer, numbers.values)
         occupied = self._launcher.upload("the map's occupied ranges", numbers.occupied)
         counts = Counts(numbers.hits, numbers.samples)
-        return MapBuffers(room, numbers.limits, occupied, Running(lambda: 0.0), counts)
+        whole = 0, 0, settings.res, settings.res
+        return MapBuffers(room, numbers.limits, occupied, whole, Running(lambda: 0.0), counts)
 
     def struct(self, buffer: cl.Buffer, count: int, struct: Struct) -> NDArray[Any]:
         """Copy structs to the host."""
@@ -413,13 +422,13 @@ class LightPass:
         """Copy the numbers [y, x, n] to the host as they are stored."""
         room, stored = buffers.numbers, STORED[settings.storage]
         first = room.first * NUMBERS_UNIT * np.dtype(stored).itemsize
-        return self._launcher.download(
-            room.buffer, (settings.res, settings.res, settings.coeffs), stored, first
-        )
+        shape = settings.res, settings.res, settings.coeffs
+        return _within(buffers.window, self._launcher.download(room.buffer, shape, stored, first))
 
     def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
-        return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
+        shape = settings.res, settings.res, 2
+        return _within(buffers.window, self._launcher.download(buffers.occupied, shape, np.float32))
 
     def _kernel(
         self,
@@ -462,3 +471,10 @@ class _Counting:
         found = self._launcher.download(self.buffer, (*tiles, 2), np.uint32)
         met, read = found.sum(axis=0, dtype=np.int64).sum(axis=0)
         self.counts.hits, self.counts.samples = self.counts.hits + int(met), self.counts.samples + int(read)
+
+
+def _within(window: tuple[int, int, int, int], texels: NDArray[Any]) -> NDArray[Any]:
+    """Clear what lies outside of a window x0, y0, x1, y1 of some texels [y, x, …], and return them."""
+    x0, y0, x1, y1 = window
+    texels[:y0], texels[y1:], texels[:, :x0], texels[:, x1:] = 0, 0, 0, 0
+    return texels
