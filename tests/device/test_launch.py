@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tfm_cl.device.launch import FIRST_SAMPLES, Windows
-from tfm_cl.device.running import Running
+from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import DeviceMemoryError
 
 
@@ -47,6 +47,29 @@ def test_what_is_uploaded_is_as_large_as_a_buffer_at_most(launcher, monkeypatch)
     monkeypatch.setattr(launcher, "largest_buffer", 1 << 20)
     with pytest.raises(DeviceMemoryError, match=r"the voxels needs a buffer of 2 MiB; .* allows 1 MiB"):
         launcher.upload("the voxels", np.zeros(1 << 19, np.float32))
+
+
+@pytest.mark.parametrize("shares", [True, False])
+@pytest.mark.parametrize("rows", [(3, 0, 2), (0, 0, 0)])
+def test_arrays_are_joined(launcher, monkeypatch, rng, shares, rows):
+    monkeypatch.setattr(launcher, "_shares_memory", shares)
+    arrays = [rng.random((count, 4), np.float32) for count in rows]
+    for _ in range(2):  # the second time in the memory of the first
+        buffer = launcher.joined("some rows", arrays)
+        assert (launcher.download(buffer, (sum(rows), 4), np.float32) == np.concatenate(arrays)).all()
+        del buffer
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_two_pieces_of_work_at_most_are_under_way(waits):
+    ended = []
+    work = InTurn(waits=waits)
+    for number in range(3):
+        work.add(Running(lambda number=number: ended.append(number) or 0.5))
+        assert ended == [*range(number + waits)]
+
+    assert work.wait() == work.wait() == 1.5
+    assert ended == [0, 1, 2]
 
 
 def launches(windows, seconds):

@@ -2,7 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
 from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
-from tfm_cl.device.running import Running
+from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -270,6 +270,13 @@ class Launcher:
             seconds = end()
         return Running(lambda: seconds)
 
+    def in_turn(self) -> InTurn:
+        """Return what waits for launches that are started one after the other.
+
+        Where they are to be short, it waits for each, as of `start_windows`.
+        """
+        return InTurn(waits=self._launch_seconds is not None)
+
     def begin(self) -> None:
         """Begin work that may be cancelled: what was cancelled before has ended."""
         self._cancelled.clear()
@@ -298,6 +305,19 @@ class Launcher:
         x0, y0 = (max(low - margin, 0) // edge * edge for low in (x0, y0))
         x1, y1 = (-(-(high + margin) // edge) * edge for high in (x1, y1))
         return x0, y0, min(x1, width), min(y1, height)
+
+    def joined(self, what: str, arrays: Sequence[NDArray[Any]]) -> cl.Buffer:
+        """Copy some arrays of one kind to the device, one behind the other.
+
+        Where host and device share memory, it is that of earlier frames: fresh pages cost more than the copy.
+        """
+        nbytes = sum(array.nbytes for array in arrays)
+        if not self._shares_memory or not LEAST_BYTES <= nbytes <= self.largest_buffer:
+            return self.upload(what, np.concatenate(arrays))
+        memory = self._host_memory.take(nbytes)
+        np.concatenate(arrays, out=memory.view(arrays[0].dtype).reshape(-1, *arrays[0].shape[1:]))
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return cl.Buffer(self.context, flags, hostbuf=memory)
 
     def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
         """Allocate a device buffer.

@@ -33,3 +33,32 @@ class Running:
             end, self._end = self._end, None
             self._seconds = end()
         return self._seconds
+
+
+class InTurn:
+    """Work of which two pieces, at most, are under way: during one, the host prepares the next.
+
+    Parameters
+    ----------
+    waits
+        Whether each is waited for at once instead.
+    """
+
+    def __init__(self, *, waits: bool = False) -> None:
+        self._waits = waits
+        self._last: Running | None = None
+        self._seconds = 0.0
+
+    def add(self, running: Running) -> None:
+        """Wait for the piece before one that was started."""
+        self.wait()
+        self._last = running
+        if self._waits:
+            self.wait()
+
+    def wait(self) -> float:
+        """Wait for all, and return their seconds on the device."""
+        if self._last is not None:
+            last, self._last = self._last, None
+            self._seconds += last.wait()
+        return self._seconds

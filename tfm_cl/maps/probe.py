@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,12 +65,12 @@ class Probe:
         end = np.where(missing, _over_neighbours(end, np.maximum), end)
         # Nothing is near the rest.
         missing = ~np.isfinite(begin)
-        nothing = begin[~missing].min() if not missing.all() else 0.0
+        nothing = 0.0 if missing.all() else begin.min()
         begin, end = np.where(missing, nothing, begin), np.where(missing, nothing, end)
         slope = np.where(dense, self.slope, 0)
         # Without density there is none beyond: the end serves, so that what is interpolated stays whole.
         last = np.where(dense, self.last, end)
-        return np.stack([begin, end, slope, last], axis=-1).astype(np.float32)
+        return np.stack([begin, end, slope, last], axis=-1).astype(np.float32, copy=False)
 
     def global_field(self) -> NDArray[np.float32]:
         """One range for all rays, that of the nearest and the farthest density; float32 [2, 2, 4]."""
@@ -197,9 +198,17 @@ def some_of(rays: NDArray[np.bool_], most: int) -> tuple[NDArray[np.intp], NDArr
     the functions that are learnt from them.
     """
     y, x = np.nonzero(rays)
-    turns = np.random.default_rng(SEED).permutation(rays.size)[rays.shape[1] * y + x]
-    some = np.argsort(turns)[:most]
+    turns = _turns(rays.size)[rays.shape[1] * y + x]
+    some = np.argpartition(turns, most)[:most] if most < len(turns) else np.arange(len(turns))
+    some = some[np.argsort(turns[some])]
     return y[some], x[some]
+
+
+@lru_cache(maxsize=4)
+def _turns(count: int) -> NDArray[np.intp]:
+    """Return the numbers below ``count`` in the order in which rays have their turns."""
+    turns: NDArray[np.intp] = np.random.default_rng(SEED).permutation(count)
+    return turns
 
 
 def light_defines(light: Light) -> dict[str, int | str]:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.curves import Curves
 from tfm_cl.maps.bases.given import functions_in, functions_text
@@ -58,49 +57,46 @@ class Planner:
         self._launcher, self._cache = launcher, cache
         self._probe = LightProbe(launcher)
 
-    def plans(self, scene: Scene, media: MediaOnDevice, clip: Clip) -> list[Planned]:
+    def plans(
+        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
+    ) -> list[Planned]:
         """Plan one map for each light of a resolved scene and each field, light by light.
 
         Those of a field differ only in what depends on the light.
 
         Parameters
         ----------
+        of_lights
+            The struct of each light.
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        lights = self._structs(scene)
         of_fields = [
-            self._of_field(scene, lights, medium, clip, field_key(scene, media, medium.index))
+            self._of_field(scene, of_lights, medium, clip, field_key(scene, media, medium.index))
             for medium in media.of_fields
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
-    def _structs(self, scene: Scene) -> list[cl.Buffer]:
-        """Put each light of a scene on the device."""
-        structs = light_structs(scene, scene.lights)
-        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
-
     def curves(
-        self, scene: Scene, media: MediaOnDevice, clip: Clip
+        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
     ) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield, for each field, what its maps are built by, α decided, and rays of each light.
 
         Arguments as of `plans`.
         """
-        lights = self._structs(scene)
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
-            seen = self._seen(scene, lights, medium, clip, key)
+            seen = self._seen(scene, of_lights, medium, clip, key)
             rays = [
                 self._curves(seen.settings, light, of_light, medium, probe, _field(seen.settings, probe))
-                for light, of_light, probe in zip(scene.lights, lights, seen.probes, strict=True)
+                for light, of_light, probe in zip(scene.lights, of_lights, seen.probes, strict=True)
             ]
             yield seen.settings, rays
 
     def _of_field(
         self,
         scene: Scene,
-        of_lights: list[cl.Buffer],
+        of_lights: Sequence[cl.Buffer],
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],
@@ -146,7 +142,7 @@ class Planner:
     def _seen(
         self,
         scene: Scene,
-        of_lights: list[cl.Buffer],
+        of_lights: Sequence[cl.Buffer],
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],

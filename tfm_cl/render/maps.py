@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.running import InTurn
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.held import Loaded, OnDevice
@@ -21,10 +22,11 @@ from tfm_cl.plan.maps import Planner, field_key
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    import pyopencl as cl
+
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
-    from tfm_cl.device.running import Running
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.maps.light_pass import Numbers
     from tfm_cl.maps.planned import Planned
@@ -44,9 +46,14 @@ class Sources:
     """
 
     def __init__(
-        self, scene: Scene, media: MediaOnDevice, plans: Sequence[Planned], maps: Sequence[TransmittanceMap]
+        self,
+        scene: Scene,
+        media: MediaOnDevice,
+        of_lights: Sequence[cl.Buffer],
+        plans: Sequence[Planned],
+        maps: Sequence[TransmittanceMap],
     ) -> None:
-        self.scene, self.media, self.plans, self.maps = scene, media, plans, maps
+        self.scene, self.media, self.of_lights, self.plans, self.maps = scene, media, of_lights, plans, maps
 
 
 class _Rooms:
@@ -96,17 +103,23 @@ class MapBuilder:
         if maps is not None:
             self._check(scene, media, maps)
             here = [self._here(scene, media, place, light_map) for place, light_map in enumerate(maps)]
-            return Sources(scene, media, (), here)
+            return Sources(scene, media, (), (), here)
 
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
             return self._visibility.clip(scene, light, size)
 
-        return Sources(scene, media, self._planner.plans(scene, media, clip), ())
+        of_lights = self._structs(scene)
+        return Sources(scene, media, of_lights, self._planner.plans(scene, of_lights, media, clip), ())
+
+    def _structs(self, scene: Scene) -> list[cl.Buffer]:
+        """Put each light of a scene on the device."""
+        structs = light_structs(scene, scene.lights)
+        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
 
     def curves(self, scene: Scene, media: MediaOnDevice) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield what the maps of such a scene are built by, and rays that their basis may learn from."""
         return self._planner.curves(
-            scene, media, lambda light, size: self._visibility.clip(scene, light, size)
+            scene, self._structs(scene), media, lambda light, size: self._visibility.clip(scene, light, size)
         )
 
     def of(
@@ -128,17 +141,14 @@ class MapBuilder:
         rooms = _Rooms(self._light_pass, [sources.plans[place] for place in places])
 
         self.built = set()
-        passes: list[Running] = []
+        passes = InTurn()
 
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)
             plan = sources.plans[place]
             built = self._build(sources, number, field, plan, rooms.next(plan.settings), progress)
             self.built.add(id(built))
-            # While the device is at one, the host prepares the next.
-            for running in passes:
-                running.wait()
-            passes[:] = [built.buffers.running]
+            passes.add(built.buffers.running)
             return built
 
         if not kept:
@@ -175,7 +185,7 @@ class MapBuilder:
         progress: Progress,
     ) -> TransmittanceMap:
         scene, light, medium = sources.scene, sources.scene.lights[number], sources.media.of_fields[field]
-        of_light = self._launcher.upload("the light", light_structs(scene, [light]))
+        of_light = sources.of_lights[number]
         buffers = self._light_pass.build(plan, light, of_light, medium, room, progress)
         return TransmittanceMap(
             light=light,
