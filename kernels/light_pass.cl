@@ -156,7 +156,7 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   __global const float *table = tables + table_starts[level - 1];
   BasisState state;
   basis_begin(&state);
-  Ints first = ints(0), end = ints(0), samples = ints(0);
+  Ints first = ints(most), last = ints(-1), samples = ints(0); /* steps with density */
   const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
   PADDED_GRIDS(padded, texels.x, texels.y);
   const Floats length = part.end - part.begin;
@@ -190,12 +190,11 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
       const Ints taken = active;
 #endif
       steps.depth[k] = taken ? walk.step * density : floats(0.0f);
+      const Ints dense = steps.depth[k] > 0.0f, number = ints(list.n[k]);
+      first = (dense & (number < first)) ? number : first;
+      last = dense ? number : last;
     }
     for (int k = 0; k < list.count; ++k) {
-      const int n = list.n[k];
-      const Ints dense = steps.depth[k] > 0.0f;
-      first = (dense & (end == 0)) ? ints(n) : first;
-      end = dense ? ints(n + 1) : end;
       steps.before[k] = optical_depth;
       steps.depth[k] = least(steps.depth[k], TFM_MAX_OPTICAL_DEPTH - optical_depth);
       optical_depth += steps.depth[k];
@@ -203,8 +202,8 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
     basis_steps(map, table, &state, &steps, most);
   }
   Interval held;
-  held.begin = end > 0 ? part.begin + TO_FLOATS(first) * walk.step : floats(INFINITY);
-  held.end = end > 0 ? part.begin + TO_FLOATS(end) * walk.step : floats(0.0f);
+  held.begin = last >= 0 ? part.begin + TO_FLOATS(first) * walk.step : floats(INFINITY);
+  held.end = last >= 0 ? part.begin + TO_FLOATS(last + 1) * walk.step : floats(0.0f);
 #if TFM_OWN_DEPTH
 #if TFM_SHADOW
   const Floats reach = texel_clip(texels, res, clip);
