@@ -103,6 +103,13 @@ def test_how_slow_the_slowest_launch_was_fades():
     assert areas[-2] > 4 * areas[0]
 
 
+@pytest.mark.parametrize(("pace", "rows"), [(None, 320), (1e-9, 540), (2.5e-9, 416), (1e-6, 320)])
+def test_a_first_launch_is_as_large_as_earlier_ones_let_it_be(pace, rows):
+    windows = Windows(0, 0, 960, 540, 100, pace=pace)
+
+    assert next(iter(windows)) == (0, 0, 960, rows)
+
+
 def test_launches_that_are_not_bounded_grow_as_they_may():
     areas, _ = launches(Windows(0, 0, 960, 540, 100), lambda _: 1e-9)
 

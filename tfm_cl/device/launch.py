@@ -29,6 +29,8 @@ FIRST_SAMPLES = 1 << 25
 MOST_SAMPLES = 1 << 28
 """Density samples, at most, of any launch: one that met nothing tells nothing of the next."""
 
+MOST_GROWTH = 8
+"""Times the size of a launch that the next one may have."""
 PACE_KEPT = 0.98
 """Of how slow the slowest launch was, from one launch to the next."""
 
@@ -441,8 +443,7 @@ class Output:
 class Windows:
     """Cuts a rectangle into windows whose launches take about `LAUNCH_SECONDS` each.
 
-    Iterating yields (x0, y0, x1, y1); after each launch call `took`. The first window is small, the next ones
-    follow from its time.
+    Iterating yields (x0, y0, x1, y1); after each launch call `took`, from which the next window follows.
 
     Parameters
     ----------
@@ -454,7 +455,8 @@ class Windows:
         That a launch takes at most, where all of it is as slow as the slowest so far; None: they are about
         as long as the last one tells.
     pace
-        Seconds of a sample in the slowest of earlier launches; None: there was none.
+        Seconds of a sample in the slowest of earlier launches, which says how large the first one may be;
+        None: there was none, and it is small.
     """
 
     EDGE = 32
@@ -481,7 +483,10 @@ class Windows:
         self._done = 0
         self.pace = pace or 0.0
         """Seconds of a sample in the slowest launch so far; it fades, as a device may be busy at times."""
-        if pace is not None and most_seconds is not None:
+        if pace and most_seconds is None:
+            wanted = int(self._seconds / (pace * samples_per_item))
+            self._items = max(self._items, min(wanted, MOST_GROWTH * self._items, self._most))
+        elif pace is not None:
             self._items = self._bounded(self._most)
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
@@ -509,7 +514,8 @@ class Windows:
         """Choose the next window's size by the seconds that the last one took; returns them."""
         wanted = self._area * self._seconds / max(seconds, 1e-6)
         self.pace = max(seconds / (self._area * self._samples_per_item), PACE_KEPT * self.pace)
-        self._items = self._bounded(int(min(max(wanted, self._items / 4), 8 * self._items, self._most)))
+        most = min(MOST_GROWTH * self._items, self._most)
+        self._items = self._bounded(int(min(max(wanted, self._items / 4), most)))
         return seconds
 
     def _bounded(self, items: int) -> int:
