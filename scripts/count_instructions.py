@@ -5,13 +5,14 @@
 long as its instructions do at the fastest pace of any kernel here; for what it takes longer, it waits for
 memory or for results. Instructions are counted in the kernels' machine code by Valgrind (``apt install
 valgrind``), for the baseline of ``bench.py``. Seconds are measured without it: CPU seconds of all cores, the
-least of some rounds. Takes six minutes, as Valgrind also watches the kernels being compiled.
+least of some rounds. Takes two minutes of one core: Valgrind counts nothing while the kernels are compiled.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -32,6 +33,7 @@ import tfm_cl as tfm
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.program import Kernel
+from tfm_cl.device.running import Running
 
 VOLUME = bench.REPOSITORY / "volumes" / "cumulus.npz"
 ROOFLINE_RAYS = 160
@@ -68,23 +70,26 @@ def one_round(renderer: tfm.Renderer, launcher: Launcher, samples: Counts) -> No
     samples["light_lattice"] += volume.leaves.values.size
 
 
-def run_rounds(rounds: int) -> dict[str, Counts]:
+def run_rounds(rounds: int, before_last: Callable[[], None]) -> dict[str, Counts]:
     """Run all kernels some times; returns each one's samples and least CPU seconds of a round."""
     samples, least = defaultdict[str, float](float), dict[str, float]()
     with tfm.Renderer() as renderer:
         launcher = Launcher(choose_device(None))
-        run = Launcher.run
+        start = Launcher.start
 
         def watched(
             self: Launcher, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]
-        ) -> float:
+        ) -> Running:
             began = time.process_time()
-            seconds = run(self, kernel, size, arguments)
+            running = start(self, kernel, size, arguments)
+            running.wait()
             spent[kernel.function_name] += time.process_time() - began
-            return seconds
+            return running
 
-        with mock.patch.object(Launcher, "run", watched):
-            for _ in range(rounds):
+        with mock.patch.object(Launcher, "start", watched):
+            for number in range(rounds):
+                if number == rounds - 1:
+                    before_last()
                 samples.clear()
                 spent = defaultdict[str, float](float)
                 one_round(renderer, launcher, samples)
@@ -94,9 +99,16 @@ def run_rounds(rounds: int) -> dict[str, Counts]:
     }
 
 
+def count_from_now_on() -> None:
+    """Let the Valgrind that this process runs in begin to count."""
+    command = ["callgrind_control", "--instr=on", str(os.getpid())]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - a fixed command
+
+
 def child(rounds: int, before: tuple[str, ...] = ()) -> dict[str, Counts]:
-    """Call `run_rounds` in a new process, after a command that watches it."""
+    """Call `run_rounds` in a new process, after a command that watches it: the last round."""
     command = [*before, sys.executable, str(Path(__file__).resolve()), "--rounds", str(rounds)]
+    command += ["--watched"] if before else []
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - this script
     found: dict[str, Counts] = json.loads(done.stdout)
     return found
@@ -106,8 +118,8 @@ def instructions() -> Counts:
     """Count the instructions that each kernel executes in one round."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "callgrind.out"
-        watch = ("valgrind", "--tool=callgrind", "--collect-atstart=no", f"--toggle-collect={COUNTED}*")
-        child(1, (*watch, f"--callgrind-out-file={file}"))
+        watch = ("valgrind", "--tool=callgrind", "--instr-atstart=no", f"--toggle-collect={COUNTED}*")
+        child(2, (*watch, f"--callgrind-out-file={file}"))
         listed = subprocess.run(  # noqa: S603 - a fixed command
             ["callgrind_annotate", "--threshold=100", str(file)],  # noqa: S607 - of Valgrind
             capture_output=True,
@@ -136,9 +148,11 @@ def main() -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--watched", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.rounds:
-        print(json.dumps(run_rounds(options.rounds)))
+        before_last = count_from_now_on if options.watched else lambda: None
+        print(json.dumps(run_rounds(options.rounds, before_last)))
         return 0
     if shutil.which("valgrind") is None:
         print("count_instructions.py: needs Valgrind: apt install valgrind", file=sys.stderr)
