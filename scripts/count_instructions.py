@@ -5,7 +5,8 @@
 long as its instructions do at the fastest pace of any kernel here; for what it takes longer, it waits for
 memory or for results. Instructions are counted in the kernels' machine code by Valgrind (``apt install
 valgrind``), for the baseline of ``bench.py``. Seconds are measured without it: CPU seconds of all cores, the
-least of some rounds. Takes two minutes of one core: Valgrind counts nothing while the kernels are compiled.
+least of some rounds. Takes some minutes of one core, most of them because Valgrind also watches the kernels
+being compiled, though it counts nothing then; ``--light`` leaves out the view passes, which take most of it.
 """
 
 from __future__ import annotations
@@ -54,14 +55,17 @@ COUNTED = "_pocl_kernel_"
 Counts = dict[str, float]
 
 
-def one_round(renderer: tfm.Renderer, launcher: Launcher, samples: Counts) -> None:
-    """Run every kernel; counts the trilinear samples, of the lattice's look-ups the look-ups."""
+def one_round(renderer: tfm.Renderer, launcher: Launcher, samples: Counts, *, views: bool) -> None:
+    """Run every kernel, or only maps'; counts trilinear samples, of the lattice's look-ups the look-ups."""
     volume = bench.load(VOLUME)
     roofline = bench.Roofline(launcher, bench.roofline_grid(volume), ROOFLINE_RAYS)
     for form, kernel in bench.FORMS.items():
         roofline.run(form)
         samples[kernel] += ROOFLINE_RAYS**2 * bench.ROOFLINE_STEPS
     scene = bench.baseline_scene(volume, bench.BASELINE_RES)
+    if not views:
+        samples["light_pass"] += sum(one.buffers.samples for one in renderer.build_maps(scene))
+        return
     for lookup, kernel in (("auto", "scatter_pass"), ("lattice", "lattice_pass")):
         asked = bench.with_map(scene, lookup=lookup)
         maps = renderer.build_maps(asked)
@@ -70,7 +74,7 @@ def one_round(renderer: tfm.Renderer, launcher: Launcher, samples: Counts) -> No
     samples["light_lattice"] += volume.leaves.values.size
 
 
-def run_rounds(rounds: int, before_last: Callable[[], None]) -> dict[str, Counts]:
+def run_rounds(rounds: int, before_last: Callable[[], None], *, views: bool) -> dict[str, Counts]:
     """Run all kernels some times; returns each one's samples and least CPU seconds of a round."""
     samples, least = defaultdict[str, float](float), dict[str, float]()
     with tfm.Renderer() as renderer:
@@ -92,10 +96,10 @@ def run_rounds(rounds: int, before_last: Callable[[], None]) -> dict[str, Counts
                     before_last()
                 samples.clear()
                 spent = defaultdict[str, float](float)
-                one_round(renderer, launcher, samples)
-                least = {name: min(spent[name], least.get(name, spent[name])) for name in NAMES}
+                one_round(renderer, launcher, samples, views=views)
+                least = {name: min(spent[name], least.get(name, spent[name])) for name in samples}
     return {
-        name: {"samples": samples[name], "seconds": least[name], "lanes": launcher.lanes} for name in NAMES
+        name: {"samples": samples[name], "seconds": least[name], "lanes": launcher.lanes} for name in samples
     }
 
 
@@ -105,21 +109,21 @@ def count_from_now_on() -> None:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - a fixed command
 
 
-def child(rounds: int, before: tuple[str, ...] = ()) -> dict[str, Counts]:
+def child(rounds: int, before: tuple[str, ...] = (), *, views: bool) -> dict[str, Counts]:
     """Call `run_rounds` in a new process, after a command that watches it: the last round."""
     command = [*before, sys.executable, str(Path(__file__).resolve()), "--rounds", str(rounds)]
-    command += ["--watched"] if before else []
+    command += [*(["--watched"] if before else []), *([] if views else ["--light"])]
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - this script
     found: dict[str, Counts] = json.loads(done.stdout)
     return found
 
 
-def instructions() -> Counts:
+def instructions(*, views: bool) -> Counts:
     """Count the instructions that each kernel executes in one round."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "callgrind.out"
         watch = ("valgrind", "--tool=callgrind", "--instr-atstart=no", f"--toggle-collect={COUNTED}*")
-        child(2, (*watch, f"--callgrind-out-file={file}"))
+        child(2, (*watch, f"--callgrind-out-file={file}"), views=views)
         listed = subprocess.run(  # noqa: S603 - a fixed command
             ["callgrind_annotate", "--threshold=100", str(file)],  # noqa: S607 - of Valgrind
             capture_output=True,
@@ -134,13 +138,13 @@ def instructions() -> Counts:
 
 def report(counted: Counts, measured: dict[str, Counts]) -> str:
     """Return a table of what the model allows, and what was measured."""
-    pace = max(counted[name] / measured[name]["seconds"] for name in NAMES)
+    pace = max(counted[name] / found["seconds"] for name, found in measured.items())
     lines = [f"{'':24}{'instructions':>14}{'at least ns':>14}{'measured ns':>14}"]
-    for name, called in NAMES.items():
+    for name in measured:
         steps = measured[name]["samples"] / measured[name]["lanes"]
         least, seconds = counted[name] / pace, measured[name]["seconds"]
         figures = counted[name] / steps, 1e9 * least / steps, 1e9 * seconds / steps
-        lines.append(f"{called:24}" + "".join(f"{figure:14.0f}" for figure in figures))
+        lines.append(f"{NAMES[name]:24}" + "".join(f"{figure:14.0f}" for figure in figures))
     return "\n".join(lines)
 
 
@@ -149,18 +153,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--watched", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--light", action="store_true", help="only the light pass and the roofline")
     options = parser.parse_args()
+    views = not options.light
     if options.rounds:
         before_last = count_from_now_on if options.watched else lambda: None
-        print(json.dumps(run_rounds(options.rounds, before_last)))
+        print(json.dumps(run_rounds(options.rounds, before_last, views=views)))
         return 0
     if shutil.which("valgrind") is None:
         print("count_instructions.py: needs Valgrind: apt install valgrind", file=sys.stderr)
         return 2
-    measured = child(ROUNDS)
+    measured = child(ROUNDS, views=views)
     lanes = int(measured["light_pass"]["lanes"])
     print(f"For every {lanes} samples, which a work-item takes at once; CPU time of one core:")
-    print(report(instructions(), measured))
+    print(report(instructions(views=views), measured))
     return 0
 
 
