@@ -121,9 +121,8 @@ TFM_INLINE void store_coefficients(__global float *coefficients, Ints texel, Int
    tables        what the basis needs for each step of a march of 1/8, 2/8 ... of the steps, one after the other
    table_starts  where each begins; with TFM_OWN_DEPTH, of one more table (own_depth.h)
    clip          [res, res]: distance from the light beyond which a texel's ray lights nothing (with TFM_SHADOW only)
-   coefficients  out, [res, res, n], from map->first_number on; unless the target is the transmittance they hold zeros
-                 before, which is what a texel without a range gets
-   occupied      out, [res, res], zeros before: where density begins and ends along the ray, distances from the light
+   coefficients  out, [res, res, n], from map->first_number on
+   occupied      out, [res, res]: where density begins and ends along the ray, distances from the light; 0 without
    counts        out, a tile each: the texels whose ray meets the medium's bounds, and the densities read
    window        x0, y0, x1, y1 of the texels of this launch; x0 and y0 where tiles begin */
 __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const float4 *ranges,
@@ -144,12 +143,11 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   Interval part;
   const Ints active = texels.inside & texel_range(grids, light, map, ranges, texels, &part);
   if (!any_lane(active)) {
-#if TFM_TARGET == TARGET_TRANSMITTANCE
     Floats clear[TFM_N_COEFF];
     for (int j = 0; j < TFM_N_COEFF; ++j)
       clear[j] = floats(clear_coefficient(j));
     store_coefficients(coefficients, texel, texels.inside, clear);
-#endif
+    store_float2(occupied, texel, texels.inside, floats(0.0f), floats(0.0f));
     *counted = (uint2)(0, 0);
     return;
   }
@@ -158,7 +156,7 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
   __global const float *table = tables + table_starts[level - 1];
   BasisState state;
   basis_begin(&state);
-  Ints first = ints(0), end = ints(0), samples = ints(0);
+  Ints first = ints(most), last = ints(-1), samples = ints(0); /* steps with density */
   const GridRay ray = index_ray(grids, light_texel_ray(light, texels.u, texels.v));
   PADDED_GRIDS(padded, texels.x, texels.y);
   const Floats length = part.end - part.begin;
@@ -192,12 +190,11 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
       const Ints taken = active;
 #endif
       steps.depth[k] = taken ? walk.step * density : floats(0.0f);
+      const Ints dense = steps.depth[k] > 0.0f, number = ints(list.n[k]);
+      first = (dense & (number < first)) ? number : first;
+      last = dense ? number : last;
     }
     for (int k = 0; k < list.count; ++k) {
-      const int n = list.n[k];
-      const Ints dense = steps.depth[k] > 0.0f;
-      first = (dense & (end == 0)) ? ints(n) : first;
-      end = dense ? ints(n + 1) : end;
       steps.before[k] = optical_depth;
       steps.depth[k] = least(steps.depth[k], TFM_MAX_OPTICAL_DEPTH - optical_depth);
       optical_depth += steps.depth[k];
@@ -205,8 +202,8 @@ __kernel void light_pass(GRID_ARGUMENTS, LIGHT light, MAP map, __global const fl
     basis_steps(map, table, &state, &steps, most);
   }
   Interval held;
-  held.begin = end > 0 ? part.begin + TO_FLOATS(first) * walk.step : floats(INFINITY);
-  held.end = end > 0 ? part.begin + TO_FLOATS(end) * walk.step : floats(0.0f);
+  held.begin = last >= 0 ? part.begin + TO_FLOATS(first) * walk.step : floats(INFINITY);
+  held.end = last >= 0 ? part.begin + TO_FLOATS(last + 1) * walk.step : floats(0.0f);
 #if TFM_OWN_DEPTH
 #if TFM_SHADOW
   const Floats reach = texel_clip(texels, res, clip);

@@ -572,10 +572,12 @@ TFM_INLINE Amounts densities_at(const Grids *grid, const Walk *walk, const Steps
 #else
 #if SHARES_WINDOWS
   if (walk->together) {
-    const int read = steps->window[k].record > 0;
-    *samples += here ? ints(read | !walk->skip) : ints(0);
-    if (!read)
+    /* Lanes of a true mask are -1. */
+    if (steps->window[k].record == 0) {
+      *samples -= walk->skip ? ints(0) : here;
       return density;
+    }
+    *samples -= here;
     const Vec3 point = ray_at(walk->ray.of[0], t);
     for (int c = 0; c < TFM_VOXEL_CHANNELS; ++c)
       if (COUNTS_CHANNEL(grid->of[0], c))

@@ -1,8 +1,8 @@
 /* Transmittance function maps: optical depth of a field's density between a light and a point, from the coefficients of
    the light ray's texel, over the range of the ray in which there is something to say.
    Requires: what storage.h and grid.h do; TFM_RANGE, 0: between the grids' bounds, 1: each ray's own; TFM_LOOKUP, 0:
-   interpolate the coefficients, 1: reconstruct at four texels and interpolate tau, 2: one of the four, at random; a
-   light header. */
+   interpolate the coefficients, 1: reconstruct at four texels and interpolate tau, 2: one of the four, at random;
+   TFM_SHOW_RESIDUAL, if 1, maps of residuals, which rays without a range have too; a light header. */
 #ifndef TFM_MAP_LOOKUP_H
 #define TFM_MAP_LOOKUP_H
 
@@ -94,6 +94,10 @@ TFM_INLINE MapPlace map_place(GRID grids, LIGHT light, const Maps *maps, MAP map
   place.v = clamp_to(from_begin / (range.end - range.begin), 1.0f);
   place.beyond = greatest(least(sample.distance, range.last) - range.end, floats(0.0f)) * range.slope;
   place.hit = from_begin > 0.0f;
+#if !TFM_SHOW_RESIDUAL
+  /* Texels without a range may hold anything (light_pass.cl covers no more than the others need). */
+  place.hit &= range.begin < range.end;
+#endif
 #else
   (void)maps;
   const GridRay ray = index_ray(grids, light_ray_to(light, point));

@@ -1,9 +1,12 @@
-"""Memory that kernels write and the host reads."""
+"""Memory that kernels write and the host reads, and launches."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tfm_cl.device.launch import Pacing, Windows
+from tfm_cl.device.launch import FIRST_SAMPLES, Pacing, Windows
+from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import DeviceMemoryError
 
 
@@ -44,6 +47,29 @@ def test_what_is_uploaded_is_as_large_as_a_buffer_at_most(launcher, monkeypatch)
     monkeypatch.setattr(launcher, "largest_buffer", 1 << 20)
     with pytest.raises(DeviceMemoryError, match=r"the voxels needs a buffer of 2 MiB; .* allows 1 MiB"):
         launcher.upload("the voxels", np.zeros(1 << 19, np.float32))
+
+
+@pytest.mark.parametrize("shares", [True, False])
+@pytest.mark.parametrize("rows", [(3, 0, 2), (0, 0, 0)])
+def test_arrays_are_joined(launcher, monkeypatch, rng, shares, rows):
+    monkeypatch.setattr(launcher, "_shares_memory", shares)
+    arrays = [rng.random((count, 4), np.float32) for count in rows]
+    for _ in range(2):  # the second time in the memory of the first
+        buffer = launcher.joined("some rows", arrays)
+        assert (launcher.download(buffer, (sum(rows), 4), np.float32) == np.concatenate(arrays)).all()
+        del buffer
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_two_pieces_of_work_at_most_are_under_way(waits):
+    ended = []
+    work = InTurn(waits=waits)
+    for number in range(3):
+        work.add(Running(lambda number=number: ended.append(number) or 0.5))
+        assert ended == [*range(number + waits)]
+
+    assert work.wait() == work.wait() == 1.5
+    assert ended == [0, 1, 2]
 
 
 def windows_of(width, height, samples, **bounds):
@@ -114,19 +140,35 @@ def test_how_slow_the_slowest_launch_was_fades():
     assert areas[-2] > 4 * areas[0]
 
 
+@pytest.mark.parametrize(("pace", "rows"), [(None, 320), (1e-9, 540), (2.5e-9, 416), (1e-6, 320)])
+def test_a_first_launch_is_as_large_as_earlier_ones_let_it_be(pace, rows):
+    windows = windows_of(960, 540, 100, pace=pace)
+
+    assert next(iter(windows)) == (0, 0, 960, rows)
+
+
 def test_launches_that_are_not_bounded_grow_as_they_may():
     areas, _ = launches(windows_of(960, 540, 100), lambda _: 1e-9)
 
     assert areas == [960 * 320, 960 * 220]
 
 
-def test_the_first_launch_of_a_frame_is_as_large_as_earlier_ones_tell():
-    """A picture that takes less than a tenth of a second is made at once, but for the first frame."""
-    first = windows_of(960, 540, 100)
-    assert len(launches(first, lambda _: 1e-7)[0]) == 2
+@pytest.mark.parametrize("bounded", [False, True])
+def test_all_launches_of_a_pass_but_the_last_have_ended(launcher, monkeypatch, bounded):
+    """Where they are to be short, the last one too: what is cancelled waits for all that was started."""
+    started, ended, parts = [], [], []
 
-    areas, _ = launches(windows_of(960, 540, 100, pace=first.pacing.pace), lambda _: 1e-7)
-    assert areas == [960 * 540]
+    def start(_kernel, _size, arguments):
+        started.append(arguments["window"])
+        return Running(lambda: ended.append(arguments["window"]) or 0.1)
 
-    slow, _ = launches(windows_of(960, 540, 100, pace=1e-8), lambda _: 1e-6)
-    assert slow[0] == 960 * 320  # never less than if nothing were known
+    monkeypatch.setattr(launcher, "start", start)
+    monkeypatch.setattr(launcher, "_launch_seconds", 0.1 if bounded else None)
+    monkeypatch.setattr(launcher, "_paces", {})
+    kernel = SimpleNamespace(function_name="any")
+    running = launcher.start_windows(kernel, (0, 0, 64, 64), FIRST_SAMPLES // (64 * 32), {}, parts.append)
+
+    assert started == [(0, 0, 64, 32), (0, 32, 64, 64)]
+    assert (ended, parts) == ((started, [0.5, 1]) if bounded else (started[:1], [0.5]))
+    assert running.wait() == running.wait() == pytest.approx(0.2)
+    assert (ended, parts) == (started, [0.5, 1])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tfm_cl.maps.planned import MapPlan
+from tfm_cl.maps.planned import Making, MapPlan
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.scene.settings import MapSettings
 
@@ -12,7 +12,7 @@ def planned(res, field, range_="visible"):
     return MapPlan(
         settings=resolve(MapSettings(basis="klt", res=res, range=range_)),
         field=field,
-        functions=None,
+        made=Making(lambda: None),
         number_unit=1.0,
         density_weighting=1.0,
         extinction=1.0,

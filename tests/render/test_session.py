@@ -12,7 +12,9 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl import metrics
+from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
+from tfm_cl.maps.light_pass import LightPass
 from tfm_cl.plan import maps
 from tfm_cl.render import media
 
@@ -241,6 +243,28 @@ def test_functions_that_a_basis_learns_are_learnt_once(session, monkeypatch):
     assert len(learnt) == 1
     again = session.render(scene.replace(lights=[SPOT.replace(cone=30)]))
     assert again.stats.made == {"probe": 1, "functions": 1, "map": 1}
+
+
+def test_functions_of_the_next_map_are_learnt_during_a_light_pass(session, monkeypatch):
+    done, functions_of, build = [], maps.functions_of, LightPass.build
+
+    def learn(*of):
+        done.append("learnt")
+        return functions_of(*of)
+
+    def begin(*of):
+        made = build(*of)
+        running = made.running
+        ended = Running(lambda: done.append("ended") or running.wait())
+        done.append("begun")
+        return replace(made, running=ended)
+
+    monkeypatch.setattr(maps, "functions_of", learn)
+    monkeypatch.setattr(LightPass, "build", begin)
+    lights = [SPOT.replace(cone=cone) for cone in (24, 25, 26)]
+    session.build_maps(SCENE.replace(map=SCENE.map.replace(basis="klt", range="trimmed"), lights=lights))
+
+    assert done == ["learnt", "begun", "learnt", "begun", "ended", "learnt", "begun", "ended", "ended"]
 
 
 @pytest.mark.parametrize("basis", ["dct", "klt"])

@@ -3,7 +3,7 @@
 import contextlib
 import copy
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
 from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
+from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 
 Progress = Callable[[str, float], None]
@@ -182,6 +183,16 @@ class Launcher:
     def run(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> float:
         """Run a kernel over at least ``size`` work-items, wait, and return its seconds on the device.
 
+        Parameters
+        ----------
+        size, arguments
+            As of `start`.
+        """
+        return self.start(kernel, size, arguments).wait()
+
+    def start(self, kernel: Kernel, size: tuple[int, ...], arguments: Mapping[str, Any]) -> Running:
+        """Let a kernel run over at least ``size`` work-items, when all that was started before has ended.
+
         The size is rounded up to whole work-groups: kernels check their bounds.
 
         Parameters
@@ -194,19 +205,31 @@ class Launcher:
             raise CancelledError("the rendering was cancelled")
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
-        try:
+        with self._launching(kernel):
             event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
-            event.wait()
+            self.queue.flush()
+
+        def end() -> float:
+            with self._launching(kernel):
+                event.wait()
+            self.kernels.ran(kernel, whole)
+            seconds = float(event.profile.end - event.profile.start) * 1e-9
+            self.seconds += seconds
+            return seconds
+
+        return Running(end)
+
+    @contextlib.contextmanager
+    def _launching(self, kernel: Kernel) -> Iterator[None]:
+        """Say which kernel failed in here."""
+        try:
+            yield
         except cl.MemoryError as error:
             raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
         except cl.Error as error:
             raise DeviceError(
                 f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
             ) from error
-        self.kernels.ran(kernel, whole)
-        seconds = float(event.profile.end - event.profile.start) * 1e-9
-        self.seconds += seconds
-        return seconds
 
     def run_windows(
         self,
@@ -217,7 +240,22 @@ class Launcher:
         done: Callable[[float], None] | None = None,
         after: Callable[[tuple[int, int, int, int]], None] | None = None,
     ) -> float:
+        """Run a kernel over a rectangle, as `start_windows` does, and wait; returns seconds on the device."""
+        return self.start_windows(kernel, bounds, samples_per_item, arguments, done, after).wait()
+
+    def start_windows(
+        self,
+        kernel: Kernel,
+        bounds: tuple[int, int, int, int],
+        samples_per_item: int,
+        arguments: Mapping[str, Any],
+        done: Callable[[float], None] | None = None,
+        after: Callable[[tuple[int, int, int, int]], None] | None = None,
+    ) -> Running:
         """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
+
+        All but the last have ended when this returns; the last one too where launches are to be short, as
+        what is cancelled has to wait for all that was started.
 
         Parameters
         ----------
@@ -226,26 +264,40 @@ class Launcher:
         samples_per_item
             Density samples that one texel or pixel may need.
         arguments
-            As of `run`, but for ``window``.
+            As of `start`, but for ``window``.
         done
             Called after each launch with the part that is done, 0 to 1: what it raises ends the work.
         after
             Called after each launch with its window.
-
-        Returns
-        -------
-        Seconds on the device.
         """
-        seconds, name = 0.0, kernel.function_name
+        name = kernel.function_name
         windows = Windows(*bounds, self._pacing(kernel, samples_per_item, Windows.EDGE**2))
+        seconds = 0.0
         for window in windows:
-            seconds += windows.took(self.run(kernel, self.tiles(window), {**arguments, "window": window}))
-            self._paces[name] = windows.pacing.pace
-            if after is not None:
-                after(window)
-            if done is not None:
-                done(windows.done)
-        return seconds
+            launch = self.start(kernel, self.tiles(window), {**arguments, "window": window})
+
+            def end(
+                launch: Running = launch, window: tuple[int, int, int, int] = window, before: float = seconds
+            ) -> float:
+                spent = before + windows.took(launch.wait())
+                self._paces[name] = windows.pacing.pace
+                if after is not None:
+                    after(window)
+                if done is not None:
+                    done(windows.done)
+                return spent
+
+            if windows.done == 1 and self._launch_seconds is None:
+                return Running(end)
+            seconds = end()
+        return Running(lambda: seconds)
+
+    def in_turn(self) -> InTurn:
+        """Return what waits for launches that are started one after the other.
+
+        Where they are to be short, it waits for each, as of `start_windows`.
+        """
+        return InTurn(waits=self._launch_seconds is not None)
 
     def run_items(
         self, kernel: Kernel, items: int, samples_per_item: int, arguments: Mapping[str, Any]
@@ -289,11 +341,33 @@ class Launcher:
         width, height = TILE[self.lanes]
         return -(-x1 // width) - x0 // width, -(-y1 // height) - y0 // height
 
-    def widened(self, window: tuple[int, int, int, int], size: tuple[int, int]) -> tuple[int, int, int, int]:
-        """Widen a window x0, y0, x1, y1 of a rectangle: it begins and ends where launches over all do."""
-        (x0, y0, x1, y1), (width, height), edge = window, size, Windows.EDGE
-        x0, y0, x1, y1 = x0 // edge * edge, y0 // edge * edge, -(-x1 // edge) * edge, -(-y1 // edge) * edge
+    def widened(
+        self, window: tuple[int, int, int, int], size: tuple[int, int], margin: int
+    ) -> tuple[int, int, int, int]:
+        """Widen a window x0, y0, x1, y1 of a rectangle by a margin; one that is empty stays so.
+
+        It begins and ends where launches over all do.
+        """
+        x0, y0, x1, y1 = window
+        if x0 >= x1 or y0 >= y1:
+            return window
+        (width, height), edge = size, Windows.EDGE
+        x0, y0 = (max(low - margin, 0) // edge * edge for low in (x0, y0))
+        x1, y1 = (-(-(high + margin) // edge) * edge for high in (x1, y1))
         return x0, y0, min(x1, width), min(y1, height)
+
+    def joined(self, what: str, arrays: Sequence[NDArray[Any]]) -> cl.Buffer:
+        """Copy some arrays of one kind to the device, one behind the other.
+
+        Where host and device share memory, it is that of earlier frames: fresh pages cost more than the copy.
+        """
+        nbytes = sum(array.nbytes for array in arrays)
+        if not self._shares_memory or not LEAST_BYTES <= nbytes <= self.largest_buffer:
+            return self.upload(what, np.concatenate(arrays))
+        memory = self._host_memory.take(nbytes)
+        np.concatenate(arrays, out=memory.view(arrays[0].dtype).reshape(-1, *arrays[0].shape[1:]))
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return cl.Buffer(self.context, flags, hostbuf=memory)
 
     def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
         """Allocate a device buffer.

@@ -10,6 +10,7 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from tfm_cl.constants import MARCH_LEVELS, NUMBERS_UNIT, OWN_DEPTH_ROWS, STORAGE_BITS, TARGETS
+from tfm_cl.device.running import Running
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.base import FITS, LOOKUPS
 from tfm_cl.maps.prefilter import Prefilter
@@ -28,6 +29,9 @@ RESIDUAL_STEPS = 4
 """Times the map's steps: of the march that a map is measured by, so that it is not measured by its own
 errors."""
 
+READ_AROUND = 3
+"""Texels beyond those with a range that are read with them: neighbours between which is interpolated, and
+theirs, with a weight of 0."""
 MOST_PARTS = 4096
 """Parts of a map whose limits are found apart: enough work-items for any device, few enough for the host."""
 
@@ -76,6 +80,16 @@ def map_bytes(settings: ResolvedMap) -> int:
     return numbers_size(settings) * NUMBERS_UNIT * STORAGE_BITS[settings.storage] // 8
 
 
+@dataclass
+class Counts:
+    """What a light pass counted."""
+
+    hits: int = 0
+    """Texels whose ray has a range."""
+    samples: int = 0
+    """Densities read."""
+
+
 @dataclass(frozen=True)
 class MapBuffers:
     """A map on the device."""
@@ -83,14 +97,34 @@ class MapBuffers:
     numbers: Numbers
     limits: NDArray[np.float32]
     """[n, 2] lowest value and extent, for 8 bits."""
-    seconds: float
-    """Device time."""
-    samples: int
-    """Densities read."""
-    hits: int
-    """Texels whose ray has a range."""
     occupied: cl.Buffer
     """float2 [res, res]: where density begins and ends, distances from the light; 0 without."""
+    window: tuple[int, int, int, int]
+    """Texels x0, y0, x1, y1 outside of which no ray has a range: there both hold anything, which means 0."""
+    running: Running
+    """Its light pass, which may not have ended: what is asked of that waits. Kernels that read the map need
+    not be waited for, as the device takes one after the other."""
+    counts: Counts
+    """Of the pass, when it has ended."""
+    before: float = 0.0
+    """Device time of what was done for the map before its pass."""
+
+    @property
+    def seconds(self) -> float:
+        """Device time."""
+        return self.before + self.running.wait()
+
+    @property
+    def samples(self) -> int:
+        """Densities read."""
+        self.running.wait()
+        return self.counts.samples
+
+    @property
+    def hits(self) -> int:
+        """Texels whose ray has a range."""
+        self.running.wait()
+        return self.counts.hits
 
 
 @dataclass(frozen=True)
@@ -142,7 +176,7 @@ class LightPass:
         room: Numbers,
         progress: Progress,
     ) -> MapBuffers:
-        """Project the transmittance along every light ray of the map.
+        """Begin to project the transmittance along every light ray of the map.
 
         Parameters
         ----------
@@ -158,20 +192,23 @@ class LightPass:
         kernel = self._kernel("light_pass", settings, light, medium, clipped=plan.clip is not None)
         none = np.zeros(1, np.float32)
         tables, starts = self._tables(plan)
-        occupied = launcher.zeros("the map's occupied ranges", 8 * res * res)
         # Straight to where they stay, unless something is still done to them.
         is_last = settings.storage == "f32" and settings.blur == 0
         struct = plan.struct()
         struct["first_number"] = room.first if is_last else 0
         target = room.buffer if is_last else self._floats(settings)
-        window = 0, 0, res, res
-        if settings.target != "transmittance":  # else zeros may mean something
-            floats = 4 * NUMBERS_UNIT
-            launcher.clear(target, floats * numbers_size(settings), floats * int(struct["first_number"]))
-            window = launcher.widened(plan.window, (res, res))
-        seen = _Counts(launcher)
+        occupied = launcher.empty("the map's occupied ranges", 8 * res * res, reuse=True)
+        window = written = 0, 0, res, res
+        if settings.target != "transmittance":  # of which zeros may mean something
+            window = launcher.widened(plan.window, (res, res), READ_AROUND)
+            if is_last:
+                written = window
+            else:
+                launcher.clear(target, 4 * NUMBERS_UNIT * numbers_size(settings))
+                launcher.clear(occupied, 8 * res * res)
+        counting = _Counting(launcher, window)
         met = medium.met_by(light, of_light, res)
-        seconds = launcher.run_windows(
+        running = launcher.start_windows(
             kernel,
             window,
             settings.steps + met.longest,
@@ -185,10 +222,10 @@ class LightPass:
                 "clip": launcher.upload("the solids' distances", none if plan.clip is None else plan.clip),
                 "coefficients": target,
                 "occupied": occupied,
-                "counts": seen.buffer(window),
+                "counts": counting.buffer,
             },
             done=lambda part: progress("light pass", part),
-            after=seen.add,
+            after=counting.add,
         )
         limits = np.zeros((settings.coeffs, 2), np.float32)
         if not is_last:
@@ -196,8 +233,9 @@ class LightPass:
                 target, res, settings.coeffs, settings.blur, settings.blur_kernel
             )
             limits, packing = self._pack(plan, light, medium, blurred, room)
-            seconds += blurring + packing
-        return MapBuffers(room, limits, seconds, seen.samples, seen.hits, occupied)
+            seconds = running.wait() + blurring + packing
+            running = Running(lambda: seconds)
+        return MapBuffers(room, limits, occupied, written, running, counting.counts)
 
     def _tables(self, plan: MapPlan) -> tuple[cl.Buffer, cl.Buffer]:
         """Return the tables of the basis, one behind the other, and where each begins.
@@ -372,7 +410,9 @@ class LightPass:
         (room,) = self.room(settings, 1)
         self._launcher.write(room.buffer, numbers.values)
         occupied = self._launcher.upload("the map's occupied ranges", numbers.occupied)
-        return MapBuffers(room, numbers.limits, 0.0, numbers.samples, numbers.hits, occupied)
+        counts = Counts(numbers.hits, numbers.samples)
+        whole = 0, 0, settings.res, settings.res
+        return MapBuffers(room, numbers.limits, occupied, whole, Running(lambda: 0.0), counts)
 
     def struct(self, buffer: cl.Buffer, count: int, struct: Struct) -> NDArray[Any]:
         """Copy structs to the host."""
@@ -382,13 +422,13 @@ class LightPass:
         """Copy the numbers [y, x, n] to the host as they are stored."""
         room, stored = buffers.numbers, STORED[settings.storage]
         first = room.first * NUMBERS_UNIT * np.dtype(stored).itemsize
-        return self._launcher.download(
-            room.buffer, (settings.res, settings.res, settings.coeffs), stored, first
-        )
+        shape = settings.res, settings.res, settings.coeffs
+        return _within(buffers.window, self._launcher.download(room.buffer, shape, stored, first))
 
     def read_occupied(self, settings: ResolvedMap, buffers: MapBuffers) -> NDArray[np.float32]:
         """Distances from the light at which density begins and ends along every texel's ray, [y, x, 2]."""
-        return self._launcher.download(buffers.occupied, (settings.res, settings.res, 2), np.float32)
+        shape = settings.res, settings.res, 2
+        return _within(buffers.window, self._launcher.download(buffers.occupied, shape, np.float32))
 
     def _kernel(
         self,
@@ -411,22 +451,30 @@ class LightPass:
         )
 
 
-class _Counts:
-    """What the tiles of each launch counted: texels whose ray has a range, and densities read."""
+class _Counting:
+    """Adds up what the tiles of each launch counted.
 
-    def __init__(self, launcher: Launcher) -> None:
-        self._launcher = launcher
-        self.hits = self.samples = 0
+    Parameters
+    ----------
+    whole
+        The texels x0, y0, x1, y1 that launches cover: any of them has room.
+    """
 
-    def buffer(self, whole: tuple[int, int, int, int]) -> cl.Buffer:
-        """Room for the tiles of any launch in a window."""
-        tiles = self._launcher.tiles(whole)
-        self._buffer = self._launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
-        return self._buffer
+    def __init__(self, launcher: Launcher, whole: tuple[int, int, int, int]) -> None:
+        self._launcher, self.counts = launcher, Counts()
+        tiles = launcher.tiles(whole)
+        self.buffer = launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
 
     def add(self, window: tuple[int, int, int, int]) -> None:
         """Add what a launch over a window counted."""
         tiles = self._launcher.tiles(window)
-        counts = self._launcher.download(self._buffer, (*tiles, 2), np.uint32)
-        met, read = counts.sum(axis=0, dtype=np.int64).sum(axis=0)
-        self.hits, self.samples = self.hits + int(met), self.samples + int(read)
+        found = self._launcher.download(self.buffer, (*tiles, 2), np.uint32)
+        met, read = found.sum(axis=0, dtype=np.int64).sum(axis=0)
+        self.counts.hits, self.counts.samples = self.counts.hits + int(met), self.counts.samples + int(read)
+
+
+def _within(window: tuple[int, int, int, int], texels: NDArray[Any]) -> NDArray[Any]:
+    """Clear what lies outside of a window x0, y0, x1, y1 of some texels [y, x, …], and return them."""
+    x0, y0, x1, y1 = window
+    texels[:y0], texels[y1:], texels[:, :x0], texels[:, x1:] = 0, 0, 0, 0
+    return texels

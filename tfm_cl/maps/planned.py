@@ -11,12 +11,39 @@ from numpy.typing import NDArray
 from tfm_cl.device.structs.map import map_struct
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.resolved import ResolvedMap
 
 LARGEST_HALF = 4096.0
 """Numbers in half precision are stored in a unit that keeps the largest optical depth near this, far from
 65504."""
+
+
+class Making:
+    """Functions of a basis, made when they are first asked for: the device is then at another map's pass.
+
+    Parameters
+    ----------
+    make
+        Makes them.
+    nbytes
+        Of what that needs, which is kept until then, at least as much as they take.
+    """
+
+    def __init__(self, make: Callable[[], Functions | None], nbytes: int = 0) -> None:
+        self._make: Callable[[], Functions | None] | None = make
+        self._functions: Functions | None = None
+        self.nbytes = nbytes
+
+    @property
+    def functions(self) -> Functions | None:
+        """Themselves; None where there are none."""
+        if self._make is not None:
+            self._functions = self._make()
+            self._make = None
+        return self._functions
 
 
 @dataclass(frozen=True)
@@ -27,8 +54,8 @@ class MapPlan:
     """Resolved."""
     field: NDArray[np.float32]
     """Ranges of the rays, [size, size, 4]; [1, 1, 4] of no meaning for the range ``box``."""
-    functions: Functions | None
-    """Of the basis; None where its kernel header accumulates in its own way."""
+    made: Making
+    """What makes the functions of the basis."""
     number_unit: float
     density_weighting: float
     """The α in use."""
@@ -36,6 +63,11 @@ class MapPlan:
     """At density 1, that visibility is meant for."""
     clip: NDArray[np.float32] | None
     """[res, res] distances beyond which, for solids, a texel's ray lights nothing; None without solids."""
+
+    @property
+    def functions(self) -> Functions | None:
+        """Of the basis; None where its kernel header accumulates in its own way."""
+        return self.made.functions
 
     @property
     def modes(self) -> NDArray[np.float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,8 +56,21 @@ class Probe:
         holds those of all rays in between that look like them. Entries without density get the next ones'.
         """
         dense = self.end > self.begin
-        begin = np.where(dense, self.begin, np.inf)
-        end = np.where(dense, self.end, -np.inf)
+        if not dense.any():
+            return np.zeros((*dense.shape, 4), np.float32)
+        # What is far from all density is the same everywhere.
+        near = _box_around(dense, 2)
+        found = self._ranges(dense, near)
+        nothing = found[..., 0].min()
+        field = np.full((*dense.shape, 4), (nothing, nothing, 0, nothing), np.float32)
+        field[near] = found
+        return field
+
+    def _ranges(self, dense: NDArray[np.bool_], near: tuple[slice, slice]) -> NDArray[np.float32]:
+        """Return the part of `field` that holds all density, and two entries around it."""
+        dense = dense[near]
+        begin = np.where(dense, self.begin[near], np.inf)
+        end = np.where(dense, self.end[near], -np.inf)
         begin, end = _over_neighbours(begin, np.minimum), _over_neighbours(end, np.maximum)
         # The next ring: what lies between it and the ranges above is still interpolated smoothly.
         missing = ~np.isfinite(begin)
@@ -64,12 +78,12 @@ class Probe:
         end = np.where(missing, _over_neighbours(end, np.maximum), end)
         # Nothing is near the rest.
         missing = ~np.isfinite(begin)
-        nothing = begin[~missing].min() if not missing.all() else 0.0
+        nothing = begin.min()
         begin, end = np.where(missing, nothing, begin), np.where(missing, nothing, end)
-        slope = np.where(dense, self.slope, 0)
+        slope = np.where(dense, self.slope[near], 0)
         # Without density there is none beyond: the end serves, so that what is interpolated stays whole.
-        last = np.where(dense, self.last, end)
-        return np.stack([begin, end, slope, last], axis=-1).astype(np.float32)
+        last = np.where(dense, self.last[near], end)
+        return np.stack([begin, end, slope, last], axis=-1).astype(np.float32, copy=False)
 
     def global_field(self) -> NDArray[np.float32]:
         """One range for all rays, that of the nearest and the farthest density; float32 [2, 2, 4]."""
@@ -197,15 +211,30 @@ def some_of(rays: NDArray[np.bool_], most: int) -> tuple[NDArray[np.intp], NDArr
     the functions that are learnt from them.
     """
     y, x = np.nonzero(rays)
-    turns = np.random.default_rng(SEED).permutation(rays.size)[rays.shape[1] * y + x]
-    some = np.argsort(turns)[:most]
+    turns = _turns(rays.size)[rays.shape[1] * y + x]
+    some = np.argpartition(turns, most)[:most] if most < len(turns) else np.arange(len(turns))
+    some = some[np.argsort(turns[some])]
     return y[some], x[some]
+
+
+@lru_cache(maxsize=4)
+def _turns(count: int) -> NDArray[np.intp]:
+    """Return the numbers below ``count`` in the order in which rays have their turns."""
+    turns: NDArray[np.intp] = np.random.default_rng(SEED).permutation(count)
+    return turns
 
 
 def light_defines(light: Light) -> dict[str, int | str]:
     """Return macros of every kernel that knows of a light."""
     falls_off = light.falloff == "inverse-square"
     return {"TFM_INVERSE_SQUARE": 2 if falls_off and light.core > 0 else int(falls_off)}
+
+
+def _box_around(entries: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns that hold all entries that are set, and a margin."""
+    lines = (np.flatnonzero(entries.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (slice(max(int(found[0]) - margin, 0), int(found[-1]) + margin + 1) for found in lines)
+    return rows, columns
 
 
 def _over_neighbours(values: NDArray[np.floating], choose: np.ufunc) -> NDArray[np.floating]:

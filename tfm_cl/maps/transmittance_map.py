@@ -17,7 +17,7 @@ from tfm_cl.maps import map_file
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.held import OF_GRID, OF_LIGHT, Loaded, OnDevice
 from tfm_cl.maps.light_pass import STORED, StoredNumbers
-from tfm_cl.maps.planned import Planned
+from tfm_cl.maps.planned import Making, Planned
 from tfm_cl.maps.resolved import resolve
 from tfm_cl.scene.bodies.base import MOST_BODIES, around
 from tfm_cl.scene.fields import MOST_FIELDS, Fields
@@ -525,7 +525,7 @@ def _plan(file: map_file.MapFile, settings: ResolvedMap) -> Planned:
     return Planned(
         settings=settings,
         field=file.take("ranges", (rows, rows, 4), np.float32),
-        functions=functions,
+        made=Making(lambda: functions),
         number_unit=file.number("number_unit"),
         density_weighting=file.number("density_weighting", 1.0),
         extinction=file.number("extinction"),

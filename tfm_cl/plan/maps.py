@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.structs.light import light_structs
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.curves import Curves
 from tfm_cl.maps.bases.given import functions_in, functions_text
-from tfm_cl.maps.planned import LARGEST_HALF, Planned
+from tfm_cl.maps.planned import LARGEST_HALF, Making, Planned
 from tfm_cl.maps.probe import VISIBLE_DEPTH, LightProbe, Probe
 from tfm_cl.maps.resolved import ResolvedMap, field_res, resolve
 
@@ -59,7 +58,7 @@ class Planner:
         self._probe = LightProbe(launcher)
 
     def plans(
-        self, scene: Scene, of_lights: list[cl.Buffer], media: MediaOnDevice, clip: Clip
+        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
     ) -> list[Planned]:
         """Plan one map for each light of a resolved scene and each field, light by light.
 
@@ -68,7 +67,7 @@ class Planner:
         Parameters
         ----------
         of_lights
-            As of `lights`.
+            The struct of each light.
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
@@ -78,32 +77,26 @@ class Planner:
         ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
-    def lights(self, scene: Scene) -> list[cl.Buffer]:
-        """Put each light of a scene on the device."""
-        structs = light_structs(scene, scene.lights)
-        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
-
     def curves(
-        self, scene: Scene, media: MediaOnDevice, clip: Clip
+        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
     ) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield, for each field, what its maps are built by, α decided, and rays of each light.
 
-        ``clip`` as of `plans`.
+        Arguments as of `plans`.
         """
-        lights = self.lights(scene)
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
-            seen = self._seen(scene, lights, medium, clip, key)
+            seen = self._seen(scene, of_lights, medium, clip, key)
             rays = [
                 self._curves(seen.settings, light, of_light, medium, probe, _field(seen.settings, probe))
-                for light, of_light, probe in zip(scene.lights, lights, seen.probes, strict=True)
+                for light, of_light, probe in zip(scene.lights, of_lights, seen.probes, strict=True)
             ]
             yield seen.settings, rays
 
     def _of_field(
         self,
         scene: Scene,
-        of_lights: list[cl.Buffer],
+        of_lights: Sequence[cl.Buffer],
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],
@@ -121,7 +114,7 @@ class Planner:
             of_map = settings.of_light(light)
             fit = partial(self._fit, of_map, light, of_light, medium, probe)
             before = self._launcher.seconds
-            if settings.learns:  # learning takes longer than all else here
+            if settings.learns:  # which takes longer than all else on the host
                 fitted = self._cache.get(
                     "functions",
                     (key, light.map_key(), seen.shadow_res, of_map, seen.cut, extinction),
@@ -135,7 +128,7 @@ class Planner:
                 Planned(
                     settings=of_map,
                     field=fitted.field,
-                    functions=fitted.functions,
+                    made=fitted.made,
                     number_unit=unit,
                     density_weighting=alpha,
                     extinction=extinction,
@@ -149,7 +142,7 @@ class Planner:
     def _seen(
         self,
         scene: Scene,
-        of_lights: list[cl.Buffer],
+        of_lights: Sequence[cl.Buffer],
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],
@@ -193,10 +186,11 @@ class Planner:
     def _fit(
         self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
     ) -> Fitted:
-        """Find the ranges of a map, and make the functions of its basis."""
+        """Find the ranges of a map, and the rays that the functions of its basis are made from."""
         field = _field(settings, probe)
         curves = self._curves(settings, light, of_light, medium, probe, field) if settings.learns else None
-        return Fitted(field, functions_of(settings, curves))
+        nbytes = 0 if curves is None else curves.optical_depth.nbytes
+        return Fitted(field, Making(partial(functions_of, settings, curves), nbytes))
 
     def _curves(
         self,
@@ -235,13 +229,13 @@ class Fitted:
 
     field: np.ndarray
     """Ranges of the rays, as in `Planned`."""
-    functions: Functions | None
-    """Of the basis."""
+    made: Making
+    """What makes the functions of the basis."""
 
     @property
     def nbytes(self) -> int:
         """Size."""
-        return self.field.nbytes + (0 if self.functions is None else self.functions.modes.nbytes)
+        return self.field.nbytes + self.made.nbytes
 
 
 def field_key(scene: Scene, media: MediaOnDevice, field: int) -> tuple[object, ...]:

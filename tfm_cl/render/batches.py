@@ -357,7 +357,6 @@ class Batches:
 
     def _host_of(self, maps: Sequence[TransmittanceMap], structs: NDArray[Any]) -> dict[str, Any]:
         """Put together what is small of some maps."""
-        upload = self._launcher.upload
         parts = {
             "limit": [light_map.buffers.limits for light_map in maps],
             "range": [light_map.field.reshape(-1, 4) for light_map in maps],
@@ -365,12 +364,12 @@ class Batches:
         }
         for name, arrays in parts.items():
             structs[f"first_{name}"] = np.cumsum([0, *map(len, arrays[:-1])])
-        limits, ranges, modes = (np.concatenate(arrays) for arrays in parts.values())
+        joined = self._launcher.joined
         return {
-            "maps": upload("the maps' parameters", structs),
-            "limits": upload("the coefficients' limits", limits),
-            "ranges": upload("the ranges of the rays", ranges),
-            "modes": upload("the basis's functions", modes),
+            "maps": self._launcher.upload("the maps' parameters", structs),
+            "limits": joined("the coefficients' limits", parts["limit"]),
+            "ranges": joined("the ranges of the rays", parts["range"]),
+            "modes": joined("the basis's functions", parts["mode"]),
         }
 
     def _primitives(self, batch: list[int]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from tfm_cl.device.structs.bodies import padded_from_index
 from tfm_cl.scene.lights.colours import common_colour
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     import pyopencl as cl
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
+    from tfm_cl.device.running import Running
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
@@ -193,20 +194,20 @@ class Lattice:
         launcher, media = self.launcher, self.media
         headers, defines = voxels_variant(batch, media, self._colours, self._parts)
 
-        def run(name: str, records: _Records, arguments: dict[str, Any]) -> float:
-            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
-            return self._over_records(kernel, records, arguments)
+        launches = launcher.in_turn()
 
-        seconds = 0.0
+        def start(name: str, records: _Records, arguments: dict[str, Any]) -> None:
+            kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
+            for launch in self._over_records(kernel, records, arguments):
+                launches.add(launch)
 
         def find() -> _Places:
-            nonlocal seconds
             blocks = launcher.download(self._bricks.blocks, (self._bricks.records, BLOCK_NUMBERS), np.int32)
             numbers = np.flatnonzero(blocks[:, 3] >= 0).astype(np.int32)
             records = self._uploaded(numbers)
             marks = launcher.empty("the marks of a lattice", self._bricks.records * self._groups)
             arguments = {name: media.arguments[name] for name in ("grids", "bricks")} | {"marks": marks}
-            seconds += run("mark_voxels", records, arguments)
+            start("mark_voxels", records, arguments)
             return _Places(numbers, self._centres(blocks[numbers]), records, marks)
 
         places = self.cache.get("lattice", self._key, find, lambda found: found.nbytes)
@@ -217,11 +218,11 @@ class Lattice:
             begins, ends = self._added == 0, self._added + 1 == len(self.lights)
             of_light = {"number": number, "begins": int(begins), "ends": int(ends)}
             of_light["part"] = self._part(light)
-            seconds += run("light_lattice", self._along_beams(places, light), of_all | of_light)
+            start("light_lattice", self._along_beams(places, light), of_all | of_light)
             self._added += 1
         if self.is_full:
-            seconds += run("share_lattice", places.records, lattice)
-        return seconds
+            start("share_lattice", places.records, lattice)
+        return launches.wait()
 
     @cached_property
     def _key(self) -> tuple[object, ...]:
@@ -253,16 +254,16 @@ class Lattice:
         key = self._key, asked.map_key()
         return self.cache.get("lattice order", key, sort, lambda order: order.nbytes)
 
-    def _over_records(self, kernel: Kernel, records: _Records, arguments: dict[str, Any]) -> float:
-        """Run a kernel over records, in launches of `LOOK_UPS`; returns device seconds."""
+    def _over_records(
+        self, kernel: Kernel, records: _Records, arguments: dict[str, Any]
+    ) -> Iterator[Running]:
+        """Start a kernel over records, in launches of `LOOK_UPS`, and yield each."""
         launcher, groups = self.launcher, self._groups
         most = max(1, LOOK_UPS // record_voxels(launcher.lanes))
         arguments = {**arguments, "blocks": self._bricks.blocks, "records": records.numbers}
-        seconds = 0.0
         for first in range(0, records.count, most):
             end = min(first + most, records.count)
-            seconds += launcher.run(kernel, ((end - first) * groups,), arguments | {"window": (first, end)})
-        return seconds
+            yield launcher.start(kernel, ((end - first) * groups,), arguments | {"window": (first, end)})
 
     @property
     def is_full(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
+from tfm_cl.device.running import InTurn
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.held import Loaded, OnDevice
@@ -48,13 +49,11 @@ class Sources:
         self,
         scene: Scene,
         media: MediaOnDevice,
+        of_lights: Sequence[cl.Buffer],
         plans: Sequence[Planned],
         maps: Sequence[TransmittanceMap],
-        of_lights: Sequence[cl.Buffer] = (),
     ) -> None:
-        self.scene, self.media, self.plans, self.maps = scene, media, plans, maps
-        self.of_lights = of_lights
-        """Their structs on the device, where there are plans."""
+        self.scene, self.media, self.of_lights, self.plans, self.maps = scene, media, of_lights, plans, maps
 
 
 class _Rooms:
@@ -104,24 +103,31 @@ class MapBuilder:
         if maps is not None:
             self._check(scene, media, maps)
             here = [self._here(scene, media, place, light_map) for place, light_map in enumerate(maps)]
-            return Sources(scene, media, (), here)
+            return Sources(scene, media, (), (), here)
 
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
             return self._visibility.clip(scene, light, size)
 
-        of_lights = self._planner.lights(scene)
-        return Sources(scene, media, self._planner.plans(scene, of_lights, media, clip), (), of_lights)
+        of_lights = self._structs(scene)
+        return Sources(scene, media, of_lights, self._planner.plans(scene, of_lights, media, clip), ())
+
+    def _structs(self, scene: Scene) -> list[cl.Buffer]:
+        """Put each light of a scene on the device."""
+        structs = light_structs(scene, scene.lights)
+        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
 
     def curves(self, scene: Scene, media: MediaOnDevice) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield what the maps of such a scene are built by, and rays that their basis may learn from."""
         return self._planner.curves(
-            scene, media, lambda light, size: self._visibility.clip(scene, light, size)
+            scene, self._structs(scene), media, lambda light, size: self._visibility.clip(scene, light, size)
         )
 
     def of(
         self, sources: Sources, lights: Sequence[int], progress: Progress, *, kept: bool = True
     ) -> list[TransmittanceMap]:
         """Return the maps of some lights, in the order of lights and fields.
+
+        The pass of the last one may not have ended.
 
         Parameters
         ----------
@@ -135,12 +141,14 @@ class MapBuilder:
         rooms = _Rooms(self._light_pass, [sources.plans[place] for place in places])
 
         self.built = set()
+        passes = InTurn()
 
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)
             plan = sources.plans[place]
             built = self._build(sources, number, field, plan, rooms.next(plan.settings), progress)
             self.built.add(id(built))
+            passes.add(built.buffers.running)
             return built
 
         if not kept:
@@ -189,9 +197,7 @@ class MapBuilder:
             solids=scene.solids,
             shadow_res=scene.shadow.res,
             origin=world_from_device(scene)[:3, 3],
-            held=OnDevice(
-                replace(buffers, seconds=buffers.seconds + plan.seconds), of_light, medium, self._light_pass
-            ),
+            held=OnDevice(replace(buffers, before=plan.seconds), of_light, medium, self._light_pass),
         )
 
     def _here(

@@ -231,7 +231,10 @@ class Renderer:
                 return []
             sources = self._maps.sources(scene, media, None)
             wanted = range(len(scene.lights)) if lights is None else lights
-            return self._maps.of(sources, wanted, progress, kept=kept)
+            maps = self._maps.of(sources, wanted, progress, kept=kept)
+            for light_map in maps:
+                light_map.buffers.running.wait()
+            return maps
 
     def _planned(self, scene: Scene, progress: Progress) -> Plan:
         """Read the files of a scene, and plan its maps."""

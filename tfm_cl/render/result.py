@@ -32,9 +32,9 @@ class RenderStats:
 
     device: str
     seconds: dict[str, float] = field(default_factory=lambda: {"light_pass": 0.0, "view_pass": 0.0})
-    """``compile`` and, where there are solids, ``trace`` on the host, and ``host`` for all else there;
-    ``light_pass`` and ``view_pass`` on the device, over lights and tiles, and ``orders`` where later orders
-    of scattering are asked for; ``total`` of everything."""
+    """``compile`` and, where there are solids, ``trace`` on the host, and ``host`` for all else there while
+    the device waits; ``light_pass`` and ``view_pass`` on the device, over lights and tiles, and ``orders``
+    where later orders of scattering are asked for; ``total`` of everything."""
     samples: dict[str, int] = field(default_factory=lambda: {"light_pass": 0, "view_pass": 0})
     """Density samples of ``light_pass`` and ``view_pass``."""
     made: dict[str, int] = field(default_factory=dict)
