@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tfm_cl.device.launch import FIRST_SAMPLES, Pacing, Windows
+from tfm_cl.device.launch import FIRST_BOUNDED, FIRST_SAMPLES, Pacing, Windows
 from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import DeviceMemoryError
 
@@ -160,15 +160,16 @@ def test_all_launches_of_a_pass_but_the_last_have_ended(launcher, monkeypatch, b
 
     def start(_kernel, _size, arguments):
         started.append(arguments["window"])
-        return Running(lambda: ended.append(arguments["window"]) or 0.1)
+        return Running(lambda: ended.append(arguments["window"]) or 0.05)
 
     monkeypatch.setattr(launcher, "start", start)
     monkeypatch.setattr(launcher, "_launch_seconds", 0.1 if bounded else None)
     monkeypatch.setattr(launcher, "_paces", {})
     kernel = SimpleNamespace(function_name="any")
-    running = launcher.start_windows(kernel, (0, 0, 64, 64), FIRST_SAMPLES // (64 * 32), {}, parts.append)
+    samples = (FIRST_BOUNDED if bounded else FIRST_SAMPLES) // (64 * 32)
+    running = launcher.start_windows(kernel, (0, 0, 64, 64), samples, {}, parts.append)
 
     assert started == [(0, 0, 64, 32), (0, 32, 64, 64)]
     assert (ended, parts) == ((started, [0.5, 1]) if bounded else (started[:1], [0.5]))
-    assert running.wait() == running.wait() == pytest.approx(0.2)
+    assert running.wait() == running.wait() == pytest.approx(0.1)
     assert (ended, parts) == (started, [0.5, 1])
