@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -144,7 +145,7 @@ class Basis:
             rows = analysis if choices.target == "extinction" else _suffix_sums(analysis)
             return rows.astype(np.float32).ravel()
         values = self._checked("values", functions.values(middles(steps)), steps, n)
-        below = np.tril_indices(n)
+        below = _lower_triangle(n)
         products = np.zeros((steps, -(-len(below[0]) // SUMS_BLOCK) * SUMS_BLOCK))
         products[:, : len(below[0])] = values[:, below[0]] * values[:, below[1]]
         rows = np.concatenate([_suffix_sums(values / steps), values, products], axis=1)
@@ -194,6 +195,11 @@ def weighted_fit(weight: Floats, target: Floats, functions: Floats) -> Floats:
     right = ((weight * target) @ functions)[:, :, None]
     solved: Floats = np.linalg.solve(gram + ridge[:, None, None] * np.eye(n), right)[:, :, 0]
     return solved
+
+
+@cache
+def _lower_triangle(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.tril_indices(n)
 
 
 def _suffix_sums(rows: Floats) -> Floats:
