@@ -1,5 +1,7 @@
 """Memory that kernels write and the host reads, and launches."""
 
+import gc
+import weakref
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,6 +60,36 @@ def test_arrays_are_joined(launcher, monkeypatch, rng, shares, rows):
         buffer = launcher.joined("some rows", arrays)
         assert (launcher.download(buffer, (sum(rows), 4), np.float32) == np.concatenate(arrays)).all()
         del buffer
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, waits):
+    """Else the host might write the next arrays where it still reads."""
+
+    class Memory:
+        pass
+
+    class AnyKernel:
+        function_name = "any"
+
+        def __call__(self, *_):
+            return SimpleNamespace(wait=lambda: None, profile=SimpleNamespace(start=0, end=10))
+
+        def ordered(self, _):
+            return ()
+
+    memory = Memory()
+    held = weakref.ref(memory)
+    running = launcher.start(AnyKernel(), (64,), {"numbers": memory})
+    del memory
+    gc.collect()
+    assert held() is not None
+    if waits:
+        assert running.wait() == pytest.approx(1e-8)
+    else:
+        del running
+    gc.collect()
+    assert held() is None
 
 
 @pytest.mark.parametrize("waits", [False, True])

@@ -12,6 +12,7 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl import metrics
+from tfm_cl.device.launch import Launcher
 from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
 from tfm_cl.maps.light_pass import LightPass
@@ -323,6 +324,19 @@ def test_a_frame_can_be_cancelled_from_another_thread(session):
     assert len(caught) == 1
     # The next frame is whole.
     assert session.render(SCENE).image[..., :3].max() > 0
+
+
+def test_what_was_started_has_ended_when_a_frame_is_given_up(session, monkeypatch):
+    """The next one may be given its memory."""
+    ended, finish = [], Launcher.finish
+    monkeypatch.setattr(Launcher, "finish", lambda launcher: ended.append(finish(launcher)))
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        session.render(make_scene(lights=[SPOT]), progress=interrupt)
+    assert ended == [None]
 
 
 def test_cancelling_nothing_does_nothing(session):

@@ -209,7 +209,7 @@ class Launcher:
             event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
             self.queue.flush()
 
-        def end() -> float:
+        def end(_held: Mapping[str, Any] = arguments) -> float:  # memory that the host would reuse
             with self._launching(kernel):
                 event.wait()
             self.kernels.ran(kernel, whole)
@@ -330,6 +330,11 @@ class Launcher:
     def begin(self) -> None:
         """Begin work that may be cancelled: what was cancelled before has ended."""
         self._cancelled.clear()
+
+    def finish(self) -> None:
+        """Wait for all that was started: when work is given up, others may take its memory."""
+        with contextlib.suppress(cl.Error):  # what failed has been said
+            self.queue.finish()
 
     def cancel(self) -> None:
         """Let the next launch raise `CancelledError`; from any thread."""

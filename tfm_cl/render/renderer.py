@@ -191,7 +191,11 @@ class Renderer:
             if self._is_closed:
                 raise DeviceError("the renderer is closed: nothing can be rendered with it; make another")
             self._launcher.begin()
-            yield
+            try:
+                yield
+            except BaseException:
+                self._launcher.finish()
+                raise
 
     def __enter__(self) -> Self:
         return self
