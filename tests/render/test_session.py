@@ -3,6 +3,7 @@
 import logging
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from scenes import blobs, make_scene
 
 import tfm_cl as tfm
 from tfm_cl import metrics
+from tfm_cl.device.launch import Launcher
 from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
 from tfm_cl.maps.light_pass import LightPass
@@ -265,6 +267,38 @@ def test_functions_of_the_next_map_are_learnt_during_a_light_pass(session, monke
     session.build_maps(SCENE.replace(map=SCENE.map.replace(basis="klt", range="trimmed"), lights=lights))
 
     assert done == ["learnt", "begun", "learnt", "begun", "ended", "learnt", "begun", "ended", "ended"]
+
+
+@contextmanager
+def failing(name):
+    """Let launches of a kernel, which leave its buffers as they are, fail when they are waited for."""
+    start = Launcher.start
+
+    def end():
+        raise DeviceError(f"{name} failed")
+
+    def instead(launcher, kernel, *of):
+        return Running(end) if kernel.function_name == name else start(launcher, kernel, *of)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Launcher, "start", instead)
+        yield
+
+
+ON_LATTICE = SCENE.replace(
+    lights=[tfm.SunLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0))], map=SCENE.map.replace(lookup="lattice")
+)
+
+
+@pytest.mark.quick("map")
+@pytest.mark.parametrize(
+    ("kernel", "scene"), [("light_pass", SCENE), ("mark_voxels", ON_LATTICE)], ids=["map", "marks"]
+)
+def test_what_a_device_failed_to_make_is_not_kept(session, renderer, kernel, scene):
+    expected = renderer.render(scene).image
+    with failing(kernel), pytest.raises(DeviceError, match=f"^{kernel} failed$"):
+        session.render(scene)
+    np.testing.assert_array_equal(session.render(scene).image, expected)
 
 
 @pytest.mark.parametrize("basis", ["dct", "klt"])
