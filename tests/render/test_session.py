@@ -3,7 +3,7 @@
 import logging
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -201,6 +201,29 @@ def test_what_cannot_be_prepared_is_told_when_it_is_rendered(session):
     session.prepare(far)
     with pytest.raises(SceneError, match=r"camera\.from"):
         session.render(far)
+
+
+def test_threads_prepare_in_turn(new_renderer, monkeypatch):
+    """Kernels have arguments for one thread at a time; what is closed meanwhile keeps nothing."""
+    begun, together, build = threading.Semaphore(0), threading.Barrier(2), media.build_bricks
+
+    def begin(*of):
+        begun.release()
+        with suppress(threading.BrokenBarrierError):
+            together.wait(0.2)  # seconds; broken where no other thread gets here
+        return build(*of)
+
+    renderer = new_renderer(lanes=1)
+    renderer.render(SCENE)
+    monkeypatch.setattr(media, "build_bricks", begin)
+    with ThreadPoolExecutor(2) as executor:
+        preparing = [executor.submit(renderer.prepare, SCENE.replace(volume=other_grid())) for _ in range(2)]
+        begun.acquire()
+        renderer.close()
+        for one in preparing:
+            one.result()
+    assert together.broken
+    assert not begun.acquire(blocking=False)  # the other was not begun
 
 
 def test_a_closed_renderer_prepares_nothing(new_renderer, on_device):
