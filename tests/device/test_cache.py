@@ -18,6 +18,15 @@ def test_what_is_kept_is_not_made_again():
     assert cache.made == {"map": 2}
 
 
+def test_what_does_not_serve_is_made_again():
+    cache = Cache(10)
+    first = made(cache, "a", 4)
+    again = cache.get("map", "a", object, lambda _: 5, serves=lambda kept: kept is not first)
+    assert again is not first
+    assert cache.nbytes == 5
+    assert cache.get("map", "a", object, lambda _: 5, serves=lambda kept: kept is again) is again
+
+
 def test_kinds_do_not_share_keys():
     cache = Cache(10)
     assert made(cache, "a", kind="map") is not made(cache, "a", kind="bricks")

@@ -5,11 +5,12 @@ import weakref
 from types import SimpleNamespace
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from tfm_cl.device.launch import FIRST_BOUNDED, FIRST_SAMPLES, Pacing, Windows
 from tfm_cl.device.running import InTurn, Running
-from tfm_cl.errors import DeviceMemoryError
+from tfm_cl.errors import DeviceError, DeviceMemoryError
 
 
 @pytest.mark.parametrize("shares", [True, False])
@@ -205,3 +206,35 @@ def test_all_launches_of_a_pass_but_the_last_have_ended(launcher, monkeypatch, b
     assert (ended, parts) == ((started, [0.5, 1]) if bounded else (started[:1], [0.5]))
     assert running.wait() == running.wait() == pytest.approx(0.1)
     assert (ended, parts) == (started, [0.5, 1])
+
+
+COMMANDS = {
+    "download": lambda launcher, buffer: launcher.download(buffer, (4,), np.float32),
+    "write": lambda launcher, buffer: launcher.write(buffer, np.zeros(4, np.float32)),
+    "copy": lambda launcher, buffer: launcher.copy(buffer, buffer, 4, first=0, to=8),
+    "clear": lambda launcher, buffer: launcher.clear(buffer, 16),
+    "read": lambda launcher, _: launcher.read(launcher.output("the image", (4,), np.float32)),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("error", "kind", "told"),
+    [(cl.RuntimeError("lost"), DeviceError, "failed"), (cl.MemoryError("full"), DeviceMemoryError, "out of")],
+    ids=["lost", "full"],
+)
+def test_a_command_that_fails_is_told_on_a_line(launcher, monkeypatch, command, error, kind, told):
+    def fail(*_of, **_named):
+        raise error
+
+    buffer = launcher.empty("a buffer", 16)
+    for name in ("enqueue_copy", "enqueue_fill_buffer", "enqueue_map_buffer"):
+        monkeypatch.setattr(cl, name, fail)
+    with pytest.raises(kind, match=f"^[^\\n]*{told}[^\\n]*$"):
+        COMMANDS[command](launcher, buffer)
+
+
+@pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
+def test_launches_take_some_time(new_renderer, seconds):
+    with pytest.raises(DeviceError, match=r"^launch_seconds = "):
+        new_renderer(launch_seconds=seconds)

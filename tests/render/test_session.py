@@ -3,6 +3,7 @@
 import logging
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -202,6 +203,29 @@ def test_what_cannot_be_prepared_is_told_when_it_is_rendered(session):
         session.render(far)
 
 
+def test_threads_prepare_in_turn(new_renderer, monkeypatch):
+    """Kernels have arguments for one thread at a time; what is closed meanwhile keeps nothing."""
+    begun, together, build = threading.Semaphore(0), threading.Barrier(2), media.build_bricks
+
+    def begin(*of):
+        begun.release()
+        with suppress(threading.BrokenBarrierError):
+            together.wait(0.2)  # seconds; broken where no other thread gets here
+        return build(*of)
+
+    renderer = new_renderer(lanes=1)
+    renderer.render(SCENE)
+    monkeypatch.setattr(media, "build_bricks", begin)
+    with ThreadPoolExecutor(2) as executor:
+        preparing = [executor.submit(renderer.prepare, SCENE.replace(volume=other_grid())) for _ in range(2)]
+        begun.acquire()
+        renderer.close()
+        for one in preparing:
+            one.result()
+    assert together.broken
+    assert not begun.acquire(blocking=False)  # the other was not begun
+
+
 def test_a_closed_renderer_prepares_nothing(new_renderer, on_device):
     renderer = new_renderer(lanes=1)
     renderer.close()
@@ -266,6 +290,38 @@ def test_functions_of_the_next_map_are_learnt_during_a_light_pass(session, monke
     session.build_maps(SCENE.replace(map=SCENE.map.replace(basis="klt", range="trimmed"), lights=lights))
 
     assert done == ["learnt", "begun", "learnt", "begun", "ended", "learnt", "begun", "ended", "ended"]
+
+
+@contextmanager
+def failing(name):
+    """Let launches of a kernel, which leave its buffers as they are, fail when they are waited for."""
+    start = Launcher.start
+
+    def end():
+        raise DeviceError(f"{name} failed")
+
+    def instead(launcher, kernel, *of):
+        return Running(end) if kernel.function_name == name else start(launcher, kernel, *of)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Launcher, "start", instead)
+        yield
+
+
+ON_LATTICE = SCENE.replace(
+    lights=[tfm.SunLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0))], map=SCENE.map.replace(lookup="lattice")
+)
+
+
+@pytest.mark.quick("map")
+@pytest.mark.parametrize(
+    ("kernel", "scene"), [("light_pass", SCENE), ("mark_voxels", ON_LATTICE)], ids=["map", "marks"]
+)
+def test_what_a_device_failed_to_make_is_not_kept(session, renderer, kernel, scene):
+    expected = renderer.render(scene).image
+    with failing(kernel), pytest.raises(DeviceError, match=f"^{kernel} failed$"):
+        session.render(scene)
+    np.testing.assert_array_equal(session.render(scene).image, expected)
 
 
 @pytest.mark.parametrize("basis", ["dct", "klt"])

@@ -63,6 +63,7 @@ class Cache:
         nbytes: Callable[[T], int],
         *,
         held: bool = False,
+        serves: Callable[[T], bool] | None = None,
     ) -> T:
         """Return the value of a key, made now if it is not kept.
 
@@ -75,11 +76,16 @@ class Cache:
         held
             Whether the caller goes on using it while other values are made: to push it out would free
             nothing, and the next frame would make it again.
+        serves
+            Whether a value that is kept is what it was to be; otherwise it is made again.
         """
         place = kind, key
         if held:
             self._held[kind] = place
         kept = self._kept.get(place)
+        if kept is not None and serves is not None and not serves(kept[0]):
+            self._forget(place)
+            kept = None
         if kept is not None:
             self._kept.move_to_end(place)
             self._used[0].add(place)
@@ -131,15 +137,17 @@ class Cache:
             oldest = next((place for place in self._kept if place not in in_use), None)
             if oldest is None:
                 break
-            _, size = self._kept.pop(oldest)
-            self._nbytes -= size
+            self._forget(oldest)
+
+    def _forget(self, place: tuple[str, Hashable]) -> None:
+        _, size = self._kept.pop(place)
+        self._nbytes -= size
 
     def forget_unused(self) -> None:
         """Forget what was not asked for since this was called the last time but one."""
         in_use = {*self._used[0], *self._used[1], *self._held.values()}
         for place in [place for place in self._kept if place not in in_use]:
-            _, size = self._kept.pop(place)
-            self._nbytes -= size
+            self._forget(place)
         self._used = [set(), self._used[0]]
 
     def clear(self) -> None:

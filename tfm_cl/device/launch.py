@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,9 @@ MOST_SAMPLES = 1 << 28
 
 PACE_KEPT = 0.98
 """Of how slow the slowest launch was, from one launch to the next."""
+
+COPYING = "a copy of a buffer"
+"""What messages call it when that fails."""
 
 MOST_ITEMS = (1 << 16) - 64
 """Work-items of a launch of some in a row: for more than 16 bits of them PoCL compiles a kernel once more."""
@@ -109,7 +113,7 @@ class Launcher:
     Raises
     ------
     DeviceError
-        Lanes that the device does not have.
+        Lanes that the device does not have; launches of no time.
     """
 
     def __init__(
@@ -129,6 +133,8 @@ class Launcher:
         if self.lanes not in self.lanes_possible:
             possible = ", ".join(map(str, sorted(self.lanes_possible)))
             raise DeviceError(f"{device.name.strip()}: lanes = {lanes}: expected one of {possible}")
+        if launch_seconds is not None and not 0 < launch_seconds < math.inf:
+            raise DeviceError(f"launch_seconds = {launch_seconds:g}: expected more than 0 seconds, or None")
         self._options = (*options, f"-DTFM_LANES={self.lanes}")
         self._shares_memory = bool(device.type & cl.device_type.CPU)
         tiles = GPU_TILES if self.lanes == 1 else WORK_GROUPS[2]
@@ -205,12 +211,12 @@ class Launcher:
             raise CancelledError("the rendering was cancelled")
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
-        with self._launching(kernel):
+        with self._doing(kernel.function_name):
             event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
             self.queue.flush()
 
         def end(_held: Mapping[str, Any] = arguments) -> float:  # memory that the host would reuse
-            with self._launching(kernel):
+            with self._doing(kernel.function_name):
                 event.wait()
             self.kernels.ran(kernel, whole)
             seconds = float(event.profile.end - event.profile.start) * 1e-9
@@ -220,16 +226,14 @@ class Launcher:
         return Running(end)
 
     @contextlib.contextmanager
-    def _launching(self, kernel: Kernel) -> Iterator[None]:
-        """Say which kernel failed in here."""
+    def _doing(self, what: str) -> Iterator[None]:
+        """Say what failed in here: a kernel, or a copy."""
         try:
             yield
         except cl.MemoryError as error:
             raise DeviceMemoryError(f"{self.device.name.strip()}: out of memory ({error})") from error
         except cl.Error as error:
-            raise DeviceError(
-                f"{self.device.name.strip()}: {kernel.function_name} failed ({error})"
-            ) from error
+            raise DeviceError(f"{self.device.name.strip()}: {what} failed ({error})") from error
 
     def run_windows(
         self,
@@ -372,7 +376,8 @@ class Launcher:
         memory = self._host_memory.take(nbytes)
         np.concatenate(arrays, out=memory.view(arrays[0].dtype).reshape(-1, *arrays[0].shape[1:]))
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        return cl.Buffer(self.context, flags, hostbuf=memory)
+        with self._allocating(what, nbytes):
+            return cl.Buffer(self.context, flags, hostbuf=memory)
 
     def empty(self, what: str, nbytes: int, *, reuse: bool = False) -> cl.Buffer:
         """Allocate a device buffer.
@@ -427,7 +432,8 @@ class Launcher:
             self.empty(what, nbytes)  # says so
         memory = self._host_memory.take(max(nbytes, LEAST_BYTES))
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
+        with self._allocating(what, nbytes):
+            return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
 
     def read(self, output: "Output") -> NDArray[Any]:
         """Return what kernels wrote; they must not write it again."""
@@ -435,13 +441,16 @@ class Launcher:
             return self.download(output.buffer, output.shape, output.dtype)
         # Tells the driver that the host looks at its memory now.
         whole = 0, (output.memory.nbytes,), np.dtype(np.uint8)
-        mapped: Any = cl.enqueue_map_buffer(self.queue, output.buffer, cl.map_flags.READ, *whole)
-        mapped[0].base.release(self.queue)
+        with self._doing(COPYING):
+            mapped: Any = cl.enqueue_map_buffer(self.queue, output.buffer, cl.map_flags.READ, *whole)
+            mapped[0].base.release(self.queue)
         return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
 
     def clear(self, buffer: cl.Buffer, nbytes: int, first: int = 0) -> None:
         """Fill a buffer, from byte ``first`` on, with zeros."""
-        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint8), first, max(nbytes, LEAST_BYTES))
+        zero = np.zeros(1, np.uint8)
+        with self._doing("the clearing of a buffer"):
+            cl.enqueue_fill_buffer(self.queue, buffer, zero, first, max(nbytes, LEAST_BYTES))
 
     def release(self) -> None:
         """Give back the memory kept for reuse."""
@@ -462,18 +471,21 @@ class Launcher:
 
     def write(self, buffer: cl.Buffer, array: NDArray[Any]) -> None:
         """Copy an array into a buffer of its size."""
-        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
+        with self._doing(COPYING):
+            cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
 
     def copy(self, source: cl.Buffer, target: cl.Buffer, nbytes: int, *, first: int, to: int) -> None:
         """Copy a part of a buffer, from byte ``first`` on, to byte ``to`` of another."""
-        cl.enqueue_copy(self.queue, target, source, byte_count=nbytes, src_offset=first, dst_offset=to)
+        with self._doing(COPYING):
+            cl.enqueue_copy(self.queue, target, source, byte_count=nbytes, src_offset=first, dst_offset=to)
 
     def download(
         self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: DTypeLike, first: int = 0
     ) -> NDArray[Any]:
         """Copy a buffer, from byte ``first`` on, to the host."""
         array = np.empty(shape, dtype)
-        cl.enqueue_copy(self.queue, array, buffer, src_offset=first)
+        with self._doing(COPYING):
+            cl.enqueue_copy(self.queue, array, buffer, src_offset=first)
         return array
 
 

@@ -15,11 +15,17 @@ class Running:
     ----------
     end
         Waits, and tells the seconds on the device; it is called once.
+
+    Attributes
+    ----------
+    has_failed
+        Whether it was waited for in vain: what it was to make may be anything.
     """
 
     def __init__(self, end: Callable[[], float]) -> None:
         self._end: Callable[[], float] | None = end
         self._seconds = 0.0
+        self.has_failed = False
 
     def wait(self) -> float:
         """Wait for it, and return its seconds on the device.
@@ -31,7 +37,9 @@ class Running:
         """
         if self._end is not None:
             end, self._end = self._end, None
+            self.has_failed = True
             self._seconds = end()
+            self.has_failed = False
         return self._seconds
 
 

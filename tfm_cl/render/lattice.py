@@ -208,6 +208,7 @@ class Lattice:
             marks = launcher.empty("the marks of a lattice", self._bricks.records * self._groups)
             arguments = {name: media.arguments[name] for name in ("grids", "bricks")} | {"marks": marks}
             start("mark_voxels", records, arguments)
+            launches.wait()  # what fails is not kept
             return _Places(numbers, self._centres(blocks[numbers]), records, marks)
 
         places = self.cache.get("lattice", self._key, find, lambda found: found.nbytes)

@@ -155,7 +155,11 @@ class MapBuilder:
             return [build(place) for place in places]
         found = [
             self._cache.get(
-                "map", self._key(sources, place), partial(build, place), lambda built: built.kept_bytes
+                "map",
+                self._key(sources, place),
+                partial(build, place),
+                lambda built: built.kept_bytes,
+                serves=lambda kept: not kept.buffers.running.has_failed,
             )
             for place in places
         ]

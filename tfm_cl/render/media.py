@@ -112,8 +112,7 @@ class Media:
         bricks = build_bricks(self._beside, leaves, _what(grids), scene.march.voxels)
         margin = _margin(scene)
         media = media_on_device(self._beside, scene, bricks, None, margin)
-        while len(self._ahead) >= MOST_AHEAD:  # of frames that were not rendered after all
-            self._ahead.pop(next(iter(self._ahead)), None)
+        keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
         self._ahead[key] = _Ahead(bricks, _media_key(scene, margin), media)
 
     def _primitives(self, scene: Scene) -> PrimitivesOnDevice:
@@ -130,6 +129,12 @@ class Media:
         grids = _grids(scene)
         leaves = [grid.channel_leaves for grid in grids]
         return build_bricks(self._launcher, leaves, _what(grids), scene.march.voxels)
+
+
+def keep_newest(ahead: dict[Any, Any], count: int) -> None:
+    """Drop what was added first, so that so many entries stay, while another thread may take some."""
+    for key in [*ahead][:-count]:
+        ahead.pop(key, None)
 
 
 def _grids(scene: Scene) -> tuple[Volume, ...]:

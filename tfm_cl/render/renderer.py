@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -42,7 +43,7 @@ from tfm_cl.render.checks import (
 from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
-from tfm_cl.render.media import MOST_AHEAD, Media
+from tfm_cl.render.media import MOST_AHEAD, Media, keep_newest
 from tfm_cl.render.motion import Moments, Mover
 from tfm_cl.render.result import RenderResult, RenderStats, members_of
 from tfm_cl.render.visibility import Visibility
@@ -115,7 +116,7 @@ class Renderer:
     NoDeviceError
         No device, or none of that name.
     DeviceError
-        Lanes that the device does not have.
+        Lanes that the device does not have; launches of no time.
     """
 
     def __init__(
@@ -144,6 +145,7 @@ class Renderer:
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
         self._begun: dict[int, _Begun] = {}
         """By the ids of their scenes."""
+        self._preparing = threading.Lock()
         self._is_closed = False
 
     @property
@@ -179,8 +181,9 @@ class Renderer:
             self._is_closed = True
             self._cache.clear()
             self._choice = None
-            self._begun.clear()
-            self._media.clear()
+            with self._preparing:
+                self._begun.clear()
+                self._media.clear()
             self._visibility.clear()
             self._launcher.release()
 
@@ -405,18 +408,20 @@ class Renderer:
         """Put the voxels of a scene that is rendered next on the device, while another thread renders.
 
         The next frame of a sequence then begins with its light. What cannot be, as it is too large to have
-        beside those of other frames or fails, is left to `render`.
+        beside those of other frames or fails, is left to `render`. Scenes are prepared one after the other,
+        whatever threads ask.
         """
-        if self._is_closed or scene.map.max_error is not None:
+        if scene.map.max_error is not None:
             return
-        with suppress(TfmError, MemoryError):
+        with suppress(TfmError, MemoryError), self._preparing:
+            if self._is_closed:
+                return
             scene.read_files()
             method = checked_method(None, scene)
             planned = plan(scene, method=method)
             begun = _Begun(scene, method, planned, _single_lights(planned.scene))
             self._media.prepare(begun.points)
-            while len(self._begun) >= MOST_AHEAD:  # scenes that were not rendered after all
-                self._begun.pop(next(iter(self._begun)), None)
+            keep_newest(self._begun, MOST_AHEAD - 1)  # others were not rendered after all
             self._begun[id(scene)] = begun
 
     def forget_unused(self) -> None:
