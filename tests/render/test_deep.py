@@ -162,7 +162,7 @@ COLOURS = {
 }
 
 
-@pytest.mark.quick("a spot")
+@pytest.mark.slow
 @pytest.mark.parametrize("case", COLOURS)
 def test_colours_of_samples_flatten_to_the_picture(renderer, case):
     scene = COLOURS[case]

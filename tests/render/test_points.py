@@ -490,7 +490,7 @@ def test_maps_serve_the_points_that_they_were_made_of(renderer):
         renderer.render(scene_of(moved), maps=maps)
 
 
-@pytest.mark.quick("tfm")
+@pytest.mark.slow
 @both_methods
 def test_the_order_of_points_does_not_matter(renderer, method):
     points = many()

@@ -89,9 +89,9 @@ SURROUNDED = {
 
 @pytest.mark.quick("octaves")
 @pytest.mark.parametrize("case", SURROUNDED)
-def test_light_at_points_is_nearly_that_at_every_sample(renderer, save_on_failure, case):
+def test_light_at_points_is_nearly_that_at_every_sample(one_lane_renderer, save_on_failure, case):
     scene = beneath_a_sky(**SURROUNDED[case])
-    found, expected = renderer.render(scene), renderer.render(at_samples(scene))
+    found, expected = one_lane_renderer.render(scene), one_lane_renderer.render(at_samples(scene))
     with save_on_failure(found.image, expected.image):
         assert 0 < relative_rmse(found.image, expected.image) < AT_POINTS
     for name in ("transmittance", "light_transmittance"):
@@ -216,9 +216,9 @@ def test_primitives_are_too_fine_for_points(renderer):
     assert np.array_equal(found.image, renderer.render(at_samples(scene)).image)
 
 
-def test_what_brings_nothing_is_black(renderer):
+def test_what_brings_nothing_is_black(one_lane_renderer):
     """Though points hold logarithms: in every colour by itself."""
-    image = renderer.render(beneath_a_sky(lights=[SKY.replace(intensity=(0.2, 0, 0.4))])).image
+    image = one_lane_renderer.render(beneath_a_sky(lights=[SKY.replace(intensity=(0.2, 0, 0.4))])).image
     assert (image[..., 1] == 0).all()
     assert image[..., 0].max() > 0.01
 
@@ -250,6 +250,7 @@ def test_a_neighbour_that_is_seen_stands_for_a_point_that_is_hidden():
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.slow
 def test_a_camera_may_stand_at_a_point(renderer):
     """From where no way leads to it."""
     ball = tfm.SphereSolid(centre=(9, 0, 0), radius=0.5)

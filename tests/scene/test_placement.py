@@ -91,7 +91,7 @@ def test_camera_and_light_stand_in_the_frame_of_up(turn, length):
 
 
 @pytest.mark.parametrize("name", ["turned", "corner", "bare"])
-def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, renderer):
+def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, one_lane_renderer):
     """Same voxels, with their y axis along z: same camera, light and picture in the other frame."""
     volume, quarter = VOLUMES[name], np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
     z_up = volume.transformed(quarter)
@@ -103,7 +103,7 @@ def test_z_up_data_is_seen_as_the_same_data_with_y_up(name, renderer):
         np.testing.assert_allclose(other.to, quarter[:3, :3] @ one.to, rtol=1e-12)
     maps = tfm.MapSettings(basis="dct", density_weighting=10.0, res=32)
     pictures = [
-        renderer.render(tfm.Scene(each, camera=seen, lights=[lit], map=maps), method="dual").image
+        one_lane_renderer.render(tfm.Scene(each, camera=seen, lights=[lit], map=maps), method="dual").image
         for each, seen, lit in ((volume, camera, light), (z_up, turned_camera, turned_light))
     ]
     np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-3, atol=1e-4)
