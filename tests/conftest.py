@@ -47,6 +47,7 @@ SLOW_LANES = {
     "test_light_layers": DEVICE,
     "test_lit_stretches": DEVICE,
     "test_maps_of_bases": DEVICE,
+    "test_orders": DEVICE,
     "test_points": DEVICE,
     "test_polygons": DEVICE,
     "test_several_volumes": DEVICE,

@@ -300,7 +300,7 @@ def test_the_reference_takes_auto():
 # --------------------------------------------------------------------------------- the error added
 
 
-@pytest.mark.parametrize("size", [(64, 48), (320, 240)])
+@pytest.mark.parametrize("size", [(64, 48), pytest.param((320, 240), marks=pytest.mark.slow)])
 def test_auto_is_as_good_as_converged(renderer, size):
     volume = tfm.Volume(blobs((56, 48, 64)), voxel_size=1 / 32, density_scale=8.0)
     scene = tfm.Scene(volume)

@@ -51,13 +51,8 @@ def test_begin_and_far_end(renderer, any_basis):
     assert np.isfinite(found).all()
 
 
-QUICK = ("klt",)
-"""The others' programs for the device's lanes are for the slow step."""
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in sorted(BASES)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(BASES))
 def test_lanes_give_the_same_map(device_name, name):
     basis = BASES[name]
     coeffs = 7 if 7 in basis.counts else 8
