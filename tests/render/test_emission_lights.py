@@ -69,6 +69,7 @@ CASES = {
 }
 
 
+@pytest.mark.lanes
 @pytest.mark.quick("alone")
 @pytest.mark.parametrize("case", CASES)
 def test_it_equals_the_reference(renderer, save_on_failure, case):
@@ -115,7 +116,7 @@ def test_small_maps_are_built_once(new_renderer):
 def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
     scene = scene_of(GLOWING)
     moved = scene.replace(camera=scene.camera.replace(from_=(3.6, 0.8, 2.4)))
-    with new_renderer() as session:
+    with new_renderer(lanes=1) as session:
         first = session.render(scene)
         assert first.stats.made["light at points"] == 1
         again = session.render(moved)
@@ -126,5 +127,5 @@ def test_what_arrives_at_points_stays_while_the_camera_moves(new_renderer):
         np.testing.assert_allclose(brighter.image[..., :3], 2 * first.image[..., :3], rtol=PASS)
         thicker = session.render(scene.replace(volume=scene.volume.with_density_scale(5.0)))
         assert thicker.stats.made["light at points"] == 1
-    with new_renderer() as session:
+    with new_renderer(lanes=1) as session:
         np.testing.assert_array_equal(session.render(moved).image, again.image)

@@ -30,6 +30,7 @@ def scene_of(volume, medium=FIRE, **changes):
     return SCENE.replace(volume=volume, medium=medium, march=SCENE.march.replace(cutoff=0.0), **changes)
 
 
+@pytest.mark.lanes
 @pytest.mark.quick("tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 def test_a_flame_equals_the_reference(renderer, save_on_failure, fire, method):
@@ -56,23 +57,23 @@ def test_a_flame_among_other_bodies_equals_the_reference(renderer, save_on_failu
         assert np.abs(image - expected).max() < MAP_PASS * expected.max()
 
 
-def test_thicker_smoke_does_not_thicken_the_flame(renderer, fire):
+def test_thicker_smoke_does_not_thicken_the_flame(one_lane_renderer, fire):
     of_scale = [
-        renderer.render(scene_of(fire.with_density_scale(scale), CLEAR, lights=[])).aovs["emission"]
+        one_lane_renderer.render(scene_of(fire.with_density_scale(scale), CLEAR, lights=[])).aovs["emission"]
         for scale in (1.0, 50.0)
     ]
     assert of_scale[0].max() > 0.3
     np.testing.assert_array_equal(*of_scale)
     # In smoke that absorbs, more of it hides more.
     thin, thick = (
-        renderer.render(scene_of(fire.with_density_scale(scale), lights=[])).aovs["emission"].sum()
+        one_lane_renderer.render(scene_of(fire.with_density_scale(scale), lights=[])).aovs["emission"].sum()
         for scale in (1.0, 50.0)
     )
     assert thick < 0.8 * thin
 
 
 def test_flames_change_without_a_new_map(new_renderer, fire):
-    with new_renderer() as session:
+    with new_renderer(lanes=1) as session:
         plain = session.render(scene_of(fire, SMOKE))
         maps_of_plain = plain.stats.made["map"]
         burning = session.render(scene_of(fire))

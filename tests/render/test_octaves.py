@@ -29,6 +29,7 @@ def single(medium):
     return medium.replace(octaves=1)
 
 
+@pytest.mark.lanes
 @pytest.mark.quick("one medium-tfm")
 @pytest.mark.parametrize("method", ["tfm", "dual"])
 @pytest.mark.parametrize("bodies", [(CLOUD,), (CLOUD, BALL)], ids=["one medium", "a grid and a ball"])

@@ -1094,6 +1094,7 @@ def plain(device_name, **options):
     }
 
 
+@pytest.mark.usefixtures("one_lane")
 def test_real_renderer(volume, out, device_name):
     rows = sweep.run([volume], out, **plain(device_name, bases=("dct",)))
     worse, better = rows[0], rows[1]
