@@ -68,11 +68,11 @@ TFM_INLINE Floats source_of(const Mixed *mixed, const Mixed *shares)
    radiance  out, of each direction and colour: at each plane, shifted by part of a distance, what was scattered on the way;
              where there is a lobe, holds the same of the order before
    scattering  of several media, as order_media says, in the same rows
-   first     direction of these; rays: work-items that each of them takes, at most
+   rays      work-items that each direction takes, at most
    size      numbers that one extinction or colour has
    items     first of this launch and end */
 __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *extinction, __global const float *light,
-                          __global float *radiance, int first, int rays, int size
+                          __global float *radiance, int rays, int size
 #if TFM_ORDER_MEDIA
                           , __global const float *scattering
 #endif
@@ -81,7 +81,7 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
-  const int number = first + item / rays;
+  const int number = item / rays;
   SWEEP sweep = sweeps + number;
   const float slope_x = sweep->slope[0], slope_y = sweep->slope[1], length = 0.5f * sweep->length;
   const int columns = sweep->columns, rows = sweep->rows, planes = sweep->planes, row = sweep->row;
@@ -177,12 +177,12 @@ __kernel void order_sweep(ORDERS orders, SWEEP sweeps, __global const float *ext
    emitted   of the points, of each colour, per world unit, in the rows that the sweeps have
    radiance  out, of each direction and colour, likewise */
 __kernel void order_emission(SWEEP sweeps, __global const float *extinction, __global const float *emitted,
-                             __global float *radiance, int first, int rays, int size WALLS_ARGUMENTS, int2 items)
+                             __global float *radiance, int rays, int size WALLS_ARGUMENTS, int2 items)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
-  const int number = first + item / rays;
+  const int number = item / rays;
   SWEEP sweep = sweeps + number;
   const float length = 0.5f * sweep->length;
   const int planes = sweep->planes, row = sweep->row;

@@ -2,7 +2,8 @@
    and what the media emit.
    Requires: what camera_sums.h does; TFM_LATTICE, 1 where light is read from a lattice on the way, with what lattice.h
    requires, 2 where it is what later orders scatter, or what is scattered of emission, with what orders.h requires, 3 where
-   it is what is scattered of light from all around, with what surroundings.h requires;
+   it is what is scattered of light from all around, with what surroundings.h requires: of these headers, one in whose lattice
+   light is so smooth that two steps share a value defines LATTICE_OF_BOTH_STEPS;
    TFM_DEEP, 1 where deep samples are made on the way, 2 where they are given the ambient light and what media emit. */
 #ifndef TFM_SEE_H
 #define TFM_SEE_H
@@ -97,7 +98,7 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
   Ints alive = active & is_visible(view, &sums->ray);
   Ints read = ints(0);
   Steps list = no_steps();
-#if TFM_LATTICE == 3
+#if TFM_LATTICE && defined(LATTICE_OF_BOTH_STEPS)
   LatticeValue held = lattice_begin();
   int held_of = -1;
 #endif
@@ -112,11 +113,11 @@ TFM_INLINE void see_grids(const Scene *scene, const MediaOnRay *on_ray, Interval
       add_bodies(scene->bodies, &on_ray->bodies, place.t - to_end, place.t + to_end, &step[k]);
 #endif
     }
-#if TFM_LATTICE == 3
+#if TFM_LATTICE && defined(LATTICE_OF_BOTH_STEPS)
     LatticeValue light[MOST_STEPS];
     for (int k = 0; k < list.count; ++k) {
       if (any_lane(any_amount(&step[k])))
-        of_both_steps(lattice, &walk, list.n[k], &held, &held_of);
+        LATTICE_OF_BOTH_STEPS(lattice, &walk, list.n[k], &held, &held_of);
       light[k] = held; /* weighs nothing without any amount */
     }
 #elif TFM_LATTICE

@@ -52,6 +52,7 @@ TFM_INLINE Floats scattered_of(MEDIUM media, const Amounts *step, const Floats *
 
 /* What two steps of a ray take, the first of which has an even number: they are near, and light is smooth.
    radiances  of the last two, whose first is `of`; out: of these */
+#define LATTICE_OF_BOTH_STEPS of_both_steps
 TFM_INLINE void of_both_steps(LATTICE lattice, const Walk *walk, int n, LatticeValue *radiances, int *of)
 {
   const int even = n & ~1;

@@ -543,12 +543,12 @@ class Pacing:
         self._samples_per_item, self._least, self._most_seconds = samples_per_item, least, most_seconds
         self._seconds = LAUNCH_SECONDS if most_seconds is None else most_seconds
         self._most = max(least, MOST_SAMPLES // samples_per_item)
-        self.pace = (LIKELY_PACE if most_seconds is not None else 0.0) if pace is None else pace
         if most_seconds is not None:
-            self.items = self._bounded(max(least, FIRST_BOUNDED // samples_per_item))
-            if pace is not None:
-                self.items = self._bounded(self._most)
+            self.pace = LIKELY_PACE if pace is None else pace
+            first = FIRST_BOUNDED // samples_per_item if pace is None else self._most
+            self.items = self._bounded(max(least, first))
         else:
+            self.pace = pace or 0.0
             self.items = max(least, FIRST_SAMPLES // samples_per_item)
             if pace:
                 expected = int(self._seconds / (pace * samples_per_item))

@@ -531,7 +531,8 @@ class Frame:
         if not work.builds:  # maps that were given are known by nothing
             return make()
         scene, settings = work.scene, resolve(work.scene.map) if work.reads_maps else None
-        lights = [scene.lights[light] for cut in batches.values() for indices in cut for light in indices]
+        numbers = sorted(light for cut in batches.values() for indices in cut for light in indices)
+        lights = [scene.lights[number] for number in numbers]
         # By α, maps may depend on the ways of all lights.
         weighs = (
             settings is not None and settings.target == "transmittance" and settings.density_weighting is None

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.device.frame import world_from_device
-from tfm_cl.device.running import InTurn
 from tfm_cl.device.structs.light import light_structs
 from tfm_cl.errors import SceneError
 from tfm_cl.maps.held import Loaded, OnDevice
@@ -141,7 +140,7 @@ class MapBuilder:
         rooms = _Rooms(self._light_pass, [sources.plans[place] for place in places])
 
         self.built = set()
-        passes = InTurn()
+        passes = self._launcher.in_turn()
 
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)

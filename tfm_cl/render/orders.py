@@ -754,7 +754,7 @@ class Orders:
             if met is not None:
                 known |= met.arguments | {"wall_base": base}
             rays = rays_of(some.sweeps[:count], self.launcher.lanes)
-            known |= {"first": 0, "rays": rays}
+            known |= {"rays": rays}
             self._run(kernel, rays * count, self._planes(some.sweeps[:count]), known)
         self._cross(ways[1].radiance, ways[0].radiance, ways, of_x=False)
         self._reflect(met)
@@ -880,7 +880,7 @@ class Orders:
                     "size": rows.numbers,
                 }
                 rays = rays_of(some, lanes)
-                of_points = source.arguments[turned] | {"first": 0, "rays": rays}
+                of_points = source.arguments[turned] | {"rays": rays}
                 if met is not None:
                     of_points |= met.arguments | {"wall_base": first + turned * met.along}
                 self._run(kernel, rays * len(some), self._planes(some), known | of_points)

@@ -7,7 +7,7 @@ is added up (``kernels/surroundings_view.cl``), and camera rays interpolate that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
@@ -45,7 +45,7 @@ def pass_variant(media: MediaOnDevice, scattering: int, *, has_solids: bool) -> 
     }
 
 
-@dataclass
+@dataclass(kw_only=True)
 class SurroundingsLattice(LightsAtPoints):
     """The lights from all around of a frame.
 
@@ -59,8 +59,8 @@ class SurroundingsLattice(LightsAtPoints):
 
     WHAT: ClassVar[str] = "the lattice of light from all around"
 
-    lights: list[int] = field(default_factory=list)
-    tracer: Tracer | None = None
+    lights: list[int]
+    tracer: Tracer | None
     _known_sources: tuple[Arrived, cl.Buffer] | None = None
 
     @property
@@ -76,9 +76,7 @@ class SurroundingsLattice(LightsAtPoints):
     def towards_camera(self, arrived: Arrived, of: LightVariant, lights: Sequence[int]) -> cl.Buffer:
         """Return what some of the lights, all of a kind, scatter towards the camera, at all points."""
         launcher = self.launcher
-        nbytes = 4 * self._numbers * self.lattice.points
-        scattered = launcher.empty(self.WHAT, nbytes, reuse=True)
-        launcher.clear(scattered, nbytes)
+        scattered = launcher.zeros(self.WHAT, 4 * self._numbers * self.lattice.points)
         headers, defines = view_variant(of, self.media, self._scattering)
         kernel = launcher.kernels.kernel("surroundings_view", "surroundings_view.cl", headers, defines)
         places = np.array([self.lights.index(number) for number in lights], np.int32)

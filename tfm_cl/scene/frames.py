@@ -43,17 +43,11 @@ def look_at(origin: Point, target: Point, up: Point) -> NDArray[np.float64]:
     """World-from-local frame with z towards ``target``, y as near to ``up`` as can be, x = y-right."""
     forward = np.subtract(target, origin)
     forward = forward / np.linalg.norm(forward)
-    right = _cross(forward, up)
+    right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     matrix = np.eye(4)
-    matrix[:3] = np.column_stack([right, _cross(right, forward), forward, origin])
+    matrix[:3] = np.column_stack([right, np.cross(right, forward), forward, origin])
     return matrix
-
-
-def _cross(one: Any, other: Any) -> NDArray[np.float64]:
-    """Return the cross product of two vectors; `numpy.cross` takes longer, for arrays of any shape."""
-    (a, b, c), (x, y, z) = one, other
-    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 def facing(origin: Point, target: Point) -> NDArray[np.float64]:
