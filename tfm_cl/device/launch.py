@@ -400,15 +400,19 @@ class Launcher:
                 return pooled
             return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, LEAST_BYTES))
 
-    @contextlib.contextmanager
-    def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
-        """Say what was allocated in here if the device refuses."""
+    def check_fits(self, what: str, nbytes: int) -> None:
+        """Refuse what no buffer of the device can hold, as of `empty`."""
         limit = self.largest_buffer
         if nbytes > limit:
             raise DeviceMemoryError(
                 f"{what} needs a buffer of {nbytes / 2**20:,.0f} MiB; "
                 f"{self.device.name.strip()} allows {limit / 2**20:,.0f} MiB"
             )
+
+    @contextlib.contextmanager
+    def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
+        """Say what was allocated in here if the device refuses."""
+        self.check_fits(what, nbytes)
         try:
             yield
         except cl.Error as error:

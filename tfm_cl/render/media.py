@@ -83,7 +83,9 @@ class Media:
                 lambda: self._build_bricks(scene) if ahead is None else ahead.bricks,
                 lambda built: built.nbytes,
                 held=True,
+                serves=lambda kept: not kept.filling.has_failed,
             )
+            bricks.filling.wait()
         primitives = self._primitives(scene) if scene.primitives else None
         key = _media_key(scene, margin)
         kept, media = self._last or (None, None)
