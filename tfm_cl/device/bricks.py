@@ -183,18 +183,17 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
         [list(_slabs(launcher, leaves, count[2])) for leaves in channels]
         for channels, count in zip(grids, counts, strict=True)
     ]
-    flags = [
-        _occupied(of_grid, count, launcher.lanes) for of_grid, count in zip(slabs, counts, strict=True)
-    ]
+    flags = [_occupied(of_grid, count, launcher.lanes) for of_grid, count in zip(slabs, counts, strict=True)]
     blocks = [_any_of_blocks(of_grid) for of_grid in flags]
-    firsts = [1]
-    for channels, of_grid in zip(grids, blocks, strict=True):
-        firsts.append(firsts[-1] + len(channels) * int(np.count_nonzero(of_grid)))
-    records = firsts[-1]
+    counted = [
+        len(channels) * int(np.count_nonzero(of_grid))
+        for channels, of_grid in zip(grids, blocks, strict=True)
+    ]
+    *firsts, records = itertools.accumulate(counted, initial=1)
     # No command but the launches: a CPU's driver would do it when what other queues have begun has ended.
     tables = [
-        brick_table(*of_grid, len(channels)).ravel()
-        for *of_grid, channels in zip(flags, blocks, firsts, grids, strict=False)
+        brick_table(flagged, in_blocks, first, len(channels)).ravel()
+        for flagged, in_blocks, first, channels in zip(flags, blocks, firsts, grids, strict=True)
     ]
     table = launcher.upload(f"the brick table of {what}", np.concatenate(tables))
     pools, pool_size = _allocate(launcher, what, records, voxels)
@@ -206,15 +205,15 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
     block_buffer = launcher.upload(f"the blocks of {what}", places)
     bricks = BrickGrid(block_buffer, table, pools, counts, occupied, records, pool_size, voxels, exponents)
     filling = launcher.in_turn()
-    for of_grid, in_grid, first, exponents_of in zip(slabs, blocks, firsts, exponents, strict=False):
-        channels = len(of_grid)
-        for channel, one in enumerate(of_grid):
+    for i, of_channels in enumerate(slabs):
+        for channel, one in enumerate(of_channels):
             done = 0
             for slab in one:
                 begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
-                corners = np.argwhere(in_grid[begin:end])[:, ::-1] + (0, 0, begin)
-                numbers = first + channel + channels * np.arange(done, done + len(corners), dtype=np.int64)
-                for launch in _fill(launcher, slab, bricks, exponents_of[channel], corners, numbers):
+                corners = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
+                places_of = np.arange(done, done + len(corners), dtype=np.int64)
+                numbers = firsts[i] + channel + len(of_channels) * places_of
+                for launch in _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers):
                     filling.add(launch)
                 done += len(corners)
     return replace(bricks, filling=Running(filling.wait))
@@ -391,7 +390,8 @@ def _touched(values: NDArray[np.float32], offset: Sequence[int], lanes: int) -> 
     place = np.arange(LEAF)
     y, x = ([(one.start <= place) & (place < one.stop) for one in along] for along in answers[1:])
     masks = np.array([[np.packbits(np.outer(j, i), bitorder="little").view("<u8")[0] for i in x] for j in y])
-    return (of_bricks[..., None, None] & masks) != 0
+    found: NDArray[np.bool_] = (of_bricks[..., None, None] & masks) != 0
+    return found
 
 
 def _answered(brick: int, offset: int, lanes: int) -> slice:
