@@ -176,11 +176,11 @@ def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_devi
 def test_frames_begun_before_the_last_has_ended_are_alike(session, renderer, scene, asked):
     scenes = [scene, scene.replace(volume=other_grid()), scene.replace(lights=[SPOT])]
     ends = [session.begin(one, **asked) for one in scenes]
-    for one, maps, end in zip(scenes, (2, 2, 0), ends, strict=True):  # that no earlier frame has made
+    for one, made, end in zip(scenes, (2, 2, 0), ends, strict=True):  # maps that no earlier frame had
         found, alone = end(), renderer.render(one, **asked)
         np.testing.assert_array_equal(found.image, alone.image)
         assert found.stats.samples == alone.stats.samples
-        assert found.stats.made.get("map", 0) == maps
+        assert found.stats.made.get("map", 0) == made
 
 
 def test_what_is_begun_is_checked_and_of_use_as_long_as_its_renderer(new_renderer):

@@ -285,7 +285,6 @@ class Frame:
             ),
             errors=allocate(clear=True) if "map_error" in asked else None,
             without_lattice=allocate() if "lattice_error" in asked else None,
-            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             layers=layers,
             builds=maps is None,
             batches=shared.batches.on(raster, gbuffer)
@@ -306,6 +305,8 @@ class Frame:
             light_steps=decided(scene.map.steps) if is_dual else 1,
             is_first=not raster.is_listed,
             passes=launcher.in_turn(),
+            # Last: its look at the light's rays is waited for, and the light pass is to follow at once.
+            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
         )
 
     def _view(self, scene: Scene, media: MediaOnDevice, raster: Raster) -> cl.Buffer:

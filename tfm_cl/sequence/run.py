@@ -1,6 +1,6 @@
 """Goes through the frames of a range: the next is read, and the last one written, while one is rendered.
 
-The next is begun before one has ended, if it is read by then, so that the device always has work.
+The next is begun before one has ended, if it is read soon, so that the device always has work.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import errno
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
@@ -22,6 +22,9 @@ T = TypeVar("T")
 
 EXIT_MEMORY = 4
 EXIT_SOME = 5
+READ_SOON = 0.5
+"""Seconds that a frame which the device makes waits, at most, for the next to be read and begun, before it is
+ended and written."""
 LOOKED_AGAIN = 1.0
 """Seconds after which frames that others make are looked at again."""
 NO_ROOM = {errno.ENOSPC, errno.EROFS, errno.EDQUOT}
@@ -205,8 +208,8 @@ class _Run:
         ahead, begun, behind = self._next(waiting, reader), None, None
         while ahead is not None:
             (frame, reading), ahead = ahead, None
-            if not reading.done():  # what is made meanwhile can be written meanwhile
-                begun, behind = None, self._made(begun, behind, writer)
+            if begun is not None and not wait([reading], READ_SOON).done:
+                begun, behind = None, self._made(begun, behind, writer)  # and written meanwhile
             taken = self._result(frame, reading)
             if isinstance(taken, _Taken) and self._hopeless:
                 self._leave(taken)
