@@ -12,8 +12,17 @@ from types import SimpleNamespace
 
 import pytest
 
+from tfm_cl.errors import CancelledError
 from tfm_cl.files import image_io
-from tfm_cl.interrupts import SIGNALS, TerminatedError, end_on_sigterm, interrupts_held, interrupts_ours
+from tfm_cl.interrupts import (
+    SIGNALS,
+    TerminatedError,
+    cancelled_by,
+    check_cancelled,
+    end_on_sigterm,
+    interrupts_held,
+    interrupts_ours,
+)
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals as POSIX sends them")
 
@@ -164,3 +173,21 @@ def test_a_compiler_does_not_take_them(device_name, tmp_path):
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_work_is_cancelled_in_the_thread_that_does_it():
+    def cancelled():
+        raise CancelledError
+
+    of_another = []
+    check_cancelled()
+    with cancelled_by(cancelled):
+        thread = threading.Thread(target=lambda: of_another.append(check_cancelled()))
+        thread.start()
+        thread.join()
+        with cancelled_by(lambda: None):
+            check_cancelled()
+        with pytest.raises(CancelledError):
+            check_cancelled()
+    check_cancelled()
+    assert of_another == [None]

@@ -148,6 +148,8 @@ class FakeRenderer:
         self.on_compiling = None
         self.compiles = []
         """Programs that the next picture needs compiled."""
+        self.samples = []
+        """Of a pixel, that each picture was asked for with; None: one."""
         self.maps = []
         """Of any light."""
         self.seconds = {"low": 0.0, "full": 0.0}
@@ -157,6 +159,7 @@ class FakeRenderer:
     def render(self, scene, *, crop=None, aovs=(), progress=None, samples=None, **_others):
         quality = "low" if samples is None else "full"
         self.rendered.append((quality, scene, tuple(aovs)))
+        self.samples.append(samples)
         self.cancelled.clear()
         while self.compiles:
             self.on_compiling(self.compiles.pop(0))
@@ -197,23 +200,29 @@ class FakeRenderer:
 
 
 class Studio:
-    """A loop of such renderers in a folder with a scene, and its clients."""
+    """A loop of such renderers in a folder with a scene, and its clients.
 
-    def __init__(self, folder):
+    ``ahead``: whether the scene is rendered before anybody looks. Others are of the first renderer.
+    """
+
+    def __init__(self, folder, *, ahead=False, seconds=0.0, compiles=(), errors=()):
         self.folder, self.renderers = folder, []
-        self.seconds = {"low": 0.0, "full": 0.0}
+        self.seconds = {"low": seconds, "full": 0.0}
         """That pictures take."""
+        self._of_first = {"compiles": list(compiles), "errors": list(errors)}
         self.refuses = False
         """Whether there is no device."""
         self.loop = RenderLoop(self._make, read, _curve_at, linger=0.1)
         self.write("scene.toml", TEXT)
-        self.loop.start()
+        self.loop.start(read(Shot(folder / "scene.toml").scene_file(None), None) if ahead else None)
 
     def _make(self):
         if self.refuses:
             raise NoDeviceError("no OpenCL device")
         renderer = FakeRenderer()
         renderer.seconds = self.seconds
+        vars(renderer).update(self._of_first)
+        self._of_first = {}
         self.renderers.append(renderer)
         return renderer
 

@@ -1,14 +1,19 @@
-"""Keeping Ctrl-C, and SIGTERM, to the thread that can do something about it."""
+"""Keeping Ctrl-C, and SIGTERM, to the thread that can do something about it; ending work of other threads."""
 
 import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, NoReturn
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
 """What ends a program that may clean up: Ctrl-C, and what farms and systems send before they kill."""
+
+
+_ask: ContextVar[Callable[[], None] | None] = ContextVar("ask", default=None)
+"""Asks whether the work of this thread was cancelled."""
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -23,6 +28,29 @@ def end_on_sigterm() -> None:
 
 def _terminated(_number: int, _frame: Any) -> NoReturn:
     raise TerminatedError
+
+
+@contextmanager
+def cancelled_by(ask: Callable[[], None]) -> Iterator[None]:
+    """Let `check_cancelled` call ``ask`` in what this thread does inside; it raises if that was cancelled."""
+    before = _ask.set(ask)
+    try:
+        yield
+    finally:
+        _ask.reset(before)
+
+
+def check_cancelled() -> None:
+    """End what this thread does if it was cancelled: long work of the host asks between its parts.
+
+    Raises
+    ------
+    CancelledError
+        It was.
+    """
+    ask = _ask.get()
+    if ask is not None:
+        ask()
 
 
 @contextmanager

@@ -403,6 +403,24 @@ def test_a_frame_can_be_cancelled_from_another_thread(session):
     assert session.render(SCENE).image[..., :3].max() > 0
 
 
+def test_a_frame_is_cancelled_while_the_host_traces_solids(session, monkeypatch):
+    """No launch comes before: the ball is traced in many parts, and cancelled in the first of them."""
+    distances, traced = tfm.SphereSolid.distances, []
+
+    def cancelling(*rays):
+        traced.append(session.cancel())
+        return distances(*rays)
+
+    scene = BESIDE_BALL.replace(camera=BESIDE_BALL.camera.replace(res=(64, 64)))
+    monkeypatch.setattr("tfm_cl.render.tracing.threads.CHUNK", 128)
+    with monkeypatch.context() as patch:
+        patch.setattr(tfm.SphereSolid, "distances", cancelling)
+        with pytest.raises(CancelledError):
+            session.render(scene)
+    assert len(traced) < 64 * 64 / 128 / 2
+    assert session.render(scene).image[..., :3].max() > 0
+
+
 def test_what_was_started_has_ended_when_a_frame_is_given_up(session, monkeypatch):
     """The next one may be given its memory."""
     ended, finish = [], Launcher.finish

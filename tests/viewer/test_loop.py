@@ -2,9 +2,10 @@
 
 import threading
 import time
+from contextlib import closing
 
 import pytest
-from viewing import TEXT, Client
+from viewing import PATIENCE, TEXT, Client, Studio
 
 from tfm_cl.errors import DeviceError
 from tfm_cl.viewer.messages import Edit, Redo, Undo
@@ -32,6 +33,48 @@ def test_the_first_client_sees_everything(studio):
     assert state["bounds"] == [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]]
     assert client.wait("cost", quality="full")["resolution"] == [640, 360]
     assert client.wait("clients")["count"] == 1
+
+
+def ahead(folder, **of_first):
+    """Return a studio whose thread renders before anybody looks, as soon as it does."""
+    studio = Studio(folder, ahead=True, **of_first)
+    end = time.monotonic() + PATIENCE
+    while not (studio.renderers and studio.renderer.rendered):
+        assert time.monotonic() < end
+        time.sleep(0.002)
+    return studio
+
+
+def test_the_first_picture_is_made_ready_before_anybody_looks(tmp_path):
+    with closing(ahead(tmp_path)) as studio:
+        studio.client()
+
+        (renderer,) = studio.renderers
+        assert [quality for quality, *_ in renderer.rendered] == ["low", "low", "full"]
+        assert renderer.rendered[0] == renderer.rendered[1]
+
+
+def test_who_looks_does_not_wait_for_what_is_made_ready(tmp_path):
+    with closing(ahead(tmp_path, seconds=10 * PATIENCE)) as studio:
+        studio.seconds["low"] = 0.0
+        client = studio.client()
+        assert [quality for quality, *_ in studio.renderer.rendered] == ["low", "low", "full"]
+        assert not client.all("failed")
+
+
+def test_nothing_is_compiled_before_anybody_looks(tmp_path):
+    with closing(ahead(tmp_path, compiles=["light pass", "scatter pass"])) as studio:
+        client = studio.client()
+        told = [found["stage"] for found in client.all("work") if "kernels" in found["stage"]]
+        assert told == ["compiling kernels: scatter pass"]
+
+
+def test_what_fails_before_anybody_looks_is_tried_again(tmp_path):
+    with closing(ahead(tmp_path, errors=[DeviceError("lost")])) as studio:
+        client = studio.client()
+        assert len(studio.renderers) == 2
+        assert studio.renderers[0].closed
+        assert not client.all("failed")
 
 
 def test_welcome_tells_what_there_is(studio):

@@ -60,6 +60,14 @@ def test_a_layer_that_was_not_asked_for_is_rendered(studio):
     client.picture("full", before)
 
 
+def test_full_pictures_have_the_samples_asked_for(studio):
+    client = studio.client("scene.toml", ("image.samples", 16))
+    assert studio.renderer.samples == [None, 16]
+    before = client.say("edit", changes={"image.samples": 4})
+    client.picture("full", before)
+    assert studio.renderer.samples[-1] == 4
+
+
 def test_an_automatic_exposure_is_kept_until_it_is_asked_for_again(studio):
     client = studio.client("scene.toml", ("image.exposure", "auto"))
     stops = client.wait_for(lambda _: client.state["show"]["stops"] is not None) and client.state["show"]

@@ -127,7 +127,7 @@ def command(
             if not no_browser:
                 threading.Thread(target=_open, args=(server.address,), name=BROWSER, daemon=True).start()
             with interrupts_to(server.stop):
-                loop.start()
+                loop.start(first.made)
                 server.run()
     except KeyboardInterrupt as error:
         if loop.is_at_work:
@@ -140,12 +140,13 @@ class _First:
 
     def __init__(self, file: SceneFile, number: float | None) -> None:
         self.file = file
-        self._made: ReadFrame | None = read(file, number)
-        self._made.read_files()
+        self.made: ReadFrame | None = read(file, number)
+        """Until it is asked for."""
+        self.made.read_files()
 
     def read(self, file: SceneFile, number: float | None, like: ReadFrame | None = None, /) -> ReadFrame:
         """Read a frame, but the first, which is there already."""
-        made, self._made = self._made, None
+        made, self.made = self.made, None
         return made if made is not None and file.asked == made.file.asked else read(file, number, like)
 
 

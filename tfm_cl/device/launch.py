@@ -18,6 +18,7 @@ from tfm_cl.device.host_memory import HostMemory
 from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
 from tfm_cl.device.running import InTurn, Running
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
+from tfm_cl.interrupts import check_cancelled
 
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
@@ -208,9 +209,7 @@ class Launcher:
         arguments
             All that the kernel's signature names: buffers, numbers, and tuples for vectors.
         """
-        if self._cancelled.is_set():
-            self._cancelled.clear()
-            raise CancelledError("the rendering was cancelled")
+        self.check()
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
         with self._doing(kernel.function_name):
@@ -343,8 +342,14 @@ class Launcher:
             self.queue.finish()
 
     def cancel(self) -> None:
-        """Let the next launch raise `CancelledError`; from any thread."""
+        """Let the next launch, or `check`, raise `CancelledError`; from any thread."""
         self._cancelled.set()
+
+    def check(self) -> None:
+        """Raise `CancelledError` if the work was cancelled."""
+        if self._cancelled.is_set():
+            self._cancelled.clear()
+            raise CancelledError("the rendering was cancelled")
 
     def tiles(self, window: tuple[int, int, int, int]) -> tuple[int, int]:
         """Tiles along x and y that x0, y0, x1, y1 touches."""
@@ -413,7 +418,8 @@ class Launcher:
 
     @contextlib.contextmanager
     def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
-        """Say what was allocated in here if the device refuses."""
+        """Say what was allocated in here if the device refuses; if the work was cancelled it ends before."""
+        check_cancelled()
         self.check_fits(what, nbytes)
         try:
             yield

@@ -24,7 +24,7 @@ from pyopencl import cltypes
 from tfm_cl.device.kernel_cache import POCL, KeptProgram, KernelCache, kernel_cache
 from tfm_cl.device.structs import c_text
 from tfm_cl.errors import KernelBuildError
-from tfm_cl.interrupts import interrupts_ours
+from tfm_cl.interrupts import check_cancelled, interrupts_ours
 
 
 def kernels_dir() -> Path:
@@ -298,6 +298,7 @@ class KernelLibrary:
         """
         variant = (entry, headers, *sorted((defines or {}).items()))
         if (name, variant) not in self._kernels:
+            check_cancelled()
             started = time.perf_counter()
             program, kept = self._build(source(entry, headers, defines or {}), entry)
             for found in program.kernel_names.split(";"):

@@ -17,6 +17,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from tfm_cl.constants import BEYOND_ANGLES, BEYOND_DEPTHS, BEYOND_HALF, MOST_DEGREE
+from tfm_cl.interrupts import check_cancelled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -179,6 +180,7 @@ def beyond(
 
     Source: H. C. van de Hulst, "Multiple Light Scattering" (1980), small-angle scattering.
     """
+    check_cancelled()
     table = np.zeros((BEYOND_DEPTHS, BEYOND_ANGLES), np.float32)
     if lobe.straight == 0:  # light that turns back does not stay on its way
         return table

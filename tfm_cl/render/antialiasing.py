@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.render.raster import BLOCK, block_order, in_blocks, pack, pattern
 from tfm_cl.scene.pixel_filters import FILTERS
 
@@ -191,6 +192,7 @@ class Antialiasing:
 
     def _filtered(self, part: Floats, name: str, levels: list[_Level]) -> Floats:
         """Filter a part of the sums, [h, w, channels]."""
+        check_cancelled()
         reach, out = self._weights.reach, part.copy()
         for level in levels:
             x, y = level.pixels.T

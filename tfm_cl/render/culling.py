@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
+
 if TYPE_CHECKING:
     from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.lights import Light
@@ -53,6 +55,7 @@ def bounds_of_lights(lights: Sequence[Light], camera: Camera, bounds: Floats) ->
     limits[:] = 0, 0, width, height
     if np.isfinite(bounds).all():
         limits = _common(limits, box_on_screen(bounds, camera)[None])
+    check_cancelled()
     cones = [light.lit_cone() for light in lights]
     placed = np.array([i for i, cone in enumerate(cones) if cone is not None], dtype=np.intp)
     if len(placed):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
 from tfm_cl.files.image_io.image import DeepSamples
+from tfm_cl.interrupts import check_cancelled
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -169,12 +170,16 @@ class DeepBuffers:
         samples = DeepSamples(np.ascontiguousarray(self.counts[part]), z, z_back, alpha)
         if self.colours is None:
             return samples
+        check_cancelled()
         sent = launcher.read(self.colours).astype(np.float64)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(sent, axis=0)])
         counts, ends = samples.counts.ravel(), samples.ends
+        check_cancelled()
         of_media = total[ends] - total[ends - counts]
+        check_cancelled()
         some = np.flatnonzero(counts)
         last = ends[some] - 1
         solid = z[last] == z_back[last]
         sent[last[solid]] = (radiance[part][..., :3].reshape(-1, 3) - of_media)[some[solid]]
+        check_cancelled()
         return replace(samples, rgb=(sent / samples.before[:, None]).astype(np.float32))

@@ -748,9 +748,8 @@ class Frame:
     def _touched(self, gbuffer: GBuffer | None) -> NDArray[np.int64]:
         """Pixels of the crop that each light may change, [lights, 4]."""
         scene, crop, bounds = self.scene, self.crop, self._bounds()
-        if gbuffer is not None and len(gbuffer.points):
-            points = gbuffer.points
-            bounds = around([bounds, np.stack([points.min(axis=0), points.max(axis=0)])])
+        if gbuffer is not None and gbuffer.bounds is not None:
+            bounds = around([bounds, gbuffer.bounds])
         touched = bounds_of_lights(scene.lights, scene.camera, bounds)
         clipped: NDArray[np.int64] = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4)
         return clipped

@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
+from tfm_cl.render.tracing.threads import in_chunks
+from tfm_cl.scene.bodies.base import around
+
 if TYPE_CHECKING:
     from tfm_cl.render.raster import Raster
     from tfm_cl.render.tracing.tracer import Tracer
@@ -28,8 +32,10 @@ class GBuffer:
     """[hits, 3] where camera rays meet solids that are no holdouts, world, row by row."""
     starts: NDArray[np.float64]
     """[hits, 3] where their shadow rays start, world."""
+    bounds: NDArray[np.float64] | None
+    """Low and high corner around all points, [2, 3], world; None without any."""
     shown: NDArray[np.bool_]
-    """[h, w]: which pixels these are."""
+    """[h, w]: which pixels the points are of."""
 
     EDGE: ClassVar[int] = 16
     """Pixels along a side of a block, within which points lie close together."""
@@ -61,8 +67,9 @@ class GBuffer:
         boxes = np.zeros((len(self.pixels), 2, 3))
         shown = self.pixels[self.occupied]
         numbers, empty = self.numbers[shown], shown < 0
-        for axis, along in enumerate(np.ascontiguousarray(self.points.T)):  # short axes are slow to reduce
-            values = along[numbers]
+        for axis in range(3):  # short axes are slow to reduce
+            check_cancelled()
+            values = self.points[:, axis][numbers]
             boxes[self.occupied, 0, axis] = np.where(empty, np.inf, values).min(axis=1)
             boxes[self.occupied, 1, axis] = np.where(empty, -np.inf, values).max(axis=1)
         return boxes
@@ -77,16 +84,43 @@ class GBuffer:
 
 def trace_gbuffer(tracer: Tracer, scene: Scene, raster: Raster) -> GBuffer:
     """Trace the camera's rays."""
-    shape = raster.shape
-    where, origins, directions = raster.rays(scene.camera)
-    hits = tracer.nearest(origins, directions, scene.camera.pixel_width / raster.per_pixel)
-    solid = np.zeros((shape[0] * shape[1], 4), np.float32)
-    solid[:, 3] = np.inf
-    albedo, shown = np.zeros_like(solid), np.zeros(len(solid), dtype=bool)
-    met = np.isfinite(hits.distance) & ~hits.holdout
-    solid[where, :3], solid[where, 3] = hits.normal, hits.distance
-    albedo[where, :3], albedo[where, 3] = hits.albedo, hits.holdout
-    shown[where] = met
-    points = origins[met] + hits.distance[met, None] * directions[met]
-    starts = tracer.lifted(points + hits.raised[met], hits.flat[met], hits.distance[met])
-    return GBuffer(solid.reshape(*shape, 4), albedo.reshape(*shape, 4), points, starts, shown.reshape(shape))
+    shape, spread = raster.shape, scene.camera.pixel_width / raster.per_pixel
+    count = shape[0] * shape[1]
+    solid, albedo = np.zeros((count, 4), np.float32), np.zeros((count, 4), np.float32)
+    shown = np.zeros(count, dtype=bool)
+    points_of: dict[int, NDArray[np.float64]] = {}
+    starts_of: dict[int, NDArray[np.float64]] = {}
+    """By the first pixel of a part."""
+    boxes: list[NDArray[np.float64]] = []
+
+    def trace(part: slice) -> None:
+        where, origins, directions = raster.rays(scene.camera, part)
+        hits = tracer.nearest(origins, directions, spread)
+        met = np.isfinite(hits.distance) & ~hits.holdout
+        solid[part, 3] = np.inf
+        solid[where, :3], solid[where, 3] = hits.normal, hits.distance
+        albedo[where, :3], albedo[where, 3] = hits.albedo, hits.holdout
+        shown[where] = met
+        points = origins[met] + hits.distance[met, None] * directions[met]
+        points_of[part.start] = points
+        starts_of[part.start] = tracer.lifted(points + hits.raised[met], hits.flat[met], hits.distance[met])
+        if len(points):
+            axes = np.ascontiguousarray(points.T)  # short axes are slow to reduce
+            boxes.append(np.stack([axes.min(axis=1), axes.max(axis=1)]))
+
+    in_chunks(count, trace)
+    points, starts = _joined(points_of), _joined(starts_of)
+    return GBuffer(
+        solid.reshape(*shape, 4),
+        albedo.reshape(*shape, 4),
+        points,
+        starts,
+        around(boxes) if boxes else None,
+        shown.reshape(shape),
+    )
+
+
+def _joined(parts: dict[int, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Put parts, by their places, one behind the other."""
+    check_cancelled()
+    return np.concatenate([parts[place] for place in sorted(parts)])

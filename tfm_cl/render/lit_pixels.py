@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.render.tracing.threads import CHUNK, in_chunks
 
 if TYPE_CHECKING:
@@ -62,20 +63,29 @@ def lit_pixels(
     edge = gbuffer.EDGE
     block = np.repeat(np.arange(len(lists.starts) - 1), np.diff(lists.starts))
     near = np.flatnonzero(gbuffer.occupied[block])
-    near = near[regions[lists.lights[near]].touch_boxes(gbuffer.boxes[block[near]])]
+    met, boxes = np.empty(len(near), dtype=bool), gbuffer.boxes
+
+    def meet(part: slice) -> None:
+        pairs = near[part]
+        met[part] = regions[lists.lights[pairs]].touch_boxes(boxes[block[pairs]])
+
+    in_chunks(len(near), meet)
+    near = near[met]
     block, light = block[near], lists.lights[near]
+    low, high = np.full((2, count), max(width, height)), np.zeros((2, count), np.int64)
     row, column = np.divmod(block, lists.columns)
-    corners = np.stack([column, row], axis=1) * edge
-    low = np.full((count, 2), max(width, height))
-    high = np.zeros((count, 2), np.int64)
-    np.minimum.at(low, light, corners)
-    np.maximum.at(high, light, np.minimum(corners + edge, (width, height)))
-    low = np.minimum(low, high)
+    for axis, (number, length) in enumerate(((column, width), (row, height))):  # short axes are slow here
+        np.minimum.at(low[axis], light, number * edge)
+        np.maximum.at(high[axis], light, np.minimum((number + 1) * edge, length))
+    low, high = np.minimum(low, high).T, high.T
     sizes = high - low
     areas = sizes.prod(axis=1)
     first = areas.cumsum() - areas
+    lit = np.zeros(int(areas.sum()) + 1, np.uint8)
     # Where a pixel shows no solid nothing asks.
-    lit = np.append(np.repeat(~shaded, areas), False).astype(np.uint8)
+    for unshaded in np.flatnonzero(~shaded):
+        check_cancelled()
+        lit[first[unshaded] : first[unshaded] + areas[unshaded]] = 1
     asks = shaded[light]
     block, light = block[asks], light[asks]
 

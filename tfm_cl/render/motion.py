@@ -10,6 +10,7 @@ import numpy as np
 
 from tfm_cl.device.advection import moved
 from tfm_cl.errors import SceneError
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.scene.bodies.flame import flame_in, heat_of, keep_flame
 from tfm_cl.scene.bodies.primitives import Primitives
 from tfm_cl.scene.bodies.volume import Volume
@@ -207,12 +208,14 @@ class _Mean:
             )
 
     def _put(self, name: str, values: NDArray[np.float32]) -> None:
+        check_cancelled()
         if name in self._sums:
             self._sums[name] += values
         else:
             self._sums[name] = values.astype(np.float64)
 
     def _of(self, name: str, *, total: bool = False) -> NDArray[np.float32]:
+        check_cancelled()
         found = self._sums[name] / (1 if total else self._count)
         return found.astype(np.float32)
 

@@ -47,6 +47,7 @@ from tfm_cl.device.launch import LOOK_UP
 from tfm_cl.device.structs.declared import SWEEP
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.errors import SceneError
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.model import decided
 from tfm_cl.plan.deposits import deposited
 from tfm_cl.plan.lobes import harmonics
@@ -330,7 +331,9 @@ def met_of(
     joined: list[NDArray[Any]] = [
         np.concatenate(values) for values in zip(*(met for _, met in sweeps), strict=True)
     ]
+    check_cancelled()
     by_way = np.lexsort((joined[Met._fields.index("part")], joined[Met._fields.index("plane")], item))
+    check_cancelled()
     sorted_met = Met(*(values[by_way] for values in joined))
     walls = np.empty((len(item), 4), np.int32)
     walls[:, 0], walls[:, 1], walls[:, 2] = sorted_met.plane, lane[by_way], sorted_met.departs
@@ -364,6 +367,7 @@ class _Surfaces:
         walls, starts, items, known = met_of(sweeps, lattice.size, launcher.lanes)
         self.along = sum(sweep.axis != 0 for sweep, _ in sweeps)
         """Directions before those along x."""
+        check_cancelled()
         arriving = np.flatnonzero(known.arrives != NO_PATCH)
         arriving = arriving[np.argsort(known.arrives[arriving], kind="stable")]
         of_patches = np.searchsorted(known.arrives[arriving], np.arange(patches.number + 1))

@@ -53,8 +53,11 @@ class Raster(Protocol):
     def per_pixel(self) -> int:
         """Samples along a side of a pixel."""
 
-    def rays(self, camera: Camera) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
-        """Which elements of the buffers have rays, and their origins and directions [rays, 3], world."""
+    def rays(self, camera: Camera, part: slice) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
+        """Which elements of a part of the buffers, row by row, have rays, and origins and directions.
+
+        Both [rays, 3], world.
+        """
 
     def spans(self, touched: NDArray[np.int64]) -> NDArray[np.int64]:
         """Pixels of the buffers, x0, y0, x1, y1, around those that show some of the frame's, both [n, 4]."""
@@ -94,9 +97,11 @@ class Crop:
         """Not read."""
         return np.zeros((1, 2), np.float32)
 
-    def rays(self, camera: Camera) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
-        """Which elements of the buffers have rays, and their origins and directions [rays, 3], world."""
-        return slice(None), *camera.rays(self.bounds)
+    def rays(self, camera: Camera, part: slice) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
+        """Which elements of a part of the buffers have rays, and their origins and directions."""
+        x0, y0, x1, _ = self.bounds
+        y, x = np.divmod(np.arange(part.start, part.stop), x1 - x0)
+        return part, *camera.rays_through(x + (x0 + 0.5), y + (y0 + 0.5))
 
     def spans(self, touched: NDArray[np.int64]) -> NDArray[np.int64]:
         """Pixels of the buffers around those that show some of the frame's."""
@@ -150,9 +155,9 @@ class Samples:
         """None: the next frame may sample other pixels."""
         return None
 
-    def rays(self, camera: Camera) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
-        """Which elements of the buffers have rays, and their origins and directions [rays, 3], world."""
-        there = np.flatnonzero(self.places[:, 0] != NOWHERE)
+    def rays(self, camera: Camera, part: slice) -> tuple[slice | NDArray[np.intp], Floats, Floats]:
+        """Which elements of a part of the buffers have rays, and their origins and directions."""
+        there = part.start + np.flatnonzero(self.places[part, 0] != NOWHERE)
         x, y = self.places[there].astype(np.float64).T
         return there, *camera.rays_through(x, y)
 

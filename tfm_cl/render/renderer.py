@@ -23,6 +23,7 @@ from tfm_cl.device.kernel_cache import take_notes
 from tfm_cl.device.launch import Launcher, Progress
 from tfm_cl.device.margins import grown, light_margin
 from tfm_cl.errors import DeviceError, SceneError, TfmError, TfmWarning
+from tfm_cl.interrupts import cancelled_by, check_cancelled
 from tfm_cl.maps.light_at_points import EMISSION, LightAtPoints
 from tfm_cl.plan import emission, lattice, resolution
 from tfm_cl.plan.accuracy import Choice, Chooser
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.buffers import Sums
     from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.scene import Scene
 
 
@@ -209,7 +211,8 @@ class Renderer:
                 raise DeviceError("the renderer is closed: nothing can be rendered with it; make another")
             self._launcher.begin()
             try:
-                yield
+                with cancelled_by(self._launcher.check):
+                    yield
             except BaseException:
                 self._launcher.finish()
                 raise
@@ -454,7 +457,10 @@ class Renderer:
             self._cache.forget_unused()
 
     def cancel(self) -> None:
-        """End what another thread is rendering: it raises `CancelledError` before its next launch."""
+        """End what another thread is rendering.
+
+        It raises `CancelledError` before its next launch, or between two parts of what the host does.
+        """
         self._launcher.cancel()
 
     def render(
@@ -955,11 +961,13 @@ def _single_lights(scene: Scene) -> Scene:
         bounds = around([body.occupied_bounds for body in scene.marched])
     fits = bool(scene.solids or scene.marched)
 
+    def placed(light: Light, box: NDArray[np.float64], inside: NDArray[np.float64]) -> Light:
+        check_cancelled()
+        return light.fitted(box, inside) if fits or light.needs_fitting else light
+
     def fitted(margin: float) -> Scene:
         box, inside = grown(bounds, margin), grown(occupied, margin)
-        return scene.replace(
-            lights=[light.fitted(box, inside) if fits or light.needs_fitting else light for light in lights]
-        )
+        return scene.replace(lights=[placed(light, box, inside) for light in lights])
 
     found = fitted(0.0)
     margin = light_margin(found)

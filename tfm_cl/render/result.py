@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import DeepSamples, Image, Metadata
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.plan.orders import orders_of
 from tfm_cl.scene.background import check_surrounded, radiance_behind
 from tfm_cl.scene.layers import GROUPS, Members, members
@@ -155,8 +156,10 @@ class RenderResult:
             behind = radiance_behind(scene.lights, scene.camera, self.crop)
         else:
             behind = np.array(settings.background, np.float32)
-        image = bare.copy()
-        image[..., :3] += self.background_share * behind
+        image, share = bare.copy(), self.background_share
+        for channel in range(image.shape[-1] - 1):  # short axes are slow
+            check_cancelled()
+            image[..., channel] += share[..., channel] * behind[..., channel]
         return replace(self, image=image, background=settings.background, foreground=bare)
 
     @property
@@ -166,7 +169,8 @@ class RenderResult:
             return self.shows_through
         share = self.aovs["transmittance"]
         if "solid_distance" in self.aovs:
-            share = np.where(self.aovs["solid_distance"][..., None] > 0, np.float32(0), share)
+            share = share.copy()
+            share[self.aovs["solid_distance"] > 0] = 0
         return share
 
     def picture(self, *, transparent: bool = False) -> NDArray[np.float32]:

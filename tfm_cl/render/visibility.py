@@ -13,7 +13,7 @@ from tfm_cl.render.gbuffer import trace_gbuffer
 from tfm_cl.render.lit_pixels import lit_pixels
 from tfm_cl.render.regions import LitRegions
 from tfm_cl.render.shadow_pyramid import shadow_bounds
-from tfm_cl.render.tracing.threads import in_chunks
+from tfm_cl.render.tracing.threads import CHUNK, in_chunks
 from tfm_cl.scene.lights.base import texel_positions
 
 if TYPE_CHECKING:
@@ -40,9 +40,6 @@ T = TypeVar("T", bound=Sized)
 
 SHADOW_TEXELS = 2
 """Along a side of a shadow map, for each of a map that is small because its light is soft."""
-
-LIGHTS = 8
-"""Number of lights whose shadow maps a thread traces at a time; a large map is traced by all cores anyway."""
 
 
 class Visibility:
@@ -215,11 +212,20 @@ def clip_of(distances: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     res = len(distances)
     width = 3 * -(-res // size) + 2
     reach = width // 2
-    around = np.pad(distances, reach, mode="edge")
-    across = np.max([around[:, at : at + res] for at in range(2 * reach + 1)], axis=0)
-    widest = np.max([across[at : at + res] for at in range(2 * reach + 1)], axis=0)
     centres = np.minimum((np.arange(size) + 0.5) * res / size, res - 1).astype(np.intp)
-    return np.ascontiguousarray(widest[np.ix_(centres, centres)])
+    rows = _largest(np.pad(distances, ((reach, reach), (0, 0)), mode="edge"), 2 * reach + 1)[centres]
+    columns = _largest(np.pad(rows.T, ((reach, reach), (0, 0)), mode="edge"), 2 * reach + 1)[centres]
+    return np.ascontiguousarray(columns.T)
+
+
+def _largest(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Find the largest of each row and the ``width`` - 1 after it, [n - width + 1, m]."""
+    of = 1
+    while 2 * of <= width:
+        values = np.maximum(values[:-of], values[of:])
+        of *= 2
+    left = width - of
+    return np.maximum(values[: len(values) - left], values[left:])
 
 
 def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -235,12 +241,19 @@ def solid_distances(tracer: Tracer, light: Light, positions: NDArray[np.float64]
 
 
 def _shadow_maps(tracer: Tracer, lights: list[Light], sizes: list[int]) -> list[NDArray[np.float32]]:
-    positions = {size: texel_positions(size) for size in set(sizes)}
     maps = [np.empty((size, size), np.float32) for size in sizes]
+    # Of a large map a part is traced at a time, of small ones several.
+    pieces = [
+        (number, slice(first, min(first + CHUNK, size**2)))
+        for number, size in enumerate(sizes)
+        for first in range(0, size**2, CHUNK)
+    ]
+    longest = max((piece.stop - piece.start for _, piece in pieces), default=1)
 
     def trace(part: slice) -> None:
-        for light, size, distances in zip(lights[part], sizes[part], maps[part], strict=True):
-            distances.ravel()[:] = solid_distances(tracer, light, positions[size])
+        for number, texels in pieces[part]:
+            positions = texel_positions(sizes[number], texels)
+            maps[number].ravel()[texels] = solid_distances(tracer, lights[number], positions)
 
-    in_chunks(len(lights), trace, LIGHTS)
+    in_chunks(len(pieces), trace, CHUNK // longest)
     return maps

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.plan.orders import is_endless
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ WITHIN = 1e-6
 """Planes by which a ray that enters or leaves at a point beside the lattice is taken to be inside."""
 LEAST_COSINE = 0.5
 """Of a surface's normal to the nearest axis: means of normals may be shorter, single ones reach 3^-1/2."""
+NAMED = 1 << 16
+"""Surfaces whose patches are named at a time."""
 TINY = 1e-300
 """More than no weight."""
 
@@ -141,11 +144,10 @@ def walls_of(
         return None
     # Either side of each surface: where light arrives, and where it departs.
     sides = [(joined.normal, joined.arrives), (-joined.normal, joined.departs)]
-    keys = np.concatenate([_keys(lattice, joined.point, normal)[counts] for normal, counts in sides])
-    unique, numbers = np.unique(keys, return_inverse=True)
+    unique, numbers = _numbered(lattice, joined.point, sides)
     count, first = len(unique), int(joined.arrives.sum())
     place, normal, albedo = (
-        _means(np.concatenate([one[joined.arrives], other[joined.departs]]), numbers, count)
+        _means(_one_behind_the_other([one[joined.arrives], other[joined.departs]]), numbers, count)
         for one, other in (
             (joined.point, joined.point),
             (joined.normal, -joined.normal),
@@ -180,11 +182,17 @@ def walls_of(
 
 def _joined(parts: Sequence[_Found]) -> _Found:
     """Return all of them, one after the other."""
-    return _Found(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+    return _Found(*map(_one_behind_the_other, zip(*parts, strict=True)))
+
+
+def _one_behind_the_other(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    check_cancelled()
+    return np.concatenate(parts)
 
 
 def _means(values: Floats, number: Ints, count: int) -> Floats:
     """Return the means ``[count, 3]`` of values ``[n, 3]`` that belong to numbers ``[n]``."""
+    check_cancelled()
     sums = np.stack([np.bincount(number, one, count) for one in values.T], axis=1)
     means: Floats = sums / np.bincount(number, minlength=count)[:, None]
     return means
@@ -211,6 +219,33 @@ def _keys(lattice: Lattice, points: Floats, normals: Floats) -> Ints:
     upwards = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0
     named: Ints = (key << SIDE_BITS) + 2 * axis + upwards
     return named
+
+
+def _numbered(
+    lattice: Lattice, points: Floats, sides: Sequence[tuple[Floats, NDArray[np.bool_]]]
+) -> tuple[Ints, Ints]:
+    """Return the patches' names, in order, and the number among them of that of each surface.
+
+    Parameters
+    ----------
+    points
+        Of all surfaces, ``[n, 3]``.
+    sides
+        Their normals ``[n, 3]``, and which of them count, ``[n]``.
+    """
+    found = []
+    for normals, counts in sides:
+        which = np.flatnonzero(counts)
+        for first in range(0, len(which), NAMED):
+            check_cancelled()
+            part = which[first : first + NAMED]
+            found.append(np.unique(_keys(lattice, points[part], normals[part]), return_inverse=True))
+    check_cancelled()
+    unique, numbers = np.unique(np.concatenate([names for names, _ in found]), return_inverse=True)
+    check_cancelled()
+    begins = np.cumsum([0, *(len(names) for names, _ in found)])
+    of_all = [numbers[begin:][own] for begin, (_, own) in zip(begins[:-1], found, strict=True)]
+    return unique, np.concatenate(of_all)
 
 
 class _Rays:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.errors import SceneError
+from tfm_cl.interrupts import check_cancelled
 from tfm_cl.scene.lights.surroundings import Surroundings
 
 if TYPE_CHECKING:
@@ -49,12 +50,15 @@ def radiance_behind(
     ------
     SceneError
         An image that cannot be used.
+    CancelledError
+        The picture that it is for was cancelled.
     """
     surroundings = surroundings_of(lights)
     x0, y0, x1, y1 = crop or (0, 0, *camera.res)
     seen = np.zeros((y1 - y0, x1 - x0, 3), np.float32)
     rows = max(1, BLOCK // (x1 - x0))
     for top in range(y0, y1, rows):
+        check_cancelled()
         bottom = min(top + rows, y1)
         directions, cosines = camera.directions((x0, top, x1, bottom))
         # Pixels are squares on a plane: their solid angle falls as the cosine's third power.

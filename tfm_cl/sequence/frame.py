@@ -203,8 +203,9 @@ def _asked(image: ImageSettings, pictures: Sequence[Path]) -> dict[str, Any]:
     """Return what the renderer is asked for; deep images have no use for several samples of a pixel."""
     deep = [image_io.is_deep(path) for path in pictures]
     asked: dict[str, Any] = {**image.frame, "deep_colour": image.deep_colour}
+    only_deep = bool(deep) and all(deep)
     return (
-        asked | ({"deep": image.deep_tolerance} if any(deep) else {}) | ({"samples": 1} if all(deep) else {})
+        asked | ({"deep": image.deep_tolerance} if any(deep) else {}) | ({"samples": 1} if only_deep else {})
     )
 
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from tfm_cl.viewer.pacing import LEAST_WIDTH, Pacer
 
 if TYPE_CHECKING:
+    from tfm_cl.device.launch import Progress
     from tfm_cl.scene.lights.base import Light
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.settings import ImageSettings, MapSettings, MarchSettings
-    from tfm_cl.viewer.renderer import ReadFrame, Result
+    from tfm_cl.viewer.renderer import ReadFrame, Renderer, Result
 
 LEAST_RES = 64
 """Texels along a side of a map."""
@@ -116,6 +117,20 @@ class Draft:
     def forget(self) -> None:
         """Forget which maps there are: another renderer makes them anew."""
         self._full = self._low = None
+
+
+def low_picture(
+    scene: Scene, read: ReadFrame, renderer: Renderer, layers: tuple[str, ...], progress: Progress
+) -> Result:
+    """Render the scene of a low picture (`Draft.scene`) of a frame, with layers that have to be asked for."""
+    image = read.file.image
+    return renderer.render(
+        scene,
+        crop=scaled_crop(image, read.scene.camera.res, scene.camera.res),
+        aovs=layers,
+        background=image.background,
+        progress=progress,
+    )
 
 
 def scaled_crop(image: ImageSettings, full: tuple[int, int], low: tuple[int, int]) -> Any:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tfm_cl.errors import CancelledError, InputError
 from tfm_cl.interrupts import interrupts_held
+from tfm_cl.viewer.draft import Draft, low_picture
 from tfm_cl.viewer.edits import Settings
 from tfm_cl.viewer.session import REST, Session, Work
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from tfm_cl.sequence.shot import Shot
     from tfm_cl.viewer.answers import WriteScene
     from tfm_cl.viewer.files import Files
-    from tfm_cl.viewer.renderer import Read, Renderer
+    from tfm_cl.viewer.renderer import Read, ReadFrame, Renderer
     from tfm_cl.viewer.session import Due
 
 ENDED_WITHIN = 0.2
@@ -75,6 +76,10 @@ class RenderLoop:
         self._thread: threading.Thread | None = None
         self._renderer: Renderer | None = None
         """Made and closed by the thread."""
+        self._first: ReadFrame | None = None
+        """What the thread may render before anybody looks."""
+        self._is_ahead = False
+        """Whether it does; under the lock."""
         self._made_anew = 0
         """Low pictures that made something, since the renderer forgot."""
 
@@ -113,9 +118,17 @@ class RenderLoop:
             write_scene=write_scene,
         )
 
-    def start(self) -> None:
-        """Begin to work."""
+    def start(self, first: ReadFrame | None = None) -> None:
+        """Begin to work.
+
+        Parameters
+        ----------
+        first
+            What somebody will look at: until then its first picture is rendered for what that leaves with the
+            renderer, unless kernels have to be compiled, of which who looks is told.
+        """
         if self._thread is None:
+            self._first = first
             self._thread = threading.Thread(target=self._run, name="tfm view: rendering", daemon=True)
             with interrupts_held():
                 self._thread.start()
@@ -146,7 +159,7 @@ class RenderLoop:
                 self._unwatched_since = time.monotonic()
             if is_input and is_watched:
                 self._moved = session, time.monotonic()
-            if (is_input and is_watched) or not self._sessions:
+            if (is_input and is_watched) or not self._sessions or self._is_ahead:
                 self._make_stale()
             self._changed.notify_all()
 
@@ -159,6 +172,7 @@ class RenderLoop:
     # The thread.
 
     def _run(self) -> None:
+        self._render_ahead()
         while True:
             with self._changed:
                 for session in self._asleep:
@@ -181,6 +195,29 @@ class RenderLoop:
             else:
                 self._do(*turn)
         self._close_renderer()
+
+    def _render_ahead(self) -> None:
+        """Render a low picture that nobody sees: what it needs is then there for the first that is seen."""
+        read, self._first = self._first, None
+        with self._changed:
+            if read is None or self._sessions or self._is_closed:
+                return
+            self._is_stale, self._may_end, self._is_ahead = False, True, True
+        try:
+            renderer = self._get_renderer()
+            renderer.on_compiling = self._end_ahead
+            low_picture(Draft(self._rate).scene(read), read, renderer, (), self._check)
+        except CancelledError:
+            pass
+        except Exception:  # noqa: BLE001 - who looks is told, if it fails again
+            self._close_renderer()
+        finally:
+            with self._changed:
+                self._may_end = self._is_ahead = False
+
+    def _end_ahead(self, what: str) -> None:
+        """Compile nothing as long as nobody looks."""
+        raise CancelledError(f"nobody is there to be told that {what} is compiled")
 
     def _next(self) -> tuple[Session, Work] | None:
         """Return whose turn it is, and what is to be done; None where nothing is due yet."""

@@ -30,7 +30,7 @@ from tfm_cl.scene.schema import scene_schema
 from tfm_cl.viewer import pictures
 from tfm_cl.viewer.answers import Answers, Asked, Now, SeenPicture
 from tfm_cl.viewer.clients import Clients, failed
-from tfm_cl.viewer.draft import Draft, scaled_crop
+from tfm_cl.viewer.draft import Draft, low_picture
 from tfm_cl.viewer.edits import Settings
 from tfm_cl.viewer.messages import (
     Compare,
@@ -494,14 +494,7 @@ class Session:
         if self._seen is None:  # kernels may have to be compiled first
             progress(FIRST, 0.0)
         read, started = self._there(), time.perf_counter()
-        scene, image = self._draft.scene(read), read.file.image
-        result = renderer.render(
-            scene,
-            crop=scaled_crop(image, read.scene.camera.res, scene.camera.res),
-            aovs=self._layers(),
-            background=image.background,
-            progress=progress,
-        )
+        result = low_picture(self._draft.scene(read), read, renderer, self._layers(), progress)
         self._draft.took(time.perf_counter() - started, result)
         self._needs.discard(Work.LOW)
         self._good = self._settings

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.device.frame import SMALLEST_SIZE, world_from_device
 from tfm_cl.device.structs.declared import LIGHT
+from tfm_cl.interrupts import check_cancelled
 
 if TYPE_CHECKING:
     from tfm_cl.scene.lights import Light
@@ -21,7 +22,10 @@ def light_structs(scene: Scene, lights: Sequence[Light]) -> NDArray[Any]:
     structs = np.zeros(len(lights), LIGHT.dtype)
     if not lights:
         return structs
-    frames = [light.frame() for light in lights]
+    frames = []
+    for light in lights:
+        check_cancelled()
+        frames.append(light.frame())
     device_from_world = np.linalg.inv(world_from_device(scene))
     device_from_light = device_from_world @ np.stack([frame.world_from_light for frame in frames])
     structs["world_from_light"] = device_from_light[:, :3].reshape(-1, 12)

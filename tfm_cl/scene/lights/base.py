@@ -452,7 +452,11 @@ def ball_interval(offsets: Floats, directions: Floats, radius: float) -> tuple[F
     return np.where(hit, begin, 0), np.where(hit, end, 0)
 
 
-def texel_positions(res: int) -> Floats:
-    """Texel centres of a map, ``[res², 2]``; x varies fastest, and the first row has the lowest y."""
-    at = (np.arange(res) + 0.5) / res
-    return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+def texel_positions(res: int, part: slice | None = None) -> Floats:
+    """Texel centres of a map, ``[res², 2]``; x varies fastest, and the first row has the lowest y.
+
+    Of a ``part`` of the texels only these.
+    """
+    first, end, _ = (part or slice(None)).indices(res * res)
+    y, x = np.divmod(np.arange(first, end), res)
+    return np.stack([(x + 0.5) / res, (y + 0.5) / res], axis=-1)
