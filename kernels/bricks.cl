@@ -1,50 +1,7 @@
-/* From leaves of 8x8x8 voxels, as the host keeps them, to the bricks and records of body/grid.h.
+/* From leaves of 8x8x8 voxels, as the host keeps them, to the records of body/grid.h.
    Works on a slab of brick layers and the leaf layers that it touches. Requires: what grid.h does. */
 #include "body/grid.h"
 #include "body/leaves.h"
-
-/* Which of LEAF_BRICKS bricks along an axis answer for some of a leaf's LEAF_EDGE voxels: of brick k, as bits, those
-   that its cells touch. offset: the leaf's first voxel from the first of brick 1, 0 to BRICK_EDGE - 1. */
-TFM_INLINE int touched_by(int k, int offset)
-{
-  const int begin = max((k - 1) * BRICK_EDGE - offset, 0);
-  const int end = min((k - 1) * BRICK_EDGE - offset + BRICK_EDGE + MOST_SHARED, LEAF_EDGE);
-  return begin < end ? (1 << end) - (1 << begin) : 0;
-}
-
-/* bricks  out: for every leaf, the LEAF_BRICKS along each axis that its voxels may touch, as bits, x fastest: 1 with a
-   voxel > 0 in the cells that a brick answers for. offset: as of `touched_by`, along x, y, z. One work-item a leaf. */
-__kernel void find_occupied(__global const float *leaves, int count, int4 offset, __global ulong *bricks)
-{
-  const int leaf = (int)get_global_id(0);
-  if (leaf >= count)
-    return;
-  __global const float *voxel = leaves + (size_t)leaf * (LEAF_EDGE * LEAF_EDGE * LEAF_EDGE);
-  int found[LEAF_BRICKS][LEAF_BRICKS]; /* of bricks along z and y, which voxels along x */
-  for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS; ++i)
-    found[i / LEAF_BRICKS][i % LEAF_BRICKS] = 0;
-  for (int z = 0; z < LEAF_EDGE; ++z) {
-    int of_layer[LEAF_BRICKS];
-    for (int k = 0; k < LEAF_BRICKS; ++k)
-      of_layer[k] = 0;
-    for (int y = 0; y < LEAF_EDGE; ++y) {
-      int row = 0;
-      for (int x = 0; x < LEAF_EDGE; ++x, ++voxel)
-        row |= (*voxel > 0.0f) << x;
-      for (int k = 0; k < LEAF_BRICKS; ++k)
-        of_layer[k] |= touched_by(k, offset.y) >> y & 1 ? row : 0;
-    }
-    for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS; ++i)
-      found[i / LEAF_BRICKS][i % LEAF_BRICKS] |=
-          touched_by(i / LEAF_BRICKS, offset.z) >> z & 1 ? of_layer[i % LEAF_BRICKS] : 0;
-  }
-  ulong bits = 0;
-  for (int i = 0; i < LEAF_BRICKS * LEAF_BRICKS * LEAF_BRICKS; ++i) {
-    const int of_rows = found[i / (LEAF_BRICKS * LEAF_BRICKS)][i / LEAF_BRICKS % LEAF_BRICKS];
-    bits |= (ulong)((of_rows & touched_by(i % LEAF_BRICKS, offset.x)) != 0) << i;
-  }
-  bricks[leaf] = bits;
-}
 
 /* The voxel behind the leaf of another, along an axis of which `first` is where voxels begin. */
 TFM_INLINE int leaf_end(int voxel, int first)

@@ -61,12 +61,12 @@ that is quick, and modules beside it have the device's own number. Most device f
 both."""
 
 
-EVERY = 12
+EVERY = 24
 """Of a module's slow cases that differ from others in the rays a work-item only, and that no CPU chooses, so
 many are one that is run, from the first on: compiling took a fifth of CI. For GPUs all are compiled."""
-MOST, OF_PICTURES, OF_CHECKS = 3, ("render", "maps", "plan"), "test_the_check_sees"
-"""Of more slow cases of one test of these folders, or of one that tries a check on what is wrong, so many are
-run, spread evenly: each compiles kernels of its own. ``--every-case``, or a test's own name, runs all."""
+OF_PICTURES, OF_CHECKS = {"render", "maps", "plan"}, "test_the_check_sees"
+"""Of slow cases of one test of these folders, or of one that tries a check on what is wrong, the first and
+the last are run: each compiles kernels of its own. ``--every-case``, or a test's own name, runs all."""
 
 
 def pytest_collection_modifyitems(config, items):
@@ -88,11 +88,8 @@ def pytest_collection_modifyitems(config, items):
     left_out = {case for cases in one_lane.values() for case in set(cases) - set(cases[::EVERY])}
     for (path, test), cases in others.items():
         folders = path.relative_to(config.rootpath).parts
-        if not {*OF_PICTURES}.isdisjoint(folders) or test.startswith(OF_CHECKS):
-            spread = {len(cases) * number // MOST for number in range(MOST)}
-            left_out |= {
-                case for number, case in enumerate(cases) if number not in spread and len(cases) > MOST
-            }
+        if not OF_PICTURES.isdisjoint(folders) or test.startswith(OF_CHECKS):
+            left_out |= set(cases[1:-1])
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])
         items[:] = [item for item in items if item not in left_out]

@@ -9,8 +9,6 @@ BRICK_EDGE = 1 << BRICK_SHIFT
 """Cells along an edge of a brick, the unit in which marches skip what is empty."""
 BLOCK_BRICKS = 2
 """Bricks along an edge of a block, the unit of storage."""
-LEAF_BRICKS = 4
-"""Bricks along an axis whose cells may touch voxels of one leaf."""
 BLOCK_NUMBERS = 12
 """Ints that tell where a record's block is, and which records the blocks after it have."""
 MOST_SHARED = {1: 1, 4: 3, 8: 3, 16: 3}
@@ -81,7 +79,6 @@ def c_definitions() -> str:
         "BRICK_EDGE": BRICK_EDGE,
         "BLOCK_EDGE": BLOCK_BRICKS * BRICK_EDGE,
         "BLOCK_SHIFT": BRICK_SHIFT + BLOCK_BRICKS.bit_length() - 1,
-        "LEAF_BRICKS": LEAF_BRICKS,
         "BLOCK_NUMBERS": BLOCK_NUMBERS,
         "MARCH_LEVELS": MARCH_LEVELS,
         "CURVE_CELLS": CURVE_CELLS,

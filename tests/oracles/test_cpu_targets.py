@@ -25,16 +25,11 @@ WIDEST = {"x86-64-v2": 4, "x86-64-v3": 8, "x86-64-v4": 16, "aarch64": 4}
 LANGUAGE = ("-x", "cl", "-cl-std=CL1.2", "-cl-no-stdinc", "-Wall", "-Werror")
 OUTPUT = ("-emit-llvm", "-c", "-o", "/dev/null")
 
-PAIRED, SINGLE = False, True
-"""Any two choices together, or every choice by itself: `kernel_variants`' ``few``."""
 # One ray has no vectors, and is compiled for GPUs; fewer than the widest are passed like these. Vectors are
-# as wide as each target's registers: choices that meet badly do so on all of them, any two meet on one. An
-# optimiser's warnings are asked for where registers are widest. (aarch64 has a test of its own, and four
-# lanes, like x86-64-v2.)
-EVERY = [
-    ("x86-64-v3", "-O0", PAIRED),
-    ("x86-64-v4", "-O2", SINGLE),
-]
+# as wide as each target's registers, and every choice is there by itself: how a function passes its vectors
+# does not depend on a second one, and any two together are compiled for GPUs. An optimiser's warnings are
+# asked for where registers are widest. (aarch64 has a test of its own, and four lanes, like x86-64-v2.)
+EVERY = [("x86-64-v3", "-O0"), ("x86-64-v4", "-O2")]
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +60,9 @@ def test_each_choice_compiles_without_a_warning(target, entry, complaints):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", PROGRAMS)
-@pytest.mark.parametrize(("target", "optimisation", "few"), EVERY)
-def test_compiles_without_a_warning(target, optimisation, few, entry, complaints):
-    for label, file, headers, defines in kernel_variants(WIDEST[target], few=few):
+@pytest.mark.parametrize(("target", "optimisation"), EVERY)
+def test_compiles_without_a_warning(target, optimisation, entry, complaints):
+    for label, file, headers, defines in kernel_variants(WIDEST[target], few=True):
         if file == entry:
             assert complaints(target, source(file, headers, defines), optimisation) == "", label
 

@@ -191,7 +191,7 @@ def plant(tmp_path):
 def test_a_double_literal_is_found(plant, target, clang):
     text, folder = plant("__kernel void planted(__global float *x) { x[0] = 0.1 * x[0]; }\n")
     assembly, complaints = clang.assembly(target, text, folder)
-    found = faults(target, assembly, {"find_occupied", "fill_records", "planted"})
+    found = faults(target, assembly, {"fill_records", "planted"})
 
     assert complaints == ""
     assert found
@@ -224,7 +224,7 @@ def test_a_trap_and_a_missing_entry_are_found(plant, target, clang):
     text, folder = plant("__kernel void planted(__global float *x) { x[0] = 1.0f; __builtin_trap(); }\n")
     assembly, _ = clang.assembly(target, text, folder)
 
-    assert clang.kernels(text, folder) == {"find_occupied", "fill_records", "planted"}
+    assert clang.kernels(text, folder) == {"fill_records", "planted"}
     assert faults(target, assembly, {"planted", "absent"}) == ["absent: is no entry", "planted: traps"]
 
 

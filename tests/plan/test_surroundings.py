@@ -106,10 +106,27 @@ def test_shadows_of_solids_that_are_seen_keep_it_from_points(tmp_path, has_sun, 
 
 
 def test_what_is_asked_for_stays():
-    asked = [SKY.replace(lookup="points", map_res=96), SUN]
+    asked = [SKY.replace(lookup="points", map_res=96, points_apart=0.07), SUN]
     planned = plan(scene_of(asked, res=64, lookup="interpolate"))
     assert planned.scene.lights[0] == asked[0]
-    assert not {"light.0.lookup", "light.0.map_res"} & planned.decisions.keys()
+    assert not {f"light.0.{key}" for key in surroundings.KEYS} & planned.decisions.keys()
+
+
+def test_points_are_as_far_apart_as_asked_for():
+    """Also of the parts, which lights are when they are rendered; the least of several lights counts."""
+    lights = [SKY.replace(points_apart=0.07), SKY.replace(points_apart=0.08, samples=9), SUN]
+    scene = plan(scene_of(lights)).scene
+    single = scene.replace(lights=[part for light in scene.lights for part in light.parts()])
+    assert lattice_of(scene)[0].spacing == lattice_of(single)[0].spacing == 0.07
+    assert single.lights[0].replace(intensity=2).asked_apart == 0.07
+
+
+def test_how_far_points_are_apart_is_decided_where_there_are_any():
+    planned = plan(scene_of())
+    value, why = planned.decisions["light.0.points_apart"]
+    assert value == planned.scene.lights[0].points_apart == lattice_of(scene_of())[0].spacing
+    assert why == "1.75 voxels, as 39% of the light is from all around"
+    assert "light.0.points_apart" not in plan(scene_of(max_error=0.01)).decisions
 
 
 def test_maps_of_a_size_that_is_asked_for_have_parts_of_at_most_that_of_old():

@@ -18,7 +18,6 @@ from tfm_cl.files import volume_io
 from tfm_cl.files.volume_io import limits
 from tfm_cl.files.volume_io.colour import _overlap
 from tfm_cl.plan import options
-from tfm_cl.render import renderer as renderers
 from tfm_cl.scene.bodies.volume import Volume
 from tfm_cl.scene.optical_depth import density_scale_for
 from tfm_cl.scene.scene_file import SceneFile
@@ -277,20 +276,15 @@ def test_maps_are_not_looked_at_by_the_dual_march(renderer):
 
 
 @pytest.mark.slow
-def test_its_channels_are_put_on_the_device_once(renderer, monkeypatch):
-    built, build = [], renderers.build_bricks
-
-    def count(*arguments, **keys):
-        built.append(arguments)
-        return build(*arguments, **keys)
-
-    monkeypatch.setattr(renderers, "build_bricks", count)
+def test_its_channels_are_put_on_the_device_once(new_renderer):
     scene = coloured_scene(rainbow())
-    maps = renderer.build_maps(scene)
-    for _ in range(2):
-        renderer.render(scene, maps=maps)
-        renderer.render(scene.replace(camera=scene.camera.replace(fov=20)), method="dual")
-    assert len(built) == 1
+    moved = scene.replace(camera=scene.camera.replace(fov=20))
+    other = coloured_scene(rainbow()[..., ::-1])
+    with new_renderer() as session:
+        maps = session.build_maps(scene)
+        frames = [session.render(scene, maps=maps)]
+        frames += [session.render(each, method="dual") for each in (moved, other)]
+    assert [frame.stats.made.get("bricks", 0) for frame in frames] == [0, 0, 1]
 
 
 def test_settings_that_the_channels_decide_apart_are_told_as_asked_for(one_lane_renderer):

@@ -171,9 +171,30 @@ def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_devi
     assert on_device.count("reads_0") == len(later)
 
 
+@pytest.mark.parametrize("asked", [{}, {"samples": 4, "background": 0.5}], ids=["plain", "anti-aliased"])
+@pytest.mark.parametrize("scene", [SCENE, BESIDE_BALL], ids=["smoke", "beside a ball"])
+def test_frames_begun_before_the_last_has_ended_are_alike(session, renderer, scene, asked):
+    scenes = [scene, scene.replace(volume=other_grid()), scene.replace(lights=[SPOT])]
+    ends = [session.begin(one, **asked) for one in scenes]
+    for one, made, end in zip(scenes, (2, 2, 0), ends, strict=True):  # maps that no earlier frame had
+        found, alone = end(), renderer.render(one, **asked)
+        np.testing.assert_array_equal(found.image, alone.image)
+        assert found.stats.samples == alone.stats.samples
+        assert found.stats.made.get("map", 0) == made
+
+
+def test_what_is_begun_is_checked_and_of_use_as_long_as_its_renderer(new_renderer):
+    with new_renderer(lanes=1) as renderer:
+        with pytest.raises(SceneError, match="samples"):
+            renderer.begin(SCENE, samples=3)
+        end = renderer.begin(SCENE)
+    with pytest.raises(DeviceError, match="closed"):
+        end()
+
+
 def test_what_is_there_is_not_prepared_again(session, on_device):
     session.render(SCENE)
-    session.prepare(SCENE.replace(camera=SCENE.camera.replace(fov=20)))
+    assert session.prepare(SCENE.replace(camera=SCENE.camera.replace(fov=20)))
     assert len(on_device) == 1
 
 
@@ -190,7 +211,7 @@ def test_what_is_prepared_and_not_rendered_is_given_back(session, on_device):
 
 def test_large_voxels_are_left_to_their_turn(new_renderer, on_device):
     with new_renderer(lanes=1, cache_bytes=16 * SCENE.bodies[0].leaves.nbytes - 1) as renderer:
-        renderer.prepare(SCENE)
+        assert not renderer.prepare(SCENE)
         assert not on_device
         renderer.render(SCENE)
         assert len(on_device) == 1

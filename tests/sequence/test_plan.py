@@ -10,6 +10,7 @@ from scenes import blobs
 from tfm_cl.errors import InputError, NoDeviceError, VolumeError
 from tfm_cl.maps.bases.given import functions_text
 from tfm_cl.plan import octaves, surroundings
+from tfm_cl.plan.surroundings import lattice_of
 from tfm_cl.sequence.claims import Ledger
 from tfm_cl.sequence.plan import RangePlan, decide, looked_at, steady
 from tfm_cl.sequence.shot import Shot
@@ -94,7 +95,7 @@ class TestDecide:
 
     def test_what_is_given_and_what_has_keyframes_stays(self, tmp_path, shot):
         keyframes = "[{ frame = 1, value = 64 }, { frame = 6, value = 96 }]"
-        text = OPEN.replace('res = "auto"', f"res = {keyframes}").replace('"auto"\n[map]', "2.0\n[map]")
+        text = OPEN.replace('res = "auto"', f"res = {keyframes}").replace('"auto"\n[map]', "1.0\n[map]")
         (tmp_path / "shot.toml").write_text(text)
         decided = decide(shot, FRAMES)
         assert not {"map.res", "volume.density_scale"} & decided.decisions.keys()
@@ -123,6 +124,18 @@ class TestDecide:
         # Maps of a size that was decided are none that was asked for.
         assert len({decided.scene(frame).lights for frame in FRAMES}) == 1
         assert decided.scene(3).lights[0].lookup == "points"
+
+    def test_points_of_a_sky_stay_as_far_apart_as_in_the_densest(self, tmp_path, shot, monkeypatch):
+        monkeypatch.setattr(surroundings, "TOLERATED", 0.1)
+        sky = '[[light]]\ntype = "sky"\n[camera]\nfrom = [10, 8, 120]\nto = [10, 8, 16]\n'
+        (tmp_path / "shot.toml").write_text(
+            OPEN.replace("[[solid]]", f"{sky}[[solid]]").replace('"auto"\n[map]', "1.0\n[map]")
+        )
+        steady = Shot(shot.path, decided=decide(shot, FRAMES).overrides)
+        assert {light.lookup for frame in FRAMES for light in steady.scene(frame).lights} == {"points"}
+        found = {frame: lattice_of(shot.scene(frame))[0].spacing for frame in FRAMES}
+        assert len({*found.values()}) > 1
+        assert {lattice_of(steady.scene(frame))[0].spacing for frame in FRAMES} == {found[6]}
 
 
 LEARNT = functions_text(np.full((65, 2), 0.5, np.float32))

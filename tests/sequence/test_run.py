@@ -44,7 +44,12 @@ class Texts:
 
     def render(self, frame):
         self._step("render", frame)
-        return f"picture {frame}"
+
+        def made():
+            self._step("end", frame)
+            return f"picture {frame}"
+
+        return made
 
     def write(self, frame, made):
         self._step("write", frame)
@@ -79,17 +84,22 @@ def test_all_in_order(tmp_path, ledger):
 
 
 def test_the_next_is_read_and_the_last_written_meanwhile(tmp_path, ledger):
-    """Rendering 2 waits until 3 is read and 1 written: it would wait for ever, were one after the other."""
+    """The device ends 2 when 3 is read and 1 written: it never would, were one after the other."""
 
     class Waits(Texts):
         def render(self, frame):
-            deadline = time.monotonic() + 20
-            while frame == 2 and time.monotonic() < deadline:
-                if {("read", 3), ("write", 1)} <= set(self.steps):
-                    self.read_ahead.set()
-                    break
-                time.sleep(0.001)
-            return super().render(frame)
+            made = super().render(frame)
+
+            def waits():
+                deadline = time.monotonic() + 20
+                while frame == 2 and time.monotonic() < deadline:
+                    if {("read", 3), ("write", 1)} <= set(self.steps):
+                        self.read_ahead.set()
+                        break
+                    time.sleep(0.001)
+                return made()
+
+            return waits
 
     work = Waits(tmp_path)
     run([1, 2, 3], work, ledger)
@@ -125,7 +135,35 @@ def test_without_being_asked_nothing_is_kept_or_claimed(tmp_path, ledger):
     assert run([1], Texts(tmp_path), ledger).made == [1]
 
 
-@pytest.mark.parametrize("step", ["read", "render", "write"])
+def test_the_next_is_begun_before_one_has_ended(tmp_path, ledger):
+    work = Texts(tmp_path)
+    outcome = run([1, 2, 3], work, ledger, waits=False)
+    steps = [step for step in work.steps if step[0] in ("render", "end")]
+    assert outcome.made == [1, 2, 3]
+    assert [frame for step, frame in steps if step == "end"] == [1, 2, 3]
+    assert all(steps.index(("end", frame)) <= steps.index(("render", frame + 1)) + 1 for frame in (1, 2))
+
+
+def test_one_ends_while_the_next_is_still_read(tmp_path, ledger, monkeypatch):
+    """Reading 2 waits until 1 is written: it would wait for ever, were 2 begun first."""
+
+    class Waits(Texts):
+        def read(self, frame):
+            if frame == 2:
+                self.read_ahead.wait(20)
+            return super().read(frame)
+
+        def write(self, frame, made):
+            super().write(frame, made)
+            self.read_ahead.set()
+
+    monkeypatch.setattr(sequence, "READ_SOON", 0.01)
+    work = Waits(tmp_path)
+    run([1, 2], work, ledger)
+    assert work.steps.index(("write", 1)) < work.steps.index(("read", 2))
+
+
+@pytest.mark.parametrize("step", ["read", "render", "end", "write"])
 def test_one_that_fails_does_not_stop_the_others(tmp_path, ledger, step):
     work = Texts(tmp_path, {(step, 2): VolumeError("smoke.0002.vdb: no such file")})
     outcome = run([1, 2, 3], work, ledger, skip_existing=True)
@@ -177,7 +215,7 @@ def test_no_device_ends_it(tmp_path, ledger):
 def test_ctrl_c_finishes_what_is_being_written(tmp_path):
     class Interrupted(Texts):
         def render(self, frame):
-            if frame == 2:
+            if frame == 3:  # 2 is begun, 1 written
                 raise KeyboardInterrupt
             return super().render(frame)
 

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, LEAF_BRICKS, MOST_SHARED
+from tfm_cl.constants import BLOCK_BRICKS, BLOCK_NUMBERS, BRICK_EDGE, MOST_SHARED
+from tfm_cl.device.running import Running
 from tfm_cl.errors import DeviceMemoryError
 from tfm_cl.files.volume_io.leaves import LEAF, Leaves
 
@@ -52,6 +53,8 @@ ANY_GRID: dict[str, int | str] = {**ONE_FIELD, "TFM_POOLS": 1, "TFM_GRIDS": 1, "
 """Macros of kernels that make records and read none."""
 MOST_EXPONENT = 126
 """Of two, by whose power voxels are scaled."""
+LEAF_BRICKS = 4
+"""Bricks along an axis whose cells may touch voxels of one leaf."""
 BATCH = 1024
 """Leaves looked at at a time on the host."""
 
@@ -77,6 +80,8 @@ class BrickGrid:
     voxels: VoxelType
     exponents: tuple[tuple[int, ...], ...]
     """Of each grid and channel: a stored voxel times two to this power is its volume's."""
+    filling: Running = field(default_factory=lambda: Running(lambda: 0.0), compare=False)
+    """What fills the records, which may not have ended: kernels on another queue have to wait for it."""
 
     @property
     def channels(self) -> int:
@@ -173,20 +178,24 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
         When the records exceed the device's memory, or `MOST_POOLS` of its largest buffers.
     """
     counts = tuple(brick_count_of(channels[0].shape) for channels in grids)
-    table = launcher.empty(f"the brick table of {what}", TABLE_ENTRY * check_count(grids, what))
+    launcher.check_fits(f"the brick table of {what}", TABLE_ENTRY * check_count(grids, what))
     slabs = [
         [list(_slabs(launcher, leaves, count[2])) for leaves in channels]
         for channels, count in zip(grids, counts, strict=True)
     ]
-    uploads = _LeafUploads(launcher, stay=sum(len(one) for of_grid in slabs for one in of_grid) == 1)
-    flags = [
-        _occupied(launcher, of_grid, count, uploads) for of_grid, count in zip(slabs, counts, strict=True)
-    ]
+    flags = [_occupied(of_grid, count, launcher.lanes) for of_grid, count in zip(slabs, counts, strict=True)]
     blocks = [_any_of_blocks(of_grid) for of_grid in flags]
-    records = 1 + sum(
+    counted = [
         len(channels) * int(np.count_nonzero(of_grid))
         for channels, of_grid in zip(grids, blocks, strict=True)
-    )
+    ]
+    *firsts, records = itertools.accumulate(counted, initial=1)
+    # No command but the launches: a CPU's driver would do it when what other queues have begun has ended.
+    tables = [
+        brick_table(flagged, in_blocks, first, len(channels)).ravel()
+        for flagged, in_blocks, first, channels in zip(flags, blocks, firsts, grids, strict=True)
+    ]
+    table = launcher.upload(f"the brick table of {what}", np.concatenate(tables))
     pools, pool_size = _allocate(launcher, what, records, voxels)
     exponents = tuple(
         tuple(_exponent(leaves.max()) if voxels == "f16" else 0 for leaves in channels) for channels in grids
@@ -195,21 +204,19 @@ def build_bricks(launcher: Launcher, grids: Sequence[Channels], what: str, voxel
     places = _places(blocks, [len(channels) for channels in grids], records)
     block_buffer = launcher.upload(f"the blocks of {what}", places)
     bricks = BrickGrid(block_buffer, table, pools, counts, occupied, records, pool_size, voxels, exponents)
-    first, tables = 1, []
-    for i, of_grid in enumerate(slabs):
-        channels = len(of_grid)
-        tables.append(brick_table(flags[i], blocks[i], first, channels).ravel())
-        for channel, one in enumerate(of_grid):
+    filling = launcher.in_turn()
+    for i, of_channels in enumerate(slabs):
+        for channel, one in enumerate(of_channels):
             done = 0
             for slab in one:
                 begin, end = slab.first_layer // BLOCK_BRICKS, slab.end_layer // BLOCK_BRICKS
                 corners = np.argwhere(blocks[i][begin:end])[:, ::-1] + (0, 0, begin)
-                numbers = first + channel + channels * np.arange(done, done + len(corners), dtype=np.int64)
-                _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers, uploads)
+                places_of = np.arange(done, done + len(corners), dtype=np.int64)
+                numbers = firsts[i] + channel + len(of_channels) * places_of
+                for launch in _fill(launcher, slab, bricks, exponents[i][channel], corners, numbers):
+                    filling.add(launch)
                 done += len(corners)
-        first += channels * int(np.count_nonzero(blocks[i]))
-    launcher.write(table, np.concatenate(tables))
-    return bricks
+    return replace(bricks, filling=Running(filling.wait))
 
 
 def _places(blocks: list[NDArray[np.bool_]], channels: list[int], records: int) -> NDArray[np.int32]:
@@ -349,38 +356,10 @@ def _leaf_range(leaves: Leaves, layer: int, end: int, leaf_layers: int, beyond: 
     return min(max(low, 0), leaf_layers), min(max(high, 0), leaf_layers)
 
 
-class _LeafUploads:
-    """What kernels are told of a slab; where there is but one, its leaves ``stay`` on the device."""
-
-    def __init__(self, launcher: Launcher, *, stay: bool) -> None:
-        self._launcher, self._stay = launcher, stay
-        self._last: dict[str, object] = {}
-
-    def of(self, slab: _Slab) -> dict[str, object]:
-        """Put a slab on the device."""
-        if self._last:
-            return self._last
-        z, y, x = slab.table.shape
-        values = slab.values if len(slab.values) else np.zeros(1, np.float32)
-        found: dict[str, object] = {
-            "table": self._launcher.upload("the leaf table", slab.table),
-            "leaves": self._launcher.upload("the leaves", values),
-            "leaf_count": (x, y, z, 0),
-            "first": (*slab.first, 0),
-        }
-        if self._stay:
-            self._last = found
-        return found
-
-
 def _occupied(
-    launcher: Launcher,
-    channels: Sequence[Sequence[_Slab]],
-    count: tuple[int, int, int],
-    uploads: _LeafUploads,
+    channels: Sequence[Sequence[_Slab]], count: tuple[int, int, int], lanes: int
 ) -> NDArray[np.bool_]:
     """Which bricks [z, y, x] of a grid hold density in any channel."""
-    kernel = launcher.kernels.kernel("find_occupied", "bricks.cl", (), {"TFM_VOXEL_BITS": 32, **ANY_GRID})
     shape = np.array(count[::-1])
     # A leaf at the grid's sides may touch bricks that there are not.
     flags = np.zeros(shape + 2 * LEAF_BRICKS, np.bool_)
@@ -388,26 +367,38 @@ def _occupied(
     touched = np.indices((LEAF_BRICKS,) * 3).reshape(3, -1).T @ strides
     for slab in itertools.chain.from_iterable(channels):
         leaves = np.argwhere(slab.table >= 0)
-        if not len(leaves):
-            continue
         first, offset = np.divmod(-np.array(slab.first[::-1]), BRICK_EDGE)
-        found = launcher.empty("the occupied bricks", 8 * len(leaves))
-        launcher.run(
-            kernel,
-            (len(leaves),),
-            {
-                "leaves": uploads.of(slab)["leaves"],
-                "count": len(leaves),
-                "offset": (*offset[::-1].tolist(), 0),
-                "bricks": found,
-            },
-        )
-        bits = np.unpackbits(launcher.download(found, (8 * len(leaves),), np.uint8), bitorder="little")
-        leaf, brick = np.divmod(np.flatnonzero(bits.view(np.bool_)), len(touched))
         starts = (LEAF // BRICK_EDGE * leaves + first + LEAF_BRICKS - 1) @ strides
-        flags.reshape(-1)[starts[leaf] + touched[brick]] = True
+        for start in range(0, len(leaves), BATCH):
+            batch = slice(start, start + BATCH)
+            found = _touched(slab.values[batch], offset.tolist(), lanes)
+            leaf, brick = np.divmod(np.flatnonzero(found), len(touched))
+            flags.reshape(-1)[starts[batch][leaf] + touched[brick]] = True
     inside = tuple(slice(LEAF_BRICKS, LEAF_BRICKS + n) for n in shape)
     return np.ascontiguousarray(flags[inside])
+
+
+def _touched(values: NDArray[np.float32], offset: Sequence[int], lanes: int) -> NDArray[np.bool_]:
+    """Which `LEAF_BRICKS` along z, y, x have a voxel > 0 of leaves [n, z, y, x] in what they answer for.
+
+    ``offset``: along z, y, x, a leaf's first voxel from the first of brick 1, 0 to `BRICK_EDGE` - 1.
+    """
+    answers = [[_answered(brick, along, lanes) for brick in range(LEAF_BRICKS)] for along in offset]
+    # A voxel is a bit, a layer of a leaf a word.
+    layers = np.packbits(values > 0, bitorder="little").view("<u8").reshape(-1, LEAF)
+    of_bricks = np.stack([np.bitwise_or.reduce(layers[:, one], axis=1) for one in answers[0]], axis=1)
+    place = np.arange(LEAF)
+    y, x = ([(one.start <= place) & (place < one.stop) for one in along] for along in answers[1:])
+    masks = np.array([[np.packbits(np.outer(j, i), bitorder="little").view("<u8")[0] for i in x] for j in y])
+    found: NDArray[np.bool_] = (of_bricks[..., None, None] & masks) != 0
+    return found
+
+
+def _answered(brick: int, offset: int, lanes: int) -> slice:
+    """Which voxels of a leaf's edge the cells of a brick touch, and those that lanes share with them."""
+    begin = (brick - 1) * BRICK_EDGE - offset
+    end = min(begin + BRICK_EDGE + MOST_SHARED[lanes], LEAF)
+    return slice(max(begin, 0), max(end, 0, begin))
 
 
 def _allocate(
@@ -424,7 +415,7 @@ def _allocate(
         )
     counts = [min(pool_size, records - start) for start in range(0, records, pool_size)]
     pools = tuple(launcher.empty(what, size * count) for count in counts)
-    launcher.write(pools[0], np.zeros(size, np.uint8))
+    launcher.clear(pools[0], size)
     return pools, pool_size
 
 
@@ -443,17 +434,24 @@ def _fill(
     exponent: int,
     places: NDArray[np.int64],
     numbers: NDArray[np.int64],
-    uploads: _LeafUploads,
-) -> None:
-    """Write the records ``numbers`` [N], rising, of the blocks at ``places`` [N, 3] (x, y, z)."""
+) -> Iterator[Running]:
+    """Begin to write the records ``numbers`` [N], rising, of the blocks at ``places`` [N, 3] (x, y, z)."""
+    if not len(numbers):
+        return
     kernel = launcher.kernels.kernel("fill_records", "bricks.cl", (), bricks.defines | ANY_GRID)
-    leaf_arguments = uploads.of(slab)
+    z, y, x = slab.table.shape
+    leaf_arguments = {
+        "table": launcher.upload("the leaf table", slab.table),
+        "leaves": launcher.upload("the leaves", slab.values),
+        "leaf_count": (x, y, z, 0),
+        "first": (*slab.first, 0),
+    }
     in_pools, within = np.divmod(numbers, bricks.pool_size)
     for pool in np.flatnonzero(np.bincount(in_pools)).tolist():
         here = in_pools == pool
         blocks = np.zeros((int(np.count_nonzero(here)), 4), np.int32)
         blocks[:, :3], blocks[:, 3] = places[here], within[here]
-        launcher.run(
+        yield launcher.start(
             kernel,
             (len(blocks),),
             {

@@ -150,6 +150,8 @@ class Launcher:
     def _begin_work(self) -> None:
         """Make what serves one thread at a time."""
         self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self._reads = cl.CommandQueue(self.context)
+        """For what has ended: it need not wait for what was started since."""
         self._kernels = KernelLibrary(self.context, self._options)
         self._host_memory = HostMemory()
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
@@ -405,16 +407,20 @@ class Launcher:
                 return pooled
             return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, LEAST_BYTES))
 
-    @contextlib.contextmanager
-    def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
-        """Say what was allocated in here if the device refuses; if the work was cancelled it ends before."""
-        check_cancelled()
+    def check_fits(self, what: str, nbytes: int) -> None:
+        """Refuse what no buffer of the device can hold, as of `empty`."""
         limit = self.largest_buffer
         if nbytes > limit:
             raise DeviceMemoryError(
                 f"{what} needs a buffer of {nbytes / 2**20:,.0f} MiB; "
                 f"{self.device.name.strip()} allows {limit / 2**20:,.0f} MiB"
             )
+
+    @contextlib.contextmanager
+    def _allocating(self, what: str, nbytes: int) -> Iterator[None]:
+        """Say what was allocated in here if the device refuses; if the work was cancelled it ends before."""
+        check_cancelled()
+        self.check_fits(what, nbytes)
         try:
             yield
         except cl.Error as error:
@@ -442,14 +448,14 @@ class Launcher:
             return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
 
     def read(self, output: "Output") -> NDArray[Any]:
-        """Return what kernels wrote; they must not write it again."""
+        """Return what kernels wrote that have ended; none may write it again."""
         if output.memory is None:
-            return self.download(output.buffer, output.shape, output.dtype)
+            return self.download(output.buffer, output.shape, output.dtype, has_ended=True)
         # Tells the driver that the host looks at its memory now.
         whole = 0, (output.memory.nbytes,), np.dtype(np.uint8)
         with self._doing(COPYING):
-            mapped: Any = cl.enqueue_map_buffer(self.queue, output.buffer, cl.map_flags.READ, *whole)
-            mapped[0].base.release(self.queue)
+            mapped: Any = cl.enqueue_map_buffer(self._reads, output.buffer, cl.map_flags.READ, *whole)
+            mapped[0].base.release(self._reads)
         return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
 
     def clear(self, buffer: cl.Buffer, nbytes: int, first: int = 0) -> None:
@@ -486,12 +492,21 @@ class Launcher:
             cl.enqueue_copy(self.queue, target, source, byte_count=nbytes, src_offset=first, dst_offset=to)
 
     def download(
-        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: DTypeLike, first: int = 0
+        self,
+        buffer: cl.Buffer,
+        shape: tuple[int, ...],
+        dtype: DTypeLike,
+        first: int = 0,
+        *,
+        has_ended: bool = False,
     ) -> NDArray[Any]:
-        """Copy a buffer, from byte ``first`` on, to the host."""
+        """Copy a buffer, from byte ``first`` on, to the host.
+
+        ``has_ended``: what wrote it was waited for, so that nothing that was started since need be.
+        """
         array = np.empty(shape, dtype)
         with self._doing(COPYING):
-            cl.enqueue_copy(self.queue, array, buffer, src_offset=first)
+            cl.enqueue_copy(self._reads if has_ended else self.queue, array, buffer, src_offset=first)
         return array
 
 

@@ -468,7 +468,7 @@ class _Counting:
     def add(self, window: tuple[int, int, int, int]) -> None:
         """Add what a launch over a window counted."""
         tiles = self._launcher.tiles(window)
-        found = self._launcher.download(self.buffer, (*tiles, 2), np.uint32)
+        found = self._launcher.download(self.buffer, (*tiles, 2), np.uint32, has_ended=True)
         met, read = found.sum(axis=0, dtype=np.int64).sum(axis=0)
         self.counts.hits, self.counts.samples = self.counts.hits + int(met), self.counts.samples + int(read)
 

@@ -29,6 +29,10 @@ OF_SMALL_FLAMES = 0.5 * math.pi
 """Directions, times the square of the region's radius over a flame's: 1.5 % beside many more (measured)."""
 DIRECTIONS_FROM_SOLIDS = 64
 """Of the first order, and before it, where there are solids: lights may shine on small parts of them."""
+PAST_SOLIDS = 1439
+"""The turn of a lobe's directions where there are solids. As they are, a quarter of them by weight lies in
+surfaces along the axes, which then reflect 4 % too little; so turned, these reflect all but 0.2 %, and no
+direction is nearer to them than 3°."""
 VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
@@ -388,9 +392,10 @@ def ways_of(scene: Scene) -> dict[int, tuple[NDArray[np.float64], NDArray[np.flo
     Of order 0 what media emit, where that is swept. Where scattering has a lobe there is but one set, of
     order 0, which serves all.
     """
-    if lobes(scene)[0].degree:
-        return {0: quadrature()}
     has_solids = bool(scene.solids)
+    if lobes(scene)[0].degree:
+        ways, weights = quadrature()
+        return {0: (_turned(ways, PAST_SOLIDS) if has_solids else ways, weights)}
     orders = range(0 if sweeps_emission(scene) else 1, orders_of(scene))
     found = {order: directions_of(order, has_solids=has_solids) for order in orders}
     if 0 in found and not has_solids:
@@ -430,6 +435,11 @@ def directions(count: int, order: int) -> NDArray[np.float64]:
     z = 1 - (2 * n + 1) / count
     across, angle = np.sqrt(1 - z**2), GOLDEN_ANGLE * n
     spread = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
-    turned, triangle = np.linalg.qr(np.random.default_rng(order).normal(size=(3, 3)))
-    rotation: NDArray[np.float64] = spread @ (turned * np.sign(np.diag(triangle))).T
+    return _turned(spread, order)
+
+
+def _turned(ways: NDArray[np.float64], number: int) -> NDArray[np.float64]:
+    """Turn unit vectors [n, 3] at random, for the same number always in the same way."""
+    turned, triangle = np.linalg.qr(np.random.default_rng(number).normal(size=(3, 3)))
+    rotation: NDArray[np.float64] = ways @ (turned * np.sign(np.diag(triangle))).T
     return rotation

@@ -47,7 +47,7 @@ MANY_PARTS = 8
 WIDEST_TURN = 0.25
 """Angle, in radians, between the ways from neighbouring points to the camera, up to which what they scatter
 towards it is much the same."""
-KEYS = ("lookup", "map_res")
+KEYS = ("lookup", "map_res", "points_apart")
 """Of a light from all around, that are left open."""
 TEXELS_MULTIPLE, FEWEST_TEXELS = 32, 64
 BRIGHTEST_PART = 0.25
@@ -62,7 +62,7 @@ class Decided(NamedTuple):
 
     light: int
     key: str
-    value: int | str
+    value: float | str
     why: str
 
 
@@ -88,8 +88,12 @@ def decided(scene: Scene, *, reads_maps: bool = True) -> list[Decided]:
     """
     found: list[Decided] = []
     for number, light in _all_around(scene):
+        lookup: str = light.lookup
         if light.lookup == "auto":
-            found.append(Decided(number, "lookup", *_lookup(scene, light, reads_maps=reads_maps)))
+            lookup, why = _lookup(scene, light, reads_maps=reads_maps)
+            found.append(Decided(number, "lookup", lookup, why))
+        if light.points_apart == "auto" and lookup == "points" and _scattering_grids(scene):
+            found.append(Decided(number, "points_apart", *_points_apart(scene)))
         if light.map_res == "auto" and reads_maps and _scattering_grids(scene):
             found.append(Decided(number, "map_res", *_texels(scene, light)))
     return found
@@ -101,7 +105,7 @@ def _all_around(scene: Scene) -> Iterator[tuple[int, Surroundings]]:
 
 def resolved(scene: Scene, decisions: Iterable[Decided]) -> Scene:
     """Return the scene with what was decided; itself where nothing was."""
-    of: dict[int, dict[str, int | str]] = {}
+    of: dict[int, dict[str, float | str]] = {}
     for one in decisions:
         of.setdefault(one.light, {})[one.key] = one.value
     if not of:
@@ -180,6 +184,12 @@ def _texels(scene: Scene, light: Surroundings) -> tuple[int, str]:
     return min(number, light.part_texels), why
 
 
+def _points_apart(scene: Scene) -> tuple[float, str]:
+    share = share_of(scene)
+    apart = _apart(scene, share)
+    return apart, f"{apart / _finest(scene):.3g} voxels, as {share:.0%} of the light is from all around"
+
+
 def share_of(scene: Scene) -> float:
     """Return which share of all that lights bring to the middle of what has density is from soft ones."""
     bounds, soft, all_ = scene.occupied_bounds, 0.0, 0.0
@@ -239,7 +249,10 @@ def _finest(scene: Scene) -> float:
 
 
 def _apart(scene: Scene, share: float) -> float:
-    """Return the distance between points that grids ask for, world units: it seldom changes with a frame."""
+    """Return the distance between points, world units: what is asked for, or what grids ask for."""
+    asked = [light.asked_apart for light in scene.lights if light.asked_apart is not None]
+    if asked:
+        return min(asked)
     least, most = VOXELS_APART
     voxels = min(max(_tolerated(scene, share) / _finest(scene), least), most)
     return _finest(scene) * math.floor(PARTS_OF_VOXEL * voxels) / PARTS_OF_VOXEL

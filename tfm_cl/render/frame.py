@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import InTurn
     from tfm_cl.files.image_io.image import DeepSamples
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.antialiasing import Antialiasing
@@ -101,7 +102,12 @@ class _Work:
     """Of the dual march."""
     is_first: bool
     """Whether it is the frame itself, not more samples of its pixels."""
+    passes: InTurn
+    """Those that may not have ended."""
     seconds: float = 0.0
+    """Of the others."""
+    maps: list[tuple[TransmittanceMap, bool]] = field(default_factory=list)
+    """Yet to be told of, and whether they were built for this frame: their passes may not have ended."""
     camera_is_seen: bool = False
     around_is_seen: bool = False
     """Whether light from all around is, with the camera's samples."""
@@ -165,7 +171,7 @@ class Frame:
     cache: Cache
     antialiasing: Antialiasing
 
-    def render(
+    def begin(
         self,
         method: str,
         maps: Sequence[TransmittanceMap] | None,
@@ -173,8 +179,8 @@ class Frame:
         wanted: Rectangle,
         layers: list[int] | None = None,
         deep: DeepSettings | None = None,
-    ) -> tuple[Sums, DeepSamples | None, tuple[str, ...]]:
-        """Sum all that the scene sends to the camera.
+    ) -> Callable[[], tuple[Sums, DeepSamples | None, tuple[str, ...]]]:
+        """Begin to sum all that the scene sends to the camera.
 
         Parameters
         ----------
@@ -194,7 +200,8 @@ class Frame:
 
         Returns
         -------
-        The sums, deep samples of one ray through each pixel's centre, and warnings.
+        What waits, and returns the sums, deep samples of one ray through each pixel's centre, and warnings.
+        Other frames may be begun before it is called.
         """
         whole = Crop(self.crop)
         gbuffer = self.visibility.gbuffer(self.scene, whole)
@@ -203,19 +210,25 @@ class Frame:
         shared.batches = first.batches
         if deep is not None:
             shared.deep = self._deep(first, wanted, deep)
-        sums = self._passes(first, shared)
-        samples = None if shared.deep is None else self._read_deep(shared.deep, sums, wanted)
+        self._passes(first, shared)
 
         def look(samples: Samples) -> Sums:
             gbuffer = self.visibility.gbuffer(self.scene, samples)
-            return self._passes(self._work(samples, gbuffer, shared, method, maps, asked, layers), shared)
+            work = self._work(samples, gbuffer, shared, method, maps, asked, layers)
+            self._passes(work, shared)
+            return self._ended(work)
 
-        sums, refined = self.antialiasing.resolve(sums, self.crop, self.launcher.lanes, look)
-        if wanted != self.crop:
-            (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
-            sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
-        self.stats.refined_pixels += refined
-        return sums, samples, (*first.warnings,)
+        def end() -> tuple[Sums, DeepSamples | None, tuple[str, ...]]:
+            sums = self._ended(first)
+            samples = None if shared.deep is None else self._read_deep(shared.deep, sums, wanted)
+            sums, refined = self.antialiasing.resolve(sums, self.crop, self.launcher.lanes, look)
+            if wanted != self.crop:
+                (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
+                sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
+            self.stats.refined_pixels += refined
+            return sums, samples, (*first.warnings,)
+
+        return end
 
     def light_at(self, points: NDArray[np.floating], groups: Sequence[int]) -> PointSums:
         """Sum what the lights bring to world points [n, 3].
@@ -235,6 +248,7 @@ class Frame:
         for variant, members in work.batches.groups(range(len(groups)), all_of_them=True):
             for indices in work.batches.cut(members):
                 found.add(work.batches.at_points(variant, indices, self._maps_of(work, indices)))
+        self._tell_of_maps(work)
         return found
 
     def _work(
@@ -271,7 +285,6 @@ class Frame:
             ),
             errors=allocate(clear=True) if "map_error" in asked else None,
             without_lattice=allocate() if "lattice_error" in asked else None,
-            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
             layers=layers,
             builds=maps is None,
             batches=shared.batches.on(raster, gbuffer)
@@ -291,15 +304,18 @@ class Frame:
             reads_maps=reads_maps,
             light_steps=decided(scene.map.steps) if is_dual else 1,
             is_first=not raster.is_listed,
+            passes=launcher.in_turn(),
+            # Last: its look at the light's rays is waited for, and the light pass is to follow at once.
+            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
         )
 
     def _view(self, scene: Scene, media: MediaOnDevice, raster: Raster) -> cl.Buffer:
         struct = view_struct(scene, media.fields, raster.bounds, is_listed=raster.is_listed)
         return self.launcher.upload("the view", struct)
 
-    def _passes(self, work: _Work, shared: _Shared) -> Sums:
-        """Sum what the scene sends along some rays."""
-        launcher, scene = self.launcher, self.scene
+    def _passes(self, work: _Work, shared: _Shared) -> None:
+        """Begin to sum what the scene sends along some rays."""
+        scene = self.scene
         if work.is_first:
             shared.lattice = self._lattice(work) if work.reads_maps else None
             shared.emitted = self._emission_lattice(work)
@@ -322,8 +338,12 @@ class Frame:
             self._light_by_emission(work, shared.emitted, of_emission)
         if scatters_again(scene):
             self._scatter_again(work, shared)
-        self.stats.seconds["view_pass"] += work.seconds
-        return buffers.read(launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
+
+    def _ended(self, work: _Work) -> Sums:
+        """Wait for the passes, and return what they have summed."""
+        self._tell_of_maps(work)
+        self.stats.seconds["view_pass"] += work.seconds + work.passes.wait()
+        return buffers.read(self.launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
 
     def _light_lattice(self, work: _Work, lattice: Lattice) -> None:
         """Look lights up on a lattice, and march the camera's rays through it."""
@@ -393,18 +413,20 @@ class Frame:
                 batch = work.batches.batch(variant, indices, maps, whole=whole)
                 work.around_is_seen |= serves is not None
                 done = _reporter(self.progress, f"view pass, {batch.name}")
-                work.seconds += scatter(
-                    launcher,
-                    scatters,
-                    met,
-                    view,
-                    batch,
-                    samples,
-                    frame,
-                    done,
-                    sees_camera=not work.camera_is_seen,
-                    serves_camera=serves_camera,
-                    around=serves,
+                work.passes.add(
+                    scatter(
+                        launcher,
+                        scatters,
+                        met,
+                        view,
+                        batch,
+                        samples,
+                        frame,
+                        done,
+                        sees_camera=not work.camera_is_seen,
+                        serves_camera=serves_camera,
+                        around=serves,
+                    )
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
@@ -632,17 +654,22 @@ class Frame:
         return self._maps_of(work, indices)
 
     def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
-        """Build or find the maps of some lights, and tell of them."""
+        """Build or find the maps of some lights, and tell of those before."""
         if work.sources is None or not work.reads_maps:
             return []
+        self._tell_of_maps(work)
         maps = self.maps.of(work.sources, indices, self.progress)
         if not work.is_first:
             return maps
         built = self.maps.built if work.builds else frozenset[int]()
-        for light_map in maps:
-            self.stats.add_map(light_map, built=id(light_map) in built)
-            work.warnings |= dict.fromkeys(_warnings(light_map))
+        work.maps += [(light_map, id(light_map) in built) for light_map in maps]
         return maps
+
+    def _tell_of_maps(self, work: _Work) -> None:
+        for light_map, is_built in work.maps:
+            self.stats.add_map(light_map, built=is_built)
+            work.warnings |= dict.fromkeys(_warnings(light_map))
+        work.maps.clear()
 
     def _sum_errors(self, work: _Work, batch: Batch, maps: list[TransmittanceMap]) -> None:
         if work.errors is None or not maps:
@@ -652,7 +679,7 @@ class Frame:
     def _add(self, work: _Work, batch: Batch, frame: buffers.FrameBuffers) -> None:
         """Add to a frame beside the picture's; what that takes is not counted."""
         steps, done = decided(self.scene.march.steps), _reporter(self.progress, f"view pass, {batch.name}")
-        scatter(self.launcher, self.media, work.met, work.view, batch, steps, frame, done)
+        scatter(self.launcher, self.media, work.met, work.view, batch, steps, frame, done).wait()
 
     def _lattice(self, work: _Work) -> Lattice | None:
         """Return the lattice of the lights that are looked up there; None without any."""

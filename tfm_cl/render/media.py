@@ -83,7 +83,9 @@ class Media:
                 lambda: self._build_bricks(scene) if ahead is None else ahead.bricks,
                 lambda built: built.nbytes,
                 held=True,
+                serves=lambda kept: not kept.filling.has_failed,
             )
+            bricks.filling.wait()
         primitives = self._primitives(scene) if scene.primitives else None
         key = _media_key(scene, margin)
         kept, media = self._last or (None, None)
@@ -95,18 +97,21 @@ class Media:
             self._last = key, media
         return media
 
-    def prepare(self, scene: Scene) -> None:
-        """Put what `of` will be asked for on the device, from another thread; what is large is left to it."""
+    def prepare(self, scene: Scene) -> bool:
+        """Put what `of` will be asked for on the device, from another thread; what is large is left to it.
+
+        Returns whether its voxels are there.
+        """
         grids = _grids(scene)
         if not grids or scene.primitives:
-            return
+            return False
         key = _bricks_key(scene)
         if key == self._last_bricks or key in self._ahead:
-            return
+            return True
         leaves = [grid.channel_leaves for grid in grids]
         nbytes = sum(one.nbytes for channels in leaves for one in channels)
         if nbytes > SHARE_AHEAD * self._cache.budget:
-            return
+            return False
         if self._beside is None:
             self._beside = self._launcher.beside()
         bricks = build_bricks(self._beside, leaves, _what(grids), scene.march.voxels)
@@ -114,6 +119,7 @@ class Media:
         media = media_on_device(self._beside, scene, bricks, None, margin)
         keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
         self._ahead[key] = _Ahead(bricks, _media_key(scene, margin), media)
+        return True
 
     def _primitives(self, scene: Scene) -> PrimitivesOnDevice:
         """Put the primitives of a scene on the device; those of the last frames are there."""

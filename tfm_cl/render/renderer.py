@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
@@ -55,6 +56,7 @@ from tfm_cl.scene.lights.base import names_of
 from tfm_cl.scene.settings import MOTION_SAMPLES, ImageSettings
 
 if TYPE_CHECKING:
+    from tfm_cl.files.image_io.image import DeepSamples
     from tfm_cl.maps.bases.curves import Curves
     from tfm_cl.maps.resolved import ResolvedMap
     from tfm_cl.maps.transmittance_map import TransmittanceMap
@@ -75,6 +77,18 @@ class _Asked(NamedTuple):
     """What its resolution is too coarse for."""
     for_lattice: bool
     """Whether a lattice of light is asked for."""
+
+
+@dataclass
+class _Spent:
+    """What a render takes, by the thread that asks for it: other renders may be under way meanwhile."""
+
+    total: float = 0.0
+    device: float = 0.0
+    """Seconds of what was waited for: of all renders together those of all."""
+    compiled: float = 0.0
+    traced: float = 0.0
+    made: Counter[str] = field(default_factory=Counter)
 
 
 class _Begun(NamedTuple):
@@ -407,25 +421,32 @@ class Renderer:
             antialiasing,
         )
 
-    def prepare(self, scene: Scene) -> None:
+    def prepare(self, scene: Scene) -> bool:
         """Put the voxels of a scene that is rendered next on the device, while another thread renders.
 
         The next frame of a sequence then begins with its light. What cannot be, as it is too large to have
         beside those of other frames or fails, is left to `render`. Scenes are prepared one after the other,
         whatever threads ask.
+
+        Returns
+        -------
+        bool
+            Whether its voxels are there, and there is room for them beside those of another frame.
         """
         if scene.map.max_error is not None:
-            return
+            return False
         with suppress(TfmError, MemoryError), self._preparing:
             if self._is_closed:
-                return
+                return False
             scene.read_files()
             method = checked_method(None, scene)
             planned = plan(scene, method=method)
             begun = _Begun(scene, method, planned, _single_lights(planned.scene))
-            self._media.prepare(begun.points)
+            is_there = self._media.prepare(begun.points)
             keep_newest(self._begun, MOST_AHEAD - 1)  # others were not rendered after all
             self._begun[id(scene)] = begun
+            return is_there
+        return False
 
     def forget_unused(self) -> None:
         """Give back what the last two frames had no use for: of a sequence, they share little with others.
@@ -506,20 +527,54 @@ class Renderer:
         TfmWarning
             For each of the result's ``warnings``.
         """
-        # Before anything is rendered.
-        scene, maps, progress = checked_scene(scene), checked_maps(maps), checked_progress(progress)
-        aovs = checked_aovs(aovs)
-        image = ImageSettings(background=background, samples=samples, filter=filter, aov=aovs)
-        deep_settings = None
-        if deep is not None:
-            of_deep = image.replace(deep_tolerance=deep, deep_colour=deep_colour)
-            deep_settings = DeepSettings.of(scene, of_deep.deep_tolerance, colour=of_deep.deep_colour)
-        if image.shows_environment:
-            check_surrounded(scene.lights)
+        asked = _checked(
+            scene,
+            maps=maps,
+            method=method,
+            crop=crop,
+            aovs=aovs,
+            background=background,
+            samples=samples,
+            filter=filter,
+            deep=deep,
+            deep_colour=deep_colour,
+            progress=progress,
+        )
         with self._in_turn():
-            result = self._rendered(scene, maps, method, crop, aovs, image, deep_settings, progress)
+            result = self._begin(*asked)()
         for line in result.warnings:
             warnings.warn(line, TfmWarning, stacklevel=2)
+        return result
+
+    def begin(self, scene: Scene, **asked: Any) -> Callable[[], RenderResult]:
+        """Begin to render a scene: the device has its passes, and may not have ended them.
+
+        Parameters
+        ----------
+        scene, **asked
+            As of `render`.
+
+        Returns
+        -------
+        What waits, and returns what `render` does; called once. Other scenes may be begun before, so that
+        the device has work all the time; each takes memory until its result is asked for.
+
+        Raises
+        ------
+        SceneError, DeviceError, CancelledError
+            As of `render`, which what is returned raises too.
+        """
+        checked = _checked(scene, **asked)
+        with self._in_turn():
+            end = self._begin(*checked)
+
+        def result() -> RenderResult:
+            with self._in_turn():
+                found = end()
+            for line in found.warnings:
+                warnings.warn(line, TfmWarning, stacklevel=2)
+            return found
+
         return result
 
     def render_blurred(
@@ -607,7 +662,7 @@ class Renderer:
             decided = plan(middle, method=checked_method(method, middle)).scene
 
         def render(moment: Scene, progress: Progress) -> RenderResult:
-            result = self._render(
+            result = self._begin_passes(
                 moment.replace(map=decided.map, march=decided.march),
                 maps=None,
                 method=method,
@@ -615,12 +670,12 @@ class Renderer:
                 aovs=aovs,
                 progress=progress,
                 antialiasing=Antialiasing(image.samples, image.filter),
-            )
+            )()
             return result.over(image.background) if image.has_background else result
 
         return self._told(moments.rendered(render, progress), asked)
 
-    def _rendered(
+    def _begin(
         self,
         scene: Scene,
         maps: Sequence[TransmittanceMap] | None,
@@ -630,10 +685,10 @@ class Renderer:
         image: ImageSettings,
         deep: DeepSettings | None,
         progress: Progress | None,
-    ) -> RenderResult:
-        """Render a scene as asked for, and say what a user should know of it."""
+    ) -> Callable[[], RenderResult]:
+        """Begin to render a scene as asked for; what is returned says what a user should know of it."""
         asked = self._asked(scene, method, crop, maps, progress or _silent)
-        result = self._render(
+        end = self._begin_passes(
             asked.scene,
             maps=maps,
             method=method,
@@ -643,9 +698,12 @@ class Renderer:
             antialiasing=Antialiasing(image.samples, image.filter),
             deep=deep,
         )
-        if image.has_background:
-            result = result.over(image.background)
-        return self._told(result, asked)
+
+        def result() -> RenderResult:
+            found = end()
+            return self._told(found.over(image.background) if image.has_background else found, asked)
+
+        return result
 
     def _asked(
         self,
@@ -701,14 +759,16 @@ class Renderer:
 
             def render(pilot: Scene, method: str, crop: Crop) -> RenderResult:
                 of_pilot = maps if method == "tfm" else None
-                return self._render(pilot, maps=of_pilot, method=method, crop=crop, aovs=(), progress=None)
+                return self._begin_passes(
+                    pilot, maps=of_pilot, method=method, crop=crop, aovs=(), progress=None
+                )()
 
             asked = with_lookup(scene) if method == "tfm" else scene
             choice = Chooser(render, asked, method, crop, progress).choice()
             self._choice = key, choice
         return choice.scene, choice.estimate
 
-    def _render(
+    def _begin_passes(
         self,
         scene: Scene,
         *,
@@ -719,14 +779,53 @@ class Renderer:
         progress: Progress | None,
         antialiasing: Antialiasing = PLAIN,
         deep: DeepSettings | None = None,
-    ) -> RenderResult:
-        """Render a scene, and ask nothing of the picture."""
+    ) -> Callable[[], RenderResult]:
+        """Begin to render a scene, and ask nothing of the picture."""
         progress = progress or _silent
         method = checked_method(method, scene)
         maps = maps if method == "tfm" else None
         scene.read_files()
-        started, launched = time.perf_counter(), self._launcher.seconds
-        compiled = self._launcher.kernels.seconds
+        spent = _Spent()
+        with self._counted(spent):
+            end = self._begin_frame(scene, maps, method, crop, aovs, progress, antialiasing, deep)
+
+        def result() -> RenderResult:
+            with self._counted(spent):
+                found = end()
+            stats = found.stats
+            stats.made = dict(spent.made)
+            host = max(spent.total - spent.device - spent.compiled - spent.traced, 0.0)
+            stats.seconds |= {"compile": spent.compiled, "host": host, "total": spent.total}
+            if scene.solids:
+                stats.seconds["trace"] = spent.traced
+            return found
+
+        return result
+
+    @contextmanager
+    def _counted(self, spent: _Spent) -> Iterator[None]:
+        """Add what is spent in here."""
+        started, launched, traced = time.perf_counter(), self._launcher.seconds, self._visibility.seconds
+        compiled, made = self._launcher.kernels.seconds, self._cache.made.copy()
+        yield
+        spent.device += self._launcher.seconds - launched
+        spent.traced += self._visibility.seconds - traced
+        spent.compiled += self._launcher.kernels.seconds - compiled
+        spent.total += time.perf_counter() - started
+        spent.made += self._cache.made - made
+
+    def _begin_frame(
+        self,
+        scene: Scene,
+        maps: Sequence[TransmittanceMap] | None,
+        method: str,
+        crop: Crop | None,
+        aovs: Collection[str],
+        progress: Progress,
+        antialiasing: Antialiasing,
+        deep: DeepSettings | None,
+    ) -> Callable[[], RenderResult]:
+        """As `_begin_passes`, without what it takes."""
         begun = self._begun.pop(id(scene), None)
         if maps or begun is None or begun.method != method:
             planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
@@ -737,12 +836,24 @@ class Renderer:
         scene = planned.scene
         crop = checked_crop(crop, scene.camera.res)
         stats = RenderStats(self.device_name)
-        made = self._cache.made.copy()
-        traced = self._visibility.seconds
         around = antialiasing.around(crop, scene.camera.res)
         frame = self._frame(points, maps, around, stats, progress, antialiasing)
         layers_of_lights = _layers_of_lights(scene, aovs)
-        sums, samples, told = frame.render(method, maps, aovs, crop, layers_of_lights, deep)
+        end = frame.begin(method, maps, aovs, crop, layers_of_lights, deep)
+        return lambda: self._result(scene, points, crop, aovs, stats, *end())
+
+    def _result(
+        self,
+        scene: Scene,
+        points: Scene,
+        crop: Crop,
+        aovs: Collection[str],
+        stats: RenderStats,
+        sums: Sums,
+        samples: DeepSamples | None,
+        told: tuple[str, ...],
+    ) -> RenderResult:
+        """Make a picture of what the passes have summed; ``points``: the scene with single lights."""
         made_here = {
             "always": True,
             "solids": bool(scene.solids),
@@ -753,17 +864,10 @@ class Renderer:
         }
         listed = [name for name, layer in LAYERS.items() if made_here[layer.made] or name in aovs]
         layers = Layers([*listed, *(name for name in GROUPS if name in aovs)], sums, members_of(scene, aovs))
-        stats.made = dict(self._cache.made - made)
         stats.samples["view_pass"] = int(sums.samples.sum(dtype=np.int64))
         told += take_notes()
         lit = any(row[:, 3].any() for row in diagnosis.rows_from_the_middle(sums.light_seen))
         notes = dict.fromkeys(note for grid in (*scene.grids, *scene.flames) for note in grid.notes)
-        traced, compiled = self._visibility.seconds - traced, self._launcher.kernels.seconds - compiled
-        total = time.perf_counter() - started
-        host = max(total - (self._launcher.seconds - launched) - compiled - traced, 0.0)
-        stats.seconds |= {"compile": compiled, "host": host, "total": total}
-        if scene.solids:
-            stats.seconds["trace"] = traced
         return RenderResult(
             sums.radiance,
             layers,
@@ -776,6 +880,42 @@ class Renderer:
             shows_through=sums.shows_through,
             deep=samples,
         )
+
+
+def _checked(
+    scene: Scene,
+    *,
+    maps: Sequence[TransmittanceMap] | None = None,
+    method: str | None = None,
+    crop: Crop | None = None,
+    aovs: Collection[str] = (),
+    background: Any = 0.0,
+    samples: int = 1,
+    filter: str = "box",  # noqa: A002 - as of `Renderer.render`
+    deep: float | None = None,
+    deep_colour: bool = False,
+    progress: Progress | None = None,
+) -> tuple[
+    Scene,
+    Sequence[TransmittanceMap] | None,
+    str | None,
+    Crop | None,
+    Collection[str],
+    ImageSettings,
+    DeepSettings | None,
+    Progress | None,
+]:
+    """Check what `Renderer.render` is asked for, before anything is rendered."""
+    scene, maps, progress = checked_scene(scene), checked_maps(maps), checked_progress(progress)
+    aovs = checked_aovs(aovs)
+    image = ImageSettings(background=background, samples=samples, filter=filter, aov=aovs)
+    deep_settings = None
+    if deep is not None:
+        of_deep = image.replace(deep_tolerance=deep, deep_colour=deep_colour)
+        deep_settings = DeepSettings.of(scene, of_deep.deep_tolerance, colour=of_deep.deep_colour)
+    if image.shows_environment:
+        check_surrounded(scene.lights)
+    return scene, maps, method, crop, aovs, image, deep_settings, progress
 
 
 def _meets_medium(sums: Sums, *, emits: bool) -> bool:

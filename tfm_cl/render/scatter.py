@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import Running
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.lattice_points import Around
@@ -34,8 +35,8 @@ def scatter(
     sees_camera: bool = False,
     serves_camera: bool = False,
     around: Around | None = None,
-) -> float:
-    """Add the single scattering of some lights of one kind; returns device seconds.
+) -> Running:
+    """Begin to add the single scattering of some lights of one kind.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def scatter(
     if around is not None:
         defines |= around.defines
     kernel = launcher.kernels.kernel("scatter_pass", "scatter_pass.cl", headers, defines)
-    return launcher.run_windows(
+    return launcher.start_windows(
         kernel,
         batch.window,
         samples * batch.most_in_a_block + met.longest,

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,8 +85,6 @@ class ReadFrame:
         SceneError, VolumeError, DeviceError
             As of the renderer; a deep image that is to be blurred.
         """
-        from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415 - reading needs no OpenCL
-
         image = self.file.image
         if image.is_blurred:
             asked = {**image.frame, "shutter": image.shutter, "motion_samples": image.motion_samples}
@@ -94,6 +92,26 @@ class ReadFrame:
             result = renderer.render_blurred(self.at, progress=progress, **asked)
         else:
             result = renderer.render(self.scene, progress=progress, **_asked(image, pictures))
+        return self._rendered(result, pictures)
+
+    def begin(
+        self, renderer: Renderer, pictures: Sequence[Path], progress: Progress | None = None
+    ) -> Callable[[], RenderedFrame]:
+        """Begin to render it; what is returned waits for it, and other frames may be begun before.
+
+        As `render`; what is blurred has ended already.
+        """
+        image = self.file.image
+        if image.is_blurred:
+            done = self.render(renderer, pictures, progress)
+            return lambda: done
+        result = renderer.begin(self.scene, progress=progress, **_asked(image, pictures))
+        return lambda: self._rendered(result(), pictures)
+
+    def _rendered(self, result: RenderResult, pictures: Sequence[Path]) -> RenderedFrame:
+        from tfm_cl.render.diagnosis import too_dark  # noqa: PLC0415 - reading needs no OpenCL
+
+        image = self.file.image
         # What is not there yet, or any more, was asked for.
         warnings, resolved = [] if self.file.is_empty else list(result.warnings), dict(self.options)
         stops = _exposure(result, pictures, image)

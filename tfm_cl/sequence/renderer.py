@@ -18,6 +18,10 @@ class Renderer(Protocol):
         """`tfm_cl.render.renderer.Renderer.render`, which takes a scene and what is asked for."""
 
     @property
+    def begin(self) -> Callable[..., Callable[[], RenderResult]]:
+        """`tfm_cl.render.renderer.Renderer.begin`, likewise."""
+
+    @property
     def render_blurred(self) -> Callable[..., RenderResult]:
         """`tfm_cl.render.renderer.Renderer.render_blurred`, which takes the scene of each moment besides."""
 
@@ -25,7 +29,7 @@ class Renderer(Protocol):
     def functions_for(self) -> Callable[..., str | None]:
         """`tfm_cl.render.renderer.Renderer.functions_for`, which takes the scenes of some frames."""
 
-    def prepare(self, scene: Scene) -> None:
+    def prepare(self, scene: Scene) -> bool:
         """As `tfm_cl.render.renderer.Renderer.prepare`, while another thread renders."""
 
     def forget_unused(self) -> None:

@@ -1,4 +1,7 @@
-"""Goes through the frames of a range: the next is read, and the last one written, while one is rendered."""
+"""Goes through the frames of a range: the next is read, and the last one written, while one is rendered.
+
+The next is begun before one has ended, if it is read soon, so that the device always has work.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,22 @@ import errno
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from tfm_cl.errors import OUT_OF_MEMORY, DeviceError, DeviceMemoryError, NoDeviceError, TfmError
 from tfm_cl.interrupts import interrupts_held
 from tfm_cl.sequence.claims import Claim, Ledger
 
+T = TypeVar("T")
+
 EXIT_MEMORY = 4
 EXIT_SOME = 5
+READ_SOON = 0.5
+"""Seconds that a frame which the device makes waits, at most, for the next to be read and begun, before it is
+ended and written."""
 LOOKED_AGAIN = 1.0
 """Seconds after which frames that others make are looked at again."""
 NO_ROOM = {errno.ENOSPC, errno.EROFS, errno.EDQUOT}
@@ -38,8 +46,8 @@ class Frames(Protocol):
     def read(self, frame: int) -> Any:
         """Read what a frame needs, on the host."""
 
-    def render(self, read: Any) -> Any:
-        """Make its pictures, on the device."""
+    def render(self, read: Any) -> Callable[[], Any]:
+        """Begin to make its pictures, on the device; what is returned waits until they are made."""
 
     def write(self, frame: int, made: Any) -> Any:
         """Write its files; returns what there is to tell."""
@@ -107,6 +115,14 @@ class _Taken:
     read: Any
     fingerprint: str
     claim: Claim | None
+
+
+class _Begun(NamedTuple):
+    """A frame that the device makes."""
+
+    taken: _Taken
+    made: Callable[[], Any]
+    """Waits for it."""
 
 
 class _Busy:
@@ -189,9 +205,11 @@ class _Run:
     def _once(self, waiting: deque[int], reader: ThreadPoolExecutor, writer: ThreadPoolExecutor) -> list[int]:
         """Go through the frames that are waiting; returns those that others are making."""
         busy: list[int] = []
-        ahead, behind = self._next(waiting, reader), None
+        ahead, begun, behind = self._next(waiting, reader), None, None
         while ahead is not None:
             (frame, reading), ahead = ahead, None
+            if begun is not None and not wait([reading], READ_SOON).done:
+                begun, behind = None, self._made(begun, behind, writer)  # and written meanwhile
             taken = self._result(frame, reading)
             if isinstance(taken, _Taken) and self._hopeless:
                 self._leave(taken)
@@ -203,8 +221,11 @@ class _Run:
                 self._outcome.kept.append(frame)
                 self._tell(frame, "kept", None)
             elif isinstance(taken, _Taken):
-                behind = self._made(taken, behind, writer)
+                next_begun = self._begin(taken)
+                behind, begun = self._made(begun, behind, writer), next_begun
+                del next_begun
             del taken
+        behind = self._made(begun, behind, writer)
         if behind is not None:
             self._end(*behind)
         if self._hopeless:
@@ -214,10 +235,12 @@ class _Run:
         return busy
 
     def _made(
-        self, taken: _Taken, behind: tuple[int, Future[Any]] | None, writer: ThreadPoolExecutor
+        self, begun: _Begun | None, behind: tuple[int, Future[Any]] | None, writer: ThreadPoolExecutor
     ) -> tuple[int, Future[Any]] | None:
-        """Render a frame, and begin to write it when the one before is written; returns what is written."""
-        made = self._rendered(taken)
+        """Wait for a frame, and begin to write it when the one before is written; returns what is written."""
+        if begun is None:
+            return behind
+        taken, made = begun.taken, self._tried(begun.taken, begun.made)
         if behind is not None:
             self._end(*behind)
         if made is None:
@@ -252,9 +275,13 @@ class _Run:
             self._give_back(claim)
             raise
 
-    def _rendered(self, taken: _Taken) -> tuple[Any] | None:
+    def _begin(self, taken: _Taken) -> _Begun | None:
+        found = self._tried(taken, lambda: self._work.render(taken.read))
+        return None if found is None else _Begun(taken, found[0])
+
+    def _tried(self, taken: _Taken, step: Callable[[], T]) -> tuple[T] | None:
         try:
-            return (self._work.render(taken.read),)
+            return (step(),)
         except NoDeviceError:
             raise
         except (TfmError, MemoryError, OSError) as error:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from tfm_cl.errors import InputError
 from tfm_cl.files.paths import write_text
@@ -24,9 +25,33 @@ if TYPE_CHECKING:
     from tfm_cl.sequence.frame import ReadFrame, RenderedFrame
     from tfm_cl.sequence.renderer import Renderer
 
+SHORT = 1.0
+"""Seconds of a frame, at most, beside which the next is begun before it has ended: its files are written
+later by as much, and both take memory."""
+
 Read = Callable[["SceneFile", float | None, "ReadFrame | None"], "ReadFrame"]
 States = list[tuple[str, int, int]]
 MakeRenderer = Callable[[], AbstractContextManager["Renderer"]]
+
+
+class _Read(NamedTuple):
+    """A frame that is read."""
+
+    frame: ReadFrame
+    seconds: float
+    """That it took."""
+    is_prepared: bool
+    """Whether its voxels are on the device beside others."""
+
+
+class _Made(NamedTuple):
+    """A frame that is rendered."""
+
+    frame: RenderedFrame
+    read: float
+    """Seconds of reading."""
+    rendered: float
+    """Seconds of rendering."""
 
 
 class ShotFrames:
@@ -55,6 +80,8 @@ class ShotFrames:
         self._last: tuple[int, SceneFile] | None = None
         self._before: tuple[States, ReadFrame] | None = None
         """The frame that was read last, of files as they were then."""
+        self._seconds = math.inf
+        """Of the last frame that was rendered; of the first nothing is known."""
 
     def __enter__(self) -> Self:
         return self
@@ -98,8 +125,8 @@ class ShotFrames:
         """As `tfm_cl.sequence.run.Frames.fingerprint`."""
         return fingerprint.of_frame(self._file(frame), self.outputs(frame))
 
-    def read(self, frame: int) -> tuple[ReadFrame, float]:
-        """As `tfm_cl.sequence.run.Frames.read`; with the seconds that it took."""
+    def read(self, frame: int) -> _Read:
+        """As `tfm_cl.sequence.run.Frames.read`."""
         started = time.perf_counter()
         file = self._file(frame)
         for path in self.outputs(frame):
@@ -109,9 +136,10 @@ class ShotFrames:
         ready = self._read(file, frame, self._like(states))
         ready.read_files()
         self._before = states, ready
+        is_prepared = False
         if self._made is not None and not file.image.is_blurred:
-            self._made.prepare(ready.scene)
-        return ready, time.perf_counter() - started
+            is_prepared = self._made.prepare(ready.scene)
+        return _Read(ready, time.perf_counter() - started, is_prepared)
 
     def _like(self, states: States) -> ReadFrame | None:
         """Return the frame before, whose files a frame need not read again; None if they have changed."""
@@ -121,14 +149,27 @@ class ShotFrames:
         known = {name: state for name, *state in before}
         return ready if all(known.get(name, state) == state for name, *state in states) else None
 
-    def render(self, ready: tuple[ReadFrame, float]) -> tuple[RenderedFrame, float, float]:
-        """As `tfm_cl.sequence.run.Frames.render`; with the seconds of reading and rendering."""
+    def render(self, read: _Read) -> Callable[[], _Made]:
+        """As `tfm_cl.sequence.run.Frames.render`."""
         renderer, started = self.renderer, time.perf_counter()
-        done = ready[0].render(renderer, self._files.pictures, self.progress)
-        renderer.forget_unused()
-        return done, ready[1], time.perf_counter() - started
+        end = read.frame.begin(renderer, self._files.pictures, self.progress)
+        begun = time.perf_counter() - started
 
-    def write(self, frame: int, made: tuple[RenderedFrame, float, float]) -> Told:
+        def made() -> _Made:
+            started = time.perf_counter()
+            done = end()
+            self._seconds = begun + time.perf_counter() - started
+            return _Made(done, read.seconds, self._seconds)
+
+        # What is large is given back before others take its place.
+        if read.is_prepared and self._seconds < SHORT:
+            renderer.forget_unused()
+            return made
+        done = made()
+        renderer.forget_unused()
+        return lambda: done
+
+    def write(self, frame: int, made: _Made) -> Told:
         """As `tfm_cl.sequence.run.Frames.write`."""
         (done, load, render), started = made, time.perf_counter()
         outputs, pictures = self.outputs(frame), len(self._files.pictures)

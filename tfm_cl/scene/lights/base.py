@@ -248,6 +248,11 @@ class Light(Model):
         return False
 
     @property
+    def asked_apart(self) -> float | None:
+        """World units between these points that are asked for; None where that is left open."""
+        return None
+
+    @property
     def core(self) -> float:
         """Radius, world units, of a ball that shines evenly, whose falloff it has; 0: that of a point."""
         return 0.0

@@ -129,7 +129,14 @@ class SkyLight(Surroundings):
         directions = turned(directions, self._world_from_sky.T)
         irradiances = np.multiply(self.intensity, light)
         at_points = self.lookup == "points"
-        return SunLight.of_parts(directions, irradiances, spreads, self.part_texels, at_points=at_points)
+        return SunLight.of_parts(
+            directions,
+            irradiances,
+            spreads,
+            self.part_texels,
+            at_points=at_points,
+            asked_apart=self.asked_apart,
+        )
 
     def radiance(self, directions: Directions, width: Directions) -> Directions:
         """As `Surroundings.radiance`: sky, ground and, with ``sun``, the sun's disk."""

@@ -46,6 +46,7 @@ class SunLight(Light):
     _spread: float = PrivateAttr(default=0.0)
     _most_texels: int | None = PrivateAttr(default=None)
     _is_at_points: bool = PrivateAttr(default=False)
+    _asked_apart: float | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -86,6 +87,7 @@ class SunLight(Light):
         most_texels: int,
         *,
         at_points: bool,
+        asked_apart: float | None,
     ) -> tuple[Self, ...]:
         """Return the lights from parts of the sky.
 
@@ -97,8 +99,8 @@ class SunLight(Light):
             [n, RGB], on planes facing them.
         spreads, most_texels
             [n] and for all, as of `Light`; the sun itself, without a spread, has a map like others.
-        at_points
-            `Light.is_at_points`, likewise.
+        at_points, asked_apart
+            `Light.is_at_points` and `Light.asked_apart`, likewise.
         """
         suns = []
         for direction, irradiance, spread in zip(
@@ -108,6 +110,7 @@ class SunLight(Light):
             sun._spread = spread
             sun._most_texels = most_texels if spread > 0 else None
             sun._is_at_points = at_points and spread > 0
+            sun._asked_apart = asked_apart
             suns.append(sun)
         return tuple(suns)
 
@@ -127,6 +130,11 @@ class SunLight(Light):
         return self._is_at_points
 
     @property
+    def asked_apart(self) -> float | None:
+        """As `Light.asked_apart`."""
+        return self._asked_apart
+
+    @property
     def needs_fitting(self) -> bool:
         """Whether the light has not been `fitted` yet."""
         return self._corners is None
@@ -136,7 +144,7 @@ class SunLight(Light):
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
         sun._spread, sun._most_texels = self._spread, self._most_texels  # noqa: SLF001
-        sun._is_at_points = self._is_at_points  # noqa: SLF001
+        sun._is_at_points, sun._asked_apart = self._is_at_points, self._asked_apart  # noqa: SLF001
         return sun
 
     def frame(self) -> LightFrame:

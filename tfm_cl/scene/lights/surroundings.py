@@ -7,7 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from tfm_cl.errors import SceneError
-from tfm_cl.model import count_or_auto
+from tfm_cl.limits import LARGEST_COORDINATE
+from tfm_cl.model import count_or_auto, number_or_auto
 from tfm_cl.scene.lights.base import Arrival, Directions, Floats, Light, LightFrame
 
 MOST_TEXELS = 256
@@ -36,11 +37,21 @@ class Surroundings(Light):
         "what is found there stays while the camera moves; samples: at every sample of the camera's rays; "
         "auto: points, where there are many parts and maps are left to auto",
     )
+    points_apart: Annotated[float | Literal["auto"], number_or_auto(1e-6, LARGEST_COORDINATE)] = Field(
+        default="auto",
+        description="world units between these points, unless that makes them too many, or homogeneous "
+        "bodies need them nearer; of several lights the least; auto: by voxels, and the light's share of all",
+    )
 
     @property
     def part_texels(self) -> int:
         """`Light.most_texels` of each part."""
         return MOST_TEXELS if self.map_res == "auto" else self.map_res
+
+    @property
+    def asked_apart(self) -> float | None:
+        """As `Light.asked_apart`."""
+        return None if self.points_apart == "auto" else self.points_apart
 
     @staticmethod
     def spread_of(count: int) -> float:

@@ -65,7 +65,7 @@ class Schema {
 /** Keys of three numbers that are a colour or a coefficient for each of red, green and blue. */
 const COLOURS = new Set(["intensity", "sigma_s", "sigma_a", "emission", "albedo", "radiance", "background", "ground_albedo", "colour"]);
 /** Keys that are worth a slider of powers: what doubles matters, not what is added. */
-const LOGARITHMIC = new Set(["density", "density_scale", "opacity", "Le_scale", "temperature_scale", "radius", "reach", "bytes", "max_error", "cutoff", "res", "map_res", "steps", "emission_lights", "velocity_scale", "diameter", "exponent", "alpha"]);
+const LOGARITHMIC = new Set(["density", "density_scale", "opacity", "Le_scale", "temperature_scale", "radius", "reach", "bytes", "max_error", "cutoff", "res", "map_res", "points_apart", "steps", "emission_lights", "velocity_scale", "diameter", "exponent", "alpha"]);
 
 function limits({ minimum, exclusiveMinimum, maximum, exclusiveMaximum }) {
   return { least: minimum ?? exclusiveMinimum, most: maximum ?? exclusiveMaximum, isOpen: [minimum === undefined, maximum === undefined] };
