@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
 from tfm_cl.render.raster import BLOCK, block_order, in_blocks, pack, pattern
+from tfm_cl.render.rows import rows_at_once
 from tfm_cl.scene.pixel_filters import FILTERS
 
 if TYPE_CHECKING:
@@ -42,8 +43,6 @@ MARGIN = 16
 """Pixels around a crop that say something of it: `AROUND`, and one for each level, the filter, neighbours."""
 MOST_SAMPLES = 1 << 20
 """That are held at once."""
-TOGETHER = 1 << 14
-"""Pixels that are compared or copied at once, at least a row."""
 QUADRATURE = 64
 """Points along a side of a pixel at which filters are summed up."""
 SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0))
@@ -278,7 +277,10 @@ def _parts(sums: Sums) -> dict[str, Floats]:
     }
     if sums.of_solids is not None:
         is_free = np.isinf(sums.of_solids[..., 3:]) | (sums.albedo[..., 3:] > 0)
-        parts["shows_through"] = np.where(is_free, parts["shows_through"], np.float32(0))
+        through = np.empty((*is_free.shape[:-1], 3), np.float32)
+        for rows in rows_at_once(through.shape):
+            through[rows] = np.where(is_free[rows], sums.transmittance[rows, :, :3], np.float32(0))
+        parts["shows_through"] = through
         parts["albedo"] = sums.albedo[..., :3]
     others = {
         "emission": sums.emitted,
@@ -317,6 +319,7 @@ def _largest_around(values: Floats) -> Floats:
     """Return the largest of rows up to `AROUND` above and below, none of which is negative."""
     largest, rows = np.pad(values, ((AROUND, AROUND), (0, 0))), 1
     while rows < 2 * AROUND + 1:
+        check_cancelled()
         more = min(rows, 2 * AROUND + 1 - rows)
         largest, rows = np.maximum(largest[:-more], largest[more:]), rows + more
     return largest
@@ -325,7 +328,7 @@ def _largest_around(values: Floats) -> Floats:
 def _bends(radiance: Floats, scale: Floats) -> Mask:
     """Find the pixels that are not, along x and y, about the mean of those beside them."""
     bends, last = np.empty(scale.shape, dtype=bool), len(scale) - 1
-    for rows in _rows_at_once(scale.shape):
+    for rows in rows_at_once(scale.shape):
         some, around = radiance[rows], scale[rows]
         beside = radiance[np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, last)]
         columns = np.diff(some, axis=1, prepend=some[:, :1], append=some[:, -1:])
@@ -337,19 +340,10 @@ def _bends(radiance: Floats, scale: Floats) -> Mask:
     return bends
 
 
-def _rows_at_once(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Yield the rows of a picture, as many at a time as a core's cache has room for."""
-    height, width = shape[:2]
-    rows = max(1, TOGETHER // width)
-    for top in range(0, height, rows):
-        check_cancelled()
-        yield slice(top, min(top + rows, height))
-
-
 def _beside(*parts: Floats) -> Floats:
     """Copy pictures [h, w, channels], their channels beside each other."""
     copied = np.empty((*parts[0].shape[:2], sum(part.shape[2] for part in parts)), np.float32)
-    for rows in _rows_at_once(copied.shape):
+    for rows in rows_at_once(copied.shape):
         np.concatenate([part[rows] for part in parts], axis=2, out=copied[rows])
     return copied
 
