@@ -371,12 +371,12 @@ class Frame:
 
     def _on_shared_samples(self, work: _Work, shared: _Shared) -> Around | None:
         """Return light from all around that lights which share the camera's samples may serve; None: none."""
-        if shared.around is None or len(shared.around) > 1 or work.layers is not None:
+        if shared.around is None or len(shared.around) > 1:
             return None
         if self.scene.homogeneous or work.frame.deep or work.without_lattice is not None:
             return None
-        ((lattice, scattered, lights, _),) = shared.around
-        return lattice.on_shared_samples(scattered, len(lights))
+        ((lattice, scattered, lights, layer),) = shared.around
+        return lattice.on_shared_samples(scattered, len(lights), layer)
 
     def _scatter(
         self,
