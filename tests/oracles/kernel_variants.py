@@ -431,6 +431,7 @@ SURROUNDED_LIT: Choices = EMISSION_LIT | SURROUNDED | {"basis": EVALUATED}
 WITH_SURROUNDINGS: Choices = SURROUNDED_LIT | {
     "bodies": [name for name in SURROUNDED["bodies"] if "box" not in name],
     "shared": (1,),
+    "layers": (0, 1),
     "colours of samples": (0,),
     "around": (1,),
 }
