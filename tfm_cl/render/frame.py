@@ -107,6 +107,8 @@ class _Work:
     """Whether light from all around is, with the camera's samples."""
     lattice_change: NDArray[np.float32] | None = None
     warnings: dict[str, None] = field(default_factory=dict)
+    uncounted: list[tuple[TransmittanceMap, bool]] = field(default_factory=list)
+    """Maps that are not among what the render cost yet, and whether each was built."""
 
     @cached_property
     def met(self) -> Met:
@@ -322,6 +324,7 @@ class Frame:
             self._light_by_emission(work, shared.emitted, of_emission)
         if scatters_again(scene):
             self._scatter_again(work, shared)
+        self._count_maps(work)
         self.stats.seconds["view_pass"] += work.seconds
         return buffers.read(launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
 
@@ -337,7 +340,7 @@ class Frame:
                 maps = self._maps_of(work, indices)
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 if fills:
-                    work.seconds += lattice.add(batch)
+                    lattice.add(batch)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)
@@ -635,14 +638,21 @@ class Frame:
         """Build or find the maps of some lights, and tell of them."""
         if work.sources is None or not work.reads_maps:
             return []
+        self._count_maps(work)
         maps = self.maps.of(work.sources, indices, self.progress)
         if not work.is_first:
             return maps
         built = self.maps.built if work.builds else frozenset[int]()
+        work.uncounted = [(light_map, id(light_map) in built) for light_map in maps]
         for light_map in maps:
-            self.stats.add_map(light_map, built=id(light_map) in built)
             work.warnings |= dict.fromkeys(_warnings(light_map))
         return maps
+
+    def _count_maps(self, work: _Work) -> None:
+        """Count the maps that were built or found last, whose light passes the device has been at since."""
+        for light_map, built in work.uncounted:
+            self.stats.add_map(light_map, built=built)
+        work.uncounted = []
 
     def _sum_errors(self, work: _Work, batch: Batch, maps: list[TransmittanceMap]) -> None:
         if work.errors is None or not maps:
