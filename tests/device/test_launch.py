@@ -93,13 +93,13 @@ def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, waits):
     assert held() is None
 
 
-@pytest.mark.parametrize("waits", [False, True])
-def test_two_pieces_of_work_at_most_are_under_way(waits):
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_so_many_pieces_of_work_at_most_are_under_way(most):
     ended = []
-    work = InTurn(waits=waits)
+    work = InTurn(most)
     for number in range(3):
         work.add(Running(lambda number=number: ended.append(number) or 0.5))
-        assert ended == [*range(number + waits)]
+        assert ended == [*range(number + 2 - most)]
 
     assert work.wait() == work.wait() == 1.5
     assert ended == [0, 1, 2]
