@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
 from tfm_cl.render.raster import BLOCK, block_order, in_blocks, pack, pattern
+from tfm_cl.render.rows import rows_at_once
 from tfm_cl.scene.pixel_filters import FILTERS
 
 if TYPE_CHECKING:
@@ -160,19 +161,19 @@ class Antialiasing:
         counts, albedo = sums.samples.copy(), None
         solid = None
         if sums.of_solids is not None:
-            solid = np.concatenate([sums.of_solids, sums.albedo[..., 3:]], axis=-1)
+            solid = _beside(sums.of_solids, sums.albedo[..., 3:])
         for level in levels:
             x, y = level.pixels.T
             counts[y, x] = level.counts
             if solid is not None and level.nearest is not None:
                 solid[y, x] = level.nearest
         if "albedo" in made and solid is not None:
-            albedo = np.concatenate([made["albedo"], solid[..., 4:]], axis=-1)
+            albedo = _beside(made["albedo"], solid[..., 4:])
         return replace(
             sums,
             radiance=made["radiance"],
             light_seen=made["light_seen"],
-            transmittance=np.concatenate([made["transmittance"], depth], axis=-1),
+            transmittance=_beside(made["transmittance"], depth),
             samples=counts,
             emitted=made.get("emission"),
             of_solids=None if solid is None else solid[..., :4],
@@ -192,8 +193,7 @@ class Antialiasing:
 
     def _filtered(self, part: Floats, name: str, levels: list[_Level]) -> Floats:
         """Filter a part of the sums, [h, w, channels]."""
-        check_cancelled()
-        reach, out = self._weights.reach, part.copy()
+        reach, out = self._weights.reach, _beside(part)
         for level in levels:
             x, y = level.pixels.T
             out[y, x] = 0 if reach else level.parts[name][:, 0, 0]
@@ -277,7 +277,10 @@ def _parts(sums: Sums) -> dict[str, Floats]:
     }
     if sums.of_solids is not None:
         is_free = np.isinf(sums.of_solids[..., 3:]) | (sums.albedo[..., 3:] > 0)
-        parts["shows_through"] = np.where(is_free, parts["shows_through"], np.float32(0))
+        through = np.empty((*is_free.shape[:-1], 3), np.float32)
+        for rows in rows_at_once(through.shape):
+            through[rows] = np.where(is_free[rows], sums.transmittance[rows, :, :3], np.float32(0))
+        parts["shows_through"] = through
         parts["albedo"] = sums.albedo[..., :3]
     others = {
         "emission": sums.emitted,
@@ -316,6 +319,7 @@ def _largest_around(values: Floats) -> Floats:
     """Return the largest of rows up to `AROUND` above and below, none of which is negative."""
     largest, rows = np.pad(values, ((AROUND, AROUND), (0, 0))), 1
     while rows < 2 * AROUND + 1:
+        check_cancelled()
         more = min(rows, 2 * AROUND + 1 - rows)
         largest, rows = np.maximum(largest[:-more], largest[more:]), rows + more
     return largest
@@ -323,14 +327,25 @@ def _largest_around(values: Floats) -> Floats:
 
 def _bends(radiance: Floats, scale: Floats) -> Mask:
     """Find the pixels that are not, along x and y, about the mean of those beside them."""
-    bends = np.zeros(scale.shape, dtype=bool)
-    for axis in range(2):
-        rgba, around = np.moveaxis(radiance, axis, 0), np.moveaxis(scale, axis, 0)
-        out = np.moveaxis(bends, axis, 0)
-        steps = np.diff(rgba, axis=0, prepend=rgba[:1], append=rgba[-1:])
-        second = np.abs(np.diff(steps, axis=0))
-        out |= (_together(second) > BEND * around) | (second[..., 3] > BEND)
+    bends, last = np.empty(scale.shape, dtype=bool), len(scale) - 1
+    for rows in rows_at_once(scale.shape):
+        some, around = radiance[rows], scale[rows]
+        beside = radiance[np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, last)]
+        columns = np.diff(some, axis=1, prepend=some[:, :1], append=some[:, -1:])
+        found = np.zeros(around.shape, dtype=bool)
+        for second in (np.diff(beside, 2, axis=0), np.diff(columns, axis=1)):
+            np.abs(second, out=second)
+            found |= (_together(second) > BEND * around) | (second[..., 3] > BEND)
+        bends[rows] = found
     return bends
+
+
+def _beside(*parts: Floats) -> Floats:
+    """Copy pictures [h, w, channels], their channels beside each other."""
+    copied = np.empty((*parts[0].shape[:2], sum(part.shape[2] for part in parts)), np.float32)
+    for rows in rows_at_once(copied.shape):
+        np.concatenate([part[rows] for part in parts], axis=2, out=copied[rows])
+    return copied
 
 
 def _spread(samples: Floats, single: Floats, scale: Floats) -> Floats:

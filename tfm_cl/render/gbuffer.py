@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
-from tfm_cl.render.tracing.threads import in_chunks
+from tfm_cl.render.tracing.threads import CHUNK, in_chunks
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
@@ -52,7 +52,9 @@ class GBuffer:
         rows, columns = -(-height // self.EDGE), -(-width // self.EDGE)
         padded = np.full((rows * self.EDGE, columns * self.EDGE), -1, np.int32)
         number = np.arange(height * width, dtype=np.int32).reshape(height, width)
+        check_cancelled()
         padded[:height, :width] = np.where(self.shown, number, -1)
+        check_cancelled()
         blocks = padded.reshape(rows, self.EDGE, columns, self.EDGE).swapaxes(1, 2)
         return blocks.reshape(rows * columns, self.EDGE**2)
 
@@ -64,14 +66,18 @@ class GBuffer:
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
         """[blocks, 2, 3], low and high corner around each block's points, world; 0 where there are none."""
-        boxes = np.zeros((len(self.pixels), 2, 3))
-        shown = self.pixels[self.occupied]
-        numbers, empty = self.numbers[shown], shown < 0
-        for axis in range(3):  # short axes are slow to reduce
-            check_cancelled()
-            values = self.points[:, axis][numbers]
-            boxes[self.occupied, 0, axis] = np.where(empty, np.inf, values).min(axis=1)
-            boxes[self.occupied, 1, axis] = np.where(empty, -np.inf, values).max(axis=1)
+        shown, number_of = self.pixels[self.occupied], self.numbers
+        found, boxes = np.empty((len(shown), 2, 3)), np.zeros((len(self.pixels), 2, 3))
+
+        def bound(part: slice) -> None:
+            numbers, empty = number_of[shown[part]], shown[part] < 0
+            for axis in range(3):  # short axes are slow to reduce
+                values = self.points[:, axis][numbers]
+                found[part, 0, axis] = np.where(empty, np.inf, values).min(axis=1)
+                found[part, 1, axis] = np.where(empty, -np.inf, values).max(axis=1)
+
+        in_chunks(len(shown), bound, CHUNK // self.EDGE**2)
+        boxes[self.occupied] = found
         return boxes
 
     @property
@@ -121,6 +127,10 @@ def trace_gbuffer(tracer: Tracer, scene: Scene, raster: Raster) -> GBuffer:
 
 
 def _joined(parts: dict[int, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Put parts, by their places, one behind the other."""
-    check_cancelled()
-    return np.concatenate([parts[place] for place in sorted(parts)])
+    """Put parts [n, 3], by their places, one behind the other."""
+    joined, first = np.empty((sum(map(len, parts.values())), 3)), 0
+    for place in sorted(parts):
+        check_cancelled()
+        end = first + len(parts[place])
+        joined[first:end], first = parts[place], end
+    return joined

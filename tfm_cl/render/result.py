@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tfm_cl._version import __version__
 from tfm_cl.files import image_io
 from tfm_cl.files.image_io.image import DeepSamples, Image, Metadata
-from tfm_cl.interrupts import check_cancelled
 from tfm_cl.plan.orders import orders_of
+from tfm_cl.render.rows import rows_at_once
 from tfm_cl.scene.background import check_surrounded, radiance_behind
 from tfm_cl.scene.layers import GROUPS, Members, members
 from tfm_cl.scene.lights.base import names_of
@@ -156,10 +156,12 @@ class RenderResult:
             behind = radiance_behind(scene.lights, scene.camera, self.crop)
         else:
             behind = np.array(settings.background, np.float32)
-        image, share = bare.copy(), self.background_share
-        for channel in range(image.shape[-1] - 1):  # short axes are slow
-            check_cancelled()
-            image[..., channel] += share[..., channel] * behind[..., channel]
+        behind = np.broadcast_to(behind, bare[..., :3].shape)
+        share, image = self.background_share, np.empty_like(bare)
+        for rows in rows_at_once(image.shape):
+            image[rows] = bare[rows]
+            for channel in range(3):  # short axes are slow
+                image[rows, :, channel] += share[rows, :, channel] * behind[rows, :, channel]
         return replace(self, image=image, background=settings.background, foreground=bare)
 
     @property
