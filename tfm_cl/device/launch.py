@@ -4,6 +4,7 @@ import contextlib
 import copy
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -260,8 +261,9 @@ class Launcher:
     ) -> Running:
         """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
 
-        All but the last have ended when this returns; the last one too where launches are to be short, as
-        what is cancelled has to wait for all that was started.
+        All but the last two have ended when this returns, so that the device has work while the host prepares
+        the next. All but the last where ``after`` is called; all where launches are to be short, as what is
+        cancelled has to wait for all that was started.
 
         Parameters
         ----------
@@ -278,25 +280,30 @@ class Launcher:
         """
         name = kernel.function_name
         windows = Windows(*bounds, self._pacing(kernel, samples_per_item, Windows.EDGE**2))
-        seconds = 0.0
+        most = 2 if after is None else 1
+        under_way, ended = deque[Callable[[], float]](), [0.0]
         for window in windows:
+            while len(under_way) >= most:
+                ended.append(under_way.popleft()())
             launch = self.start(kernel, self.tiles(window), {**arguments, "window": window})
 
             def end(
-                launch: Running = launch, window: tuple[int, int, int, int] = window, before: float = seconds
+                launch: Running = launch,
+                window: tuple[int, int, int, int] = window,
+                part: float = windows.done,
             ) -> float:
-                spent = before + windows.took(launch.wait())
+                seconds = windows.took(window, launch.wait())
                 self._paces[name] = windows.pacing.pace
                 if after is not None:
                     after(window)
                 if done is not None:
-                    done(windows.done)
-                return spent
+                    done(part)
+                return seconds
 
-            if windows.done == 1 and self._launch_seconds is None:
-                return Running(end)
-            seconds = end()
-        return Running(lambda: seconds)
+            under_way.append(end)
+            if self._launch_seconds is not None:
+                ended.append(under_way.popleft()())
+        return Running(lambda: sum([*ended, *(end() for end in under_way)]))
 
     def in_turn(self) -> InTurn:
         """Return what waits for launches that are started one after the other.
@@ -602,7 +609,6 @@ class Windows:
 
     def __init__(self, x0: int, y0: int, x1: int, y1: int, pacing: Pacing) -> None:
         self._bounds, self.pacing = (x0, y0, x1, y1), pacing
-        self._area = 0
         self._done = 0
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
@@ -619,16 +625,16 @@ class Windows:
             elif x == x0:
                 more = max(items // columns // self.EDGE - 1, 0) * self.EDGE
                 rows = min(rows + more, y1 - y)
-            self._area = rows * columns
-            self._done += self._area
+            self._done += rows * columns
             yield x, y, x + columns, y + rows
             x += columns
             if x >= x1:
                 x, y = x0, y + rows
 
-    def took(self, seconds: float) -> float:
-        """Choose the next window's size by the seconds that the last one took; returns them."""
-        self.pacing.took(self._area, seconds)
+    def took(self, window: tuple[int, int, int, int], seconds: float) -> float:
+        """Choose the next window's size by the seconds that one took; returns them."""
+        x0, y0, x1, y1 = window
+        self.pacing.took((x1 - x0) * (y1 - y0), seconds)
         return seconds
 
     @property
