@@ -263,8 +263,9 @@ class Launcher:
     ) -> Running:
         """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
 
-        All but the last have ended when this returns; the last one too where launches are to be short, as
-        what is cancelled has to wait for all that was started.
+        All but the last have ended when this returns, and each was started before the one before it ended,
+        so that the device has work while the host prepares the next. Where launches are to be short, each has
+        ended before the next: what is cancelled has to wait for all that was started.
 
         Parameters
         ----------
@@ -284,7 +285,7 @@ class Launcher:
         """
         name = kernel.function_name
         windows = Windows(*bounds, self._pacing(kernel, samples_per_item, Windows.EDGE**2))
-        seconds = 0.0
+        launches = self.in_turn()
         for window in windows:
             launch = self.start(kernel, self.tiles(window), {**arguments, "window": window})
             if begun is not None:
@@ -293,17 +294,19 @@ class Launcher:
                 meanwhile()
                 meanwhile = None
 
-            def end(launch: Running = launch, before: float = seconds) -> float:
-                spent = before + windows.took(launch.wait())
+            def end(
+                launch: Running = launch,
+                window: tuple[int, int, int, int] = window,
+                part: float = windows.done,
+            ) -> float:
+                seconds = windows.took(window, launch.wait())
                 self._paces[name] = windows.pacing.pace
                 if done is not None:
-                    done(windows.done)
-                return spent
+                    done(part)
+                return seconds
 
-            if windows.done == 1 and self._launch_seconds is None:
-                return Running(end)
-            seconds = end()
-        return Running(lambda: seconds)
+            launches.add(Running(end))
+        return Running(launches.wait)
 
     def finding(self, running: Running, read: Callable[[], T], nbytes: int) -> Finding[T]:
         """Return what the host reads, so many bytes, when it needs what was started to find it."""
@@ -643,7 +646,6 @@ class Windows:
 
     def __init__(self, x0: int, y0: int, x1: int, y1: int, pacing: Pacing) -> None:
         self._bounds, self.pacing = (x0, y0, x1, y1), pacing
-        self._area = 0
         self._done = 0
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
@@ -660,16 +662,16 @@ class Windows:
             elif x == x0:
                 more = max(items // columns // self.EDGE - 1, 0) * self.EDGE
                 rows = min(rows + more, y1 - y)
-            self._area = rows * columns
-            self._done += self._area
+            self._done += rows * columns
             yield x, y, x + columns, y + rows
             x += columns
             if x >= x1:
                 x, y = x0, y + rows
 
-    def took(self, seconds: float) -> float:
-        """Choose the next window's size by the seconds that the last one took; returns them."""
-        self.pacing.took(self._area, seconds)
+    def took(self, window: tuple[int, int, int, int], seconds: float) -> float:
+        """Choose the next window's size by the seconds that one took; returns them."""
+        x0, y0, x1, y1 = window
+        self.pacing.took((x1 - x0) * (y1 - y0), seconds)
         return seconds
 
     @property
