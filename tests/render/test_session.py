@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -443,6 +444,7 @@ def test_a_frame_is_cancelled_while_the_host_traces_solids(session, monkeypatch)
 
     def cancelling(*rays):
         traced.append(session.cancel())
+        time.sleep(0.03)  # the thread that renders comes to ask
         return distances(*rays)
 
     scene = BESIDE_BALL.replace(camera=BESIDE_BALL.camera.replace(res=(64, 64)))
