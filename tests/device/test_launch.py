@@ -93,13 +93,13 @@ def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, waits):
     assert held() is None
 
 
-@pytest.mark.parametrize("waits", [False, True])
-def test_two_pieces_of_work_at_most_are_under_way(waits):
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_so_many_pieces_of_work_at_most_are_under_way(most):
     ended = []
-    work = InTurn(waits=waits)
+    work = InTurn(most)
     for number in range(3):
         work.add(Running(lambda number=number: ended.append(number) or 0.5))
-        assert ended == [*range(number + waits)]
+        assert ended == [*range(number + 2 - most)]
 
     assert work.wait() == work.wait() == 1.5
     assert ended == [0, 1, 2]
@@ -112,10 +112,11 @@ def windows_of(width, height, samples, **bounds):
 def launches(windows, seconds):
     """Areas and times of a pass's launches, of which an item of a row takes ``seconds(row)``."""
     areas, times = [], []
-    for x0, y0, x1, y1 in windows:
+    for window in windows:
+        x0, y0, x1, y1 = window
         areas.append((x1 - x0) * (y1 - y0))
         times.append((x1 - x0) * sum(map(seconds, range(y0, y1))))
-        windows.took(times[-1])
+        windows.took(window, times[-1])
     return areas, times
 
 
@@ -186,26 +187,27 @@ def test_launches_that_are_not_bounded_grow_as_they_may():
     assert areas == [960 * 320, 960 * 220]
 
 
-@pytest.mark.parametrize("bounded", [False, True])
-def test_all_launches_of_a_pass_but_the_last_have_ended(launcher, monkeypatch, bounded):
-    """Where they are to be short, the last one too: what is cancelled waits for all that was started."""
-    started, ended, parts = [], [], []
+@pytest.mark.parametrize(("bounded", "left"), [(False, 1), (True, 0)])
+def test_a_launch_of_a_pass_is_started_before_the_last_has_ended(launcher, monkeypatch, bounded, left):
+    """Not where they are to be short: what is cancelled waits for all that was started."""
+    started, begun, ended, parts = [], [], [], []
 
     def start(_kernel, _size, arguments):
+        assert len(started) - len(ended) <= left
         started.append(arguments["window"])
-        return Running(lambda: ended.append(arguments["window"]) or 0.05)
+        return Running(lambda: ended.append(arguments["window"]) or 0.1)
 
     monkeypatch.setattr(launcher, "start", start)
     monkeypatch.setattr(launcher, "_launch_seconds", 0.1 if bounded else None)
     monkeypatch.setattr(launcher, "_paces", {})
     kernel = SimpleNamespace(function_name="any")
     samples = (FIRST_BOUNDED if bounded else FIRST_SAMPLES) // (64 * 32)
-    running = launcher.start_windows(kernel, (0, 0, 64, 64), samples, {}, parts.append)
+    running = launcher.start_windows(kernel, (0, 0, 64, 128), samples, {}, parts.append, begun.append)
 
-    assert started == [(0, 0, 64, 32), (0, 32, 64, 64)]
-    assert (ended, parts) == ((started, [0.5, 1]) if bounded else (started[:1], [0.5]))
-    assert running.wait() == running.wait() == pytest.approx(0.1)
-    assert (ended, parts) == (started, [0.5, 1])
+    assert started == begun == [(0, 32 * n, 64, 32 * n + 32) for n in range(4)]
+    assert ended == started[: 4 - left]
+    assert running.wait() == running.wait() == pytest.approx(0.4)
+    assert (ended, parts) == (started, [0.25, 0.5, 0.75, 1])
 
 
 COMMANDS = {

@@ -38,7 +38,7 @@ def test_ranges_hold_those_of_their_neighbours(rng, density):
     begin = rng.uniform(1, 2, (size, size)).astype(np.float32)
     probe = Probe(begin, np.where(dense, begin + 1, begin), begin - 1, begin, begin + 3)
 
-    field = probe.field()
+    field = probe.field
 
     nothing = min(begin[dense], default=0)
     for y, x in np.ndindex(size, size):

@@ -49,7 +49,7 @@ def windows_of(*bounds, seconds):
     windows, found = launch.Windows(*bounds, launch.Pacing(1 << 16, launch.Windows.EDGE**2)), []
     for window in windows:
         found.append(window)
-        windows.took(seconds)
+        windows.took(window, seconds)
     assert windows.done == 1
     return found
 

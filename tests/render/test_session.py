@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -16,7 +17,6 @@ from tfm_cl import metrics
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
-from tfm_cl.maps.light_pass import LightPass
 from tfm_cl.plan import maps
 from tfm_cl.render import media
 
@@ -291,26 +291,54 @@ def test_functions_that_a_basis_learns_are_learnt_once(session, monkeypatch):
     assert again.stats.made == {"probe": 1, "functions": 1, "map": 1}
 
 
+@pytest.mark.slow
+def test_maps_of_optical_depths_stay_when_alpha_changes(session):
+    """It follows the rays of all lights, and these numbers do not depend on it."""
+    settings = SCENE.map.replace(basis="klt", density_weighting="auto")
+    scene = SCENE.replace(map=settings, lights=[SPOT, POINT])
+    both = session.render(scene).stats
+    alone = session.render(scene.replace(lights=[POINT])).stats
+
+    assert alone.map.density_weighting != both.map.density_weighting
+    assert alone.made == {}
+
+
 def test_functions_of_the_next_map_are_learnt_during_a_light_pass(session, monkeypatch):
-    done, functions_of, build = [], maps.functions_of, LightPass.build
+    done, functions_of, start = [], maps.functions_of, Launcher.start
 
     def learn(*of):
         done.append("learnt")
         return functions_of(*of)
 
-    def begin(*of):
-        made = build(*of)
-        running = made.running
-        ended = Running(lambda: done.append("ended") or running.wait())
+    def begin(launcher, kernel, *of):
+        running = start(launcher, kernel, *of)
+        if kernel.function_name != "light_pass":
+            return running
         done.append("begun")
-        return replace(made, running=ended)
+        return Running(lambda: done.append("ended") or running.wait())
 
     monkeypatch.setattr(maps, "functions_of", learn)
-    monkeypatch.setattr(LightPass, "build", begin)
+    monkeypatch.setattr(Launcher, "start", begin)
     lights = [SPOT.replace(cone=cone) for cone in (24, 25, 26)]
     session.build_maps(SCENE.replace(map=SCENE.map.replace(basis="klt", range="trimmed"), lights=lights))
 
-    assert done == ["learnt", "begun", "learnt", "begun", "ended", "learnt", "begun", "ended", "ended"]
+    assert done == ["learnt", "begun", "learnt", "begun", "learnt", "ended", "begun", "ended", "ended"]
+
+
+def test_the_device_is_at_the_rays_of_other_lights_while_the_host_plans_the_map_of_one(session, monkeypatch):
+    done, start = [], Launcher.start
+
+    def begin(launcher, kernel, *of):
+        running = start(launcher, kernel, *of)
+        if kernel.function_name != "light_ranges":
+            return running
+        done.append("begun")
+        return Running(lambda: done.append("ended") or running.wait())
+
+    monkeypatch.setattr(Launcher, "start", begin)
+    session.build_maps(SCENE.replace(lights=[SPOT.replace(cone=cone) for cone in (24, 25, 26)]))
+
+    assert done == ["begun"] * 3 + ["ended"] * 3
 
 
 @contextmanager
@@ -334,9 +362,16 @@ ON_LATTICE = SCENE.replace(
 )
 
 
-@pytest.mark.quick("map")
+@pytest.mark.quick("map", "probe")
 @pytest.mark.parametrize(
-    ("kernel", "scene"), [("light_pass", SCENE), ("mark_voxels", ON_LATTICE)], ids=["map", "marks"]
+    ("kernel", "scene"),
+    [
+        ("light_pass", SCENE),
+        ("light_ranges", SCENE),
+        ("light_curves", SCENE.replace(map=SCENE.map.replace(basis="klt"))),
+        ("mark_voxels", ON_LATTICE),
+    ],
+    ids=["map", "probe", "rays", "marks"],
 )
 def test_what_a_device_failed_to_make_is_not_kept(session, renderer, kernel, scene):
     expected = renderer.render(scene).image
@@ -409,6 +444,7 @@ def test_a_frame_is_cancelled_while_the_host_traces_solids(session, monkeypatch)
 
     def cancelling(*rays):
         traced.append(session.cancel())
+        time.sleep(0.03)  # the thread that renders comes to ask
         return distances(*rays)
 
     scene = BESIDE_BALL.replace(camera=BESIDE_BALL.camera.replace(res=(64, 64)))

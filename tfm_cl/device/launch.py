@@ -4,9 +4,10 @@ import contextlib
 import copy
 import math
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pyopencl as cl
@@ -16,10 +17,11 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 from tfm_cl.device.device import check_process, was_forked
 from tfm_cl.device.host_memory import HostMemory
 from tfm_cl.device.program import Kernel, KernelLibrary, kernel_name
-from tfm_cl.device.running import InTurn, Running
+from tfm_cl.device.running import Finding, InTurn, Running
 from tfm_cl.errors import CancelledError, DeviceError, DeviceMemoryError
 from tfm_cl.interrupts import check_cancelled
 
+T = TypeVar("T")
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
 
@@ -157,6 +159,8 @@ class Launcher:
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
         self._paces: dict[str, float] = {}
         """Kernel -> seconds of a density sample that an item may need, where that took longest."""
+        self._findings = weakref.WeakSet[Finding[Any]]()
+        """What may not have been read yet."""
         self._cancelled = threading.Event()
         self.turn = threading.RLock()
         """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
@@ -243,10 +247,9 @@ class Launcher:
         samples_per_item: int,
         arguments: Mapping[str, Any],
         done: Callable[[float], None] | None = None,
-        after: Callable[[tuple[int, int, int, int]], None] | None = None,
     ) -> float:
         """Run a kernel over a rectangle, as `start_windows` does, and wait; returns seconds on the device."""
-        return self.start_windows(kernel, bounds, samples_per_item, arguments, done, after).wait()
+        return self.start_windows(kernel, bounds, samples_per_item, arguments, done).wait()
 
     def start_windows(
         self,
@@ -255,12 +258,14 @@ class Launcher:
         samples_per_item: int,
         arguments: Mapping[str, Any],
         done: Callable[[float], None] | None = None,
-        after: Callable[[tuple[int, int, int, int]], None] | None = None,
+        begun: Callable[[tuple[int, int, int, int]], None] | None = None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> Running:
         """Run a kernel whose work-items each take a tile over a rectangle, in launches of bounded time.
 
-        All but the last have ended when this returns; the last one too where launches are to be short, as
-        what is cancelled has to wait for all that was started.
+        All but the last have ended when this returns, and each was started before the one before it ended,
+        so that the device has work while the host prepares the next. Where launches are to be short, each has
+        ended before the next: what is cancelled has to wait for all that was started.
 
         Parameters
         ----------
@@ -272,37 +277,49 @@ class Launcher:
             As of `start`, but for ``window``.
         done
             Called after each launch with the part that is done, 0 to 1: what it raises ends the work.
-        after
-            Called after each launch with its window.
+        begun
+            Called with the window of each launch when it was started, before the next: what it starts on the
+            device comes between the two.
+        meanwhile
+            Called once, when the first launch was started: what the host does before it waits for any.
         """
         name = kernel.function_name
         windows = Windows(*bounds, self._pacing(kernel, samples_per_item, Windows.EDGE**2))
-        seconds = 0.0
+        launches = self.in_turn()
         for window in windows:
             launch = self.start(kernel, self.tiles(window), {**arguments, "window": window})
+            if begun is not None:
+                begun(window)
+            if meanwhile is not None:
+                meanwhile()
+                meanwhile = None
 
             def end(
-                launch: Running = launch, window: tuple[int, int, int, int] = window, before: float = seconds
+                launch: Running = launch,
+                window: tuple[int, int, int, int] = window,
+                part: float = windows.done,
             ) -> float:
-                spent = before + windows.took(launch.wait())
+                seconds = windows.took(window, launch.wait())
                 self._paces[name] = windows.pacing.pace
-                if after is not None:
-                    after(window)
                 if done is not None:
-                    done(windows.done)
-                return spent
+                    done(part)
+                return seconds
 
-            if windows.done == 1 and self._launch_seconds is None:
-                return Running(end)
-            seconds = end()
-        return Running(lambda: seconds)
+            launches.add(Running(end))
+        return Running(launches.wait)
 
-    def in_turn(self) -> InTurn:
-        """Return what waits for launches that are started one after the other.
+    def finding(self, running: Running, read: Callable[[], T], nbytes: int) -> Finding[T]:
+        """Return what the host reads, so many bytes, when it needs what was started to find it."""
+        finding = Finding(running, read, nbytes)
+        self._findings.add(finding)
+        return finding
+
+    def in_turn(self, most: int = 2) -> InTurn:
+        """Return what waits for launches that are started one after the other, so many at once.
 
         Where they are to be short, it waits for each, as of `start_windows`.
         """
-        return InTurn(waits=self._launch_seconds is not None)
+        return InTurn(most if self._launch_seconds is None else 1)
 
     def run_items(
         self, kernel: Kernel, items: int, samples_per_item: int, arguments: Mapping[str, Any]
@@ -340,6 +357,8 @@ class Launcher:
         """Wait for all that was started: when work is given up, others may take its memory."""
         with contextlib.suppress(cl.Error):  # what failed has been said
             self.queue.finish()
+        for finding in [*self._findings]:
+            finding.give_up()
 
     def cancel(self) -> None:
         """Let the next launch, or `check`, raise `CancelledError`; from any thread."""
@@ -509,6 +528,25 @@ class Launcher:
             cl.enqueue_copy(self._reads if has_ended else self.queue, array, buffer, src_offset=first)
         return array
 
+    def start_download(
+        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: DTypeLike
+    ) -> Callable[[], NDArray[Any]]:
+        """Let a buffer be copied to the host when all that was started before has ended.
+
+        Returns what waits for that, whatever was started after it, and returns the copy.
+        """
+        array = np.empty(shape, dtype)
+        with self._doing(COPYING):
+            event = cl.enqueue_copy(self.queue, array, buffer, is_blocking=False)
+            self.queue.flush()
+
+        def wait() -> NDArray[Any]:
+            with self._doing(COPYING):
+                event.wait()
+            return array
+
+        return wait
+
 
 @dataclass(frozen=True)
 class Output:
@@ -608,7 +646,6 @@ class Windows:
 
     def __init__(self, x0: int, y0: int, x1: int, y1: int, pacing: Pacing) -> None:
         self._bounds, self.pacing = (x0, y0, x1, y1), pacing
-        self._area = 0
         self._done = 0
 
     def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
@@ -625,16 +662,16 @@ class Windows:
             elif x == x0:
                 more = max(items // columns // self.EDGE - 1, 0) * self.EDGE
                 rows = min(rows + more, y1 - y)
-            self._area = rows * columns
-            self._done += self._area
+            self._done += rows * columns
             yield x, y, x + columns, y + rows
             x += columns
             if x >= x1:
                 x, y = x0, y + rows
 
-    def took(self, seconds: float) -> float:
-        """Choose the next window's size by the seconds that the last one took; returns them."""
-        self.pacing.took(self._area, seconds)
+    def took(self, window: tuple[int, int, int, int], seconds: float) -> float:
+        """Choose the next window's size by the seconds that one took; returns them."""
+        x0, y0, x1, y1 = window
+        self.pacing.took((x1 - x0) * (y1 - y0), seconds)
         return seconds
 
     @property

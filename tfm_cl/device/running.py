@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import contextlib
+from collections import deque
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from tfm_cl.errors import DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+T = TypeVar("T")
 
 
 class Running:
@@ -43,30 +49,68 @@ class Running:
         return self._seconds
 
 
-class InTurn:
-    """Work of which two pieces, at most, are under way: during one, the host prepares the next.
+class Finding(Generic[T]):
+    """What the device is to find: the host reads it when it is first asked for.
 
     Parameters
     ----------
-    waits
-        Whether each is waited for at once instead.
+    running
+        What finds it.
+    read
+        Reads it; called once.
+    nbytes
+        Of what is read.
     """
 
-    def __init__(self, *, waits: bool = False) -> None:
-        self._waits = waits
-        self._last: Running | None = None
+    def __init__(self, running: Running, read: Callable[[], T], nbytes: int) -> None:
+        self.running, self.nbytes = running, nbytes
+        self._read: Callable[[], T] | None = read
+
+    @property
+    def found(self) -> T:
+        """Itself.
+
+        Raises
+        ------
+        DeviceError
+            The device failed.
+        """
+        if self._read is not None:
+            self.running.wait()
+            self._found = self._read()
+            self._read = None
+        return self._found
+
+    def give_up(self) -> None:
+        """Wait for it without reading it: then it is known whether it failed."""
+        with contextlib.suppress(DeviceError):
+            self.running.wait()
+
+
+class InTurn:
+    """Work of which few pieces are under way: during one, the host prepares the next.
+
+    Parameters
+    ----------
+    most
+        Pieces, at most, that are under way; 1: each is waited for at once.
+    """
+
+    def __init__(self, most: int = 2) -> None:
+        self._most = most
+        self._under_way = deque[Running]()
         self._seconds = 0.0
 
     def add(self, running: Running) -> None:
-        """Wait for the piece before one that was started."""
-        self.wait()
-        self._last = running
-        if self._waits:
-            self.wait()
+        """Take note of a piece that was started, and wait for one before it if there are so many."""
+        self._under_way.append(running)
+        self._wait(self._most - 1)
 
     def wait(self) -> float:
         """Wait for all, and return their seconds on the device."""
-        if self._last is not None:
-            last, self._last = self._last, None
-            self._seconds += last.wait()
+        return self._wait(0)
+
+    def _wait(self, left: int) -> float:
+        while len(self._under_way) > left:
+            self._seconds += self._under_way.popleft().wait()
         return self._seconds

@@ -17,6 +17,8 @@ from tfm_cl.maps.prefilter import Prefilter
 from tfm_cl.maps.probe import light_defines
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.program import Kernel
@@ -80,14 +82,33 @@ def map_bytes(settings: ResolvedMap) -> int:
     return numbers_size(settings) * NUMBERS_UNIT * STORAGE_BITS[settings.storage] // 8
 
 
-@dataclass
 class Counts:
-    """What a light pass counted."""
+    """What a light pass counted: its launches, when they have ended, and what was known before.
 
-    hits: int = 0
-    """Texels whose ray has a range."""
-    samples: int = 0
-    """Densities read."""
+    Parameters
+    ----------
+    hits
+        Texels whose ray has a range.
+    samples
+        Densities read.
+    """
+
+    def __init__(self, hits: int = 0, samples: int = 0) -> None:
+        self._totals = hits, samples
+        self._copies: list[Callable[[], NDArray[np.uint32]]] = []
+
+    def add(self, copied: Callable[[], NDArray[np.uint32]]) -> None:
+        """Add what the tiles of a launch counted, [..., 2]; ``copied`` waits for it."""
+        self._copies.append(copied)
+
+    @property
+    def totals(self) -> tuple[int, int]:
+        """Hits and samples, of launches that are waited for."""
+        while self._copies:
+            met, read = self._copies[-1]().reshape(-1, 2).sum(axis=0, dtype=np.int64)
+            self._totals = self._totals[0] + int(met), self._totals[1] + int(read)
+            self._copies.pop()
+        return self._totals
 
 
 @dataclass(frozen=True)
@@ -118,13 +139,13 @@ class MapBuffers:
     def samples(self) -> int:
         """Densities read."""
         self.running.wait()
-        return self.counts.samples
+        return self.counts.totals[1]
 
     @property
     def hits(self) -> int:
         """Texels whose ray has a range."""
         self.running.wait()
-        return self.counts.hits
+        return self.counts.totals[0]
 
 
 @dataclass(frozen=True)
@@ -175,6 +196,7 @@ class LightPass:
         medium: FieldOnDevice,
         room: Numbers,
         progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
     ) -> MapBuffers:
         """Begin to project the transmittance along every light ray of the map.
 
@@ -186,6 +208,8 @@ class LightPass:
             The density.
         room
             Where the coefficients go.
+        meanwhile
+            What the host does first while the device is at it.
         """
         launcher, settings = self._launcher, plan.settings
         res = settings.res
@@ -225,7 +249,8 @@ class LightPass:
                 "counts": counting.buffer,
             },
             done=lambda part: progress("light pass", part),
-            after=counting.add,
+            begun=counting.add,
+            meanwhile=meanwhile,
         )
         limits = np.zeros((settings.coeffs, 2), np.float32)
         if not is_last:
@@ -242,9 +267,7 @@ class LightPass:
 
         Those of functions that are not learnt are the same in the next frame.
         """
-        settings = plan.settings
-        if settings.target != "transmittance":  # α, which follows each frame, means nothing to it
-            settings = settings.replace(density_weighting=None)
+        settings = plan.settings.without_alpha  # which follows each frame
         if self._last_tables is not None and self._last_tables[0] == settings:
             return self._last_tables[1]
         basis, functions = BASES[plan.settings.basis], plan.functions
@@ -452,7 +475,7 @@ class LightPass:
 
 
 class _Counting:
-    """Adds up what the tiles of each launch counted.
+    """Lets what the tiles of each launch counted be copied before the next counts there too.
 
     Parameters
     ----------
@@ -466,11 +489,9 @@ class _Counting:
         self.buffer = launcher.empty("the counters", 8 * tiles[0] * tiles[1], reuse=True)
 
     def add(self, window: tuple[int, int, int, int]) -> None:
-        """Add what a launch over a window counted."""
-        tiles = self._launcher.tiles(window)
-        found = self._launcher.download(self.buffer, (*tiles, 2), np.uint32, has_ended=True)
-        met, read = found.sum(axis=0, dtype=np.int64).sum(axis=0)
-        self.counts.hits, self.counts.samples = self.counts.hits + int(met), self.counts.samples + int(read)
+        """Add what a launch over a window counts."""
+        shape = *self._launcher.tiles(window), 2
+        self.counts.add(self._launcher.start_download(self.buffer, shape, np.uint32))
 
 
 def _within(window: tuple[int, int, int, int], texels: NDArray[Any]) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from tfm_cl.device.structs.map import map_struct
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tfm_cl.device.running import Running
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.maps.resolved import ResolvedMap
 
@@ -112,5 +113,10 @@ class Planned(MapPlan):
 
     deepest: float
     """Largest optical depth of the field along the rays of all lights, on a coarse map."""
-    seconds: float
-    """Device time of what was probed for it now; nothing where the session knew it."""
+    probed: tuple[Running, ...] = ()
+    """What looked at the light's rays for it now; nothing where the session knew them."""
+
+    @property
+    def seconds(self) -> float:
+        """Device time of what was probed for it."""
+        return sum(running.wait() for running in self.probed)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from tfm_cl.device.running import Running
 from tfm_cl.maps.bases.curves import CELLS, Curves
 
 if TYPE_CHECKING:
     from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.program import Kernel
+    from tfm_cl.device.running import Finding
     from tfm_cl.scene.lights import Light
 
 VISIBLE_DEPTH = 8.0
@@ -25,6 +27,8 @@ RAYS = 640
 """Light rays that a data-driven basis learns from."""
 TEXELS_OF_RAY = 32
 """Of maps that are small because their light is soft: for so many texels there is one of these rays."""
+PROBE_BYTES = 20 + 16
+"""Of each ray of a probe: its numbers, and those of its place in the field of ranges."""
 SEED = 20110218
 """Of their choice: the same scene gives the same map."""
 
@@ -44,11 +48,7 @@ class Probe:
     last: NDArray[np.float32]
     """Where the last density is."""
 
-    @property
-    def nbytes(self) -> int:
-        """Size."""
-        return sum(one.nbytes for one in (self.begin, self.end, self.slope, self.optical_depth, self.last))
-
+    @cached_property
     def field(self) -> NDArray[np.float32]:
         """Ranges for all texels between these rays: begin, end, slope, last; float32 [size, size, 4].
 
@@ -114,8 +114,8 @@ class LightProbe:
         cut: float,
         steps: int,
         clip: NDArray[np.float32] | None = None,
-    ) -> Probe:
-        """March coarse light rays, ``size`` × ``size`` of them.
+    ) -> Finding[Probe]:
+        """Begin to march coarse light rays, ``size`` × ``size`` of them.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class LightProbe:
         ranges = launcher.empty("the light's ranges", 16 * size * size, reuse=True)
         lasts = launcher.empty("the light's ranges", 4 * size * size, reuse=True)
         met = medium.met_by(light, of_light, size)
-        launcher.run_windows(
+        running = launcher.start_windows(
             kernel,
             (0, 0, size, size),
             steps + met.longest,
@@ -152,9 +152,14 @@ class LightProbe:
                 "cut": min(cut, 1e30),
             },
         )
-        found = launcher.download(ranges, (size, size, 4), np.float32)
-        last = launcher.download(lasts, (size, size), np.float32)
-        return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], last)
+        copied = launcher.start_download(ranges, (size, size, 4), np.float32)
+        copied_last = launcher.start_download(lasts, (size, size), np.float32)
+
+        def read() -> Probe:
+            found = copied()
+            return Probe(found[..., 0], found[..., 1], found[..., 2], found[..., 3], copied_last())
+
+        return launcher.finding(running, read, PROBE_BYTES * size * size)
 
     def curves(
         self,
@@ -164,8 +169,8 @@ class LightProbe:
         probe: Probe,
         field: NDArray[np.float32] | None,
         extinction: float,
-    ) -> Curves:
-        """Sample some rays that meet density.
+    ) -> Finding[Curves]:
+        """Begin to sample some rays that meet density.
 
         Parameters
         ----------
@@ -182,9 +187,10 @@ class LightProbe:
             ranges = field[y, x, :2] if each else np.broadcast_to(field[0, 0, :2], (len(x), 2))
         rays = np.column_stack([(x + 0.5) / size, (y + 0.5) / size, ranges]).astype(np.float32)
         if len(rays) == 0:
-            return Curves(np.zeros((0, CELLS + 1)), extinction)
+            none = Curves(np.zeros((0, CELLS + 1)), extinction)
+            return launcher.finding(Running(lambda: 0.0), lambda: none, 0)
         out = launcher.empty("the light's curves", 4 * len(rays) * (CELLS + 1), reuse=True)
-        launcher.run(
+        running = launcher.start(
             self._kernel("light_curves", light, medium),
             (-(-len(rays) // launcher.lanes),),
             {
@@ -196,8 +202,12 @@ class LightProbe:
                 "count": len(rays),
             },
         )
-        depth = launcher.download(out, (len(rays), CELLS + 1), np.float32).astype(np.float64)
-        return Curves(depth, extinction)
+        copied = launcher.start_download(out, (len(rays), CELLS + 1), np.float32)
+
+        def read() -> Curves:
+            return Curves(copied().astype(np.float64), extinction)
+
+        return launcher.finding(running, read, 8 * len(rays) * (CELLS + 1))
 
     def _kernel(self, name: str, light: Light, medium: FieldOnDevice, *, clipped: bool = False) -> Kernel:
         defines = light_defines(light) | {"TFM_SHADOW": int(clipped)} | medium.defines

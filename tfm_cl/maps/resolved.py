@@ -58,6 +58,16 @@ class ResolvedMap(Model):
         return _bytes_per_texel(self.coeffs, self.storage, self.range, self.res)
 
     @property
+    def is_weighted(self) -> bool:
+        """Whether functions and numbers depend on α."""
+        return self.target == "transmittance"
+
+    @cached_property
+    def without_alpha(self) -> ResolvedMap:
+        """The same, without α where nothing depends on it: that follows the rays of all lights."""
+        return self if self.is_weighted else self.replace(density_weighting=None)
+
+    @property
     def learns(self) -> bool:
         """Whether the functions of a map follow from its own light rays."""
         return not self.functions and BASES[self.basis].learns(self)

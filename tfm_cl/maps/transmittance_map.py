@@ -531,7 +531,6 @@ def _plan(file: map_file.MapFile, settings: ResolvedMap) -> Planned:
         extinction=file.number("extinction"),
         clip=clip,
         deepest=file.number("largest_optical_depth"),
-        seconds=0.0,
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.field import FieldOnDevice
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import Finding, Running
     from tfm_cl.maps.bases.base import Functions
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
@@ -39,7 +40,11 @@ map."""
 MOST_TOGETHER = 8192
 """Light rays of all lights and frames that functions for all of them are learnt from."""
 
+AHEAD = 8
+"""Lights whose rays the device is asked to look at before the host asks what it found of the first one's."""
+
 Clip = Callable[["Light", int], np.ndarray | None]
+T = TypeVar("T")
 
 
 class Planner:
@@ -55,7 +60,6 @@ class Planner:
 
     def __init__(self, launcher: Launcher, cache: Cache) -> None:
         self._launcher, self._cache = launcher, cache
-        self._probe = LightProbe(launcher)
 
     def plans(
         self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
@@ -71,10 +75,7 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        of_fields = [
-            self._of_field(scene, of_lights, medium, clip, field_key(scene, media, medium.index))
-            for medium in media.of_fields
-        ]
+        of_fields = [self._of_field(rays) for rays in self._rays(scene, of_lights, media, clip)]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
     def curves(
@@ -84,143 +85,199 @@ class Planner:
 
         Arguments as of `plans`.
         """
+        for rays in self._rays(scene, of_lights, media, clip):
+            seen = _look(rays, rays.curves)
+            yield seen.settings, [curves.found for curves in seen.made]
+
+    def _rays(
+        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
+    ) -> Iterator[_Rays]:
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
-            seen = self._seen(scene, of_lights, medium, clip, key)
-            rays = [
-                self._curves(seen.settings, light, of_light, medium, probe, _field(seen.settings, probe))
-                for light, of_light, probe in zip(scene.lights, of_lights, seen.probes, strict=True)
-            ]
-            yield seen.settings, rays
+            yield _Rays(self._launcher, self._cache, scene, of_lights, medium, clip, key)
 
-    def _of_field(
-        self,
-        scene: Scene,
-        of_lights: Sequence[cl.Buffer],
-        medium: FieldOnDevice,
-        clip: Clip,
-        key: tuple[object, ...],
-    ) -> list[Planned]:
-        """Plan the maps of one field, of which ``key`` holds all that its density depends on."""
-        seen = self._seen(scene, of_lights, medium, clip, key)
-        settings, extinction, alpha = seen.settings, medium.extinction, seen.alpha
+    def _of_field(self, rays: _Rays) -> list[Planned]:
+        """Plan the maps of one field."""
+        seen = _look(rays, rays.fitted)
+        settings = seen.settings
         unit = 1.0
-        if settings.storage == "f16" and settings.target != "transmittance":
+        if settings.storage == "f16" and not settings.is_weighted:
             unit = 2.0 ** max(0, np.ceil(np.log2(max(seen.deepest, 1e-30) / LARGEST_HALF)))
         plans = []
-        for number, (light, of_light, probe) in enumerate(
-            zip(scene.lights, of_lights, seen.probes, strict=True)
-        ):
-            of_map = settings.of_light(light)
-            fit = partial(self._fit, of_map, light, of_light, medium, probe)
-            before = self._launcher.seconds
-            if settings.learns:  # which takes longer than all else on the host
-                fitted = self._cache.get(
-                    "functions",
-                    (key, light.map_key(), seen.shadow_res, of_map, seen.cut, extinction),
-                    fit,
-                    lambda made: made.nbytes,
-                )
-            else:
-                fitted = fit()
-            spent = seen.spent[number] + self._launcher.seconds - before
+        for number, fitted in enumerate(seen.made):
+            of_map = settings.of_light(rays.lights[number])
             plans.append(
                 Planned(
                     settings=of_map,
                     field=fitted.field,
                     made=fitted.made,
                     number_unit=unit,
-                    density_weighting=alpha,
-                    extinction=extinction,
-                    clip=clip(light, of_map.res),
+                    density_weighting=seen.alpha,
+                    extinction=rays.medium.extinction,
+                    clip=rays.clip(number, of_map.res),
                     deepest=seen.deepest,
-                    seconds=float(spent),
+                    probed=tuple(rays.probed[number]),
                 )
             )
         return plans
 
-    def _seen(
+
+class _Rays:
+    """The light rays of a scene in one field: what they hold is found on the device, or was before.
+
+    Parameters
+    ----------
+    of_lights, clip
+        As of `Planner.plans`.
+    key
+        Holds all that the field's density depends on.
+
+    Attributes
+    ----------
+    lights, medium
+        Whose rays these are, and the field.
+    settings
+        Of the lights' maps, without α where that is left to the rays.
+    cut
+        Optical depth of the density at which a range ends.
+    probed
+        What looked at the rays of each light now.
+    """
+
+    def __init__(
         self,
+        launcher: Launcher,
+        cache: Cache,
         scene: Scene,
         of_lights: Sequence[cl.Buffer],
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],
-    ) -> _Seen:
-        """Look at the rays of all lights in one field."""
-        settings, extinction = resolve(scene.map), medium.extinction
-        lights = list(zip(scene.lights, of_lights, strict=True))
-        shadow_res = scene.shadow.res if scene.solids else 0
-        spent = np.zeros(len(lights))
+    ) -> None:
+        self._cache, self._probe = cache, LightProbe(launcher)
+        self.lights, self._of_lights, self.medium, self._clip, self._key = (
+            scene.lights,
+            of_lights,
+            medium,
+            clip,
+            key,
+        )
+        self.settings = resolve(scene.map)
+        self.cut = VISIBLE_DEPTH / medium.extinction if self.settings.range == "visible" else np.inf
+        self._shadow_res = scene.shadow.res if scene.solids else 0
+        self._samplings = launcher.in_turn(AHEAD)
+        self.probed: list[list[Running]] = [[] for _ in scene.lights]
 
-        def probed(number: int, size: int, cut: float, steps: int) -> Probe:
-            light, of_light = lights[number]
-            before = self._launcher.seconds
-            probe = self._cache.get(
-                "probe",
-                (key, light.map_key(), shadow_res, size, cut, steps),
-                lambda: self._probe.ranges(light, of_light, medium, size, cut, steps, clip(light, size)),
-                lambda probe: probe.nbytes,
-            )
-            spent[number] += self._launcher.seconds - before
-            return probe
+    def clip(self, number: int, size: int) -> np.ndarray | None:
+        """Return the distances [size, size] beyond which solids leave nothing of a light."""
+        return self._clip(self.lights[number], size)
 
-        has_ranges = settings.range != "box"
-        cut = VISIBLE_DEPTH / extinction if settings.range == "visible" else np.inf
-        fine_steps = max(settings.steps, RANGE_STEPS)
+    def probes(self, sizes: Sequence[int], cut: float, steps: int) -> Iterator[tuple[int, Probe]]:
+        """Yield each light's number and rays: while the host is at them, the device is at those of others.
 
-        def fine(number: int) -> tuple[int, float, int]:
-            return field_res(settings.of_light(scene.lights[number]).res), cut, fine_steps
+        Parameters
+        ----------
+        sizes
+            Rays along a side, of each light.
+        cut, steps
+            As of `LightProbe.ranges`.
+        """
+        begun: deque[Finding[Probe]] = deque()
+        for number in range(len(sizes)):
+            for following in range(number + len(begun), min(number + AHEAD, len(sizes))):
+                begun.append(self._begun(following, sizes[following], cut, steps))
+            yield number, begun.popleft().found
 
-        # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
-        is_enough = has_ranges and settings.target != "transmittance"
-        coarse = PROBE_RES, np.inf, settings.steps
-        probes = [probed(number, *(fine(number) if is_enough else coarse)) for number in range(len(lights))]
-        deepest = max((float(probe.optical_depth.max()) for probe in probes), default=0.0)
-        alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
-        settings = settings.replace(density_weighting=alpha)
-        if has_ranges and not is_enough:
-            probes = [probed(number, *fine(number)) for number in range(len(lights))]
-        return _Seen(settings, probes, alpha, deepest, shadow_res, cut, spent)
+    def _begun(self, number: int, size: int, cut: float, steps: int) -> Finding[Probe]:
+        light = self.lights[number]
 
-    def _fit(
-        self, settings: ResolvedMap, light: Light, of_light: cl.Buffer, medium: FieldOnDevice, probe: Probe
-    ) -> Fitted:
-        """Find the ranges of a map, and the rays that the functions of its basis are made from."""
-        field = _field(settings, probe)
-        curves = self._curves(settings, light, of_light, medium, probe, field) if settings.learns else None
-        nbytes = 0 if curves is None else curves.optical_depth.nbytes
-        return Fitted(field, Making(partial(functions_of, settings, curves), nbytes))
+        def begin() -> Finding[Probe]:
+            of_light, clip = self._of_lights[number], self.clip(number, size)
+            found = self._probe.ranges(light, of_light, self.medium, size, cut, steps, clip)
+            self.probed[number].append(found.running)
+            return found
 
-    def _curves(
-        self,
-        settings: ResolvedMap,
-        light: Light,
-        of_light: cl.Buffer,
-        medium: FieldOnDevice,
-        probe: Probe,
-        field: np.ndarray,
-    ) -> Curves:
-        """Sample the rays that functions are learnt from."""
-        ranges = None if settings.range == "box" else field
-        return self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+        return self._cache.get(
+            "probe",
+            (self._key, light.map_key(), self._shadow_res, size, cut, steps),
+            begin,
+            lambda found: found.nbytes,
+            serves=lambda found: not found.running.has_failed,
+        )
+
+    def fitted(self, settings: ResolvedMap, number: int, probe: Probe) -> Fitted:
+        """Find the ranges of a light's map, and the rays that the functions of its basis are made from."""
+        light, of_map = self.lights[number], settings.of_light(self.lights[number])
+
+        def fit() -> Fitted:
+            if not of_map.learns:
+                return Fitted(_field(of_map, probe), Making(lambda: functions_of(of_map, None)))
+            curves = self.curves(settings, number, probe)
+            made = Making(lambda: functions_of(of_map, curves.found), curves.nbytes)
+            return Fitted(_field(of_map, probe), made, curves.running)
+
+        if not of_map.learns:  # which takes longer than all else on the host
+            return fit()
+        return self._cache.get(
+            "functions",
+            (self._key, light.map_key(), self._shadow_res, of_map, self.cut, self.medium.extinction),
+            fit,
+            lambda made: made.nbytes,
+            serves=lambda made: made.running is None or not made.running.has_failed,
+        )
+
+    def curves(self, settings: ResolvedMap, number: int, probe: Probe) -> Finding[Curves]:
+        """Begin to sample the rays that functions are learnt from."""
+        light, of_light, medium = self.lights[number], self._of_lights[number], self.medium
+        ranges = None if settings.range == "box" else _field(settings, probe)
+        found = self._probe.curves(light, of_light, medium, probe, ranges, medium.extinction)
+        self.probed[number].append(found.running)
+        self._samplings.add(found.running)
+        return found
 
 
-class _Seen(NamedTuple):
+def _look(rays: _Rays, make: Callable[[ResolvedMap, int, Probe], T]) -> _Seen[T]:
+    """Look at the rays of all lights in one field, decide on α, and make something of each light's rays.
+
+    Parameters
+    ----------
+    make
+        Is given the settings that a map's functions depend on, a light's number, and its rays.
+    """
+    settings, medium, cut = rays.settings, rays.medium, rays.cut
+    has_ranges = settings.range != "box"
+    # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
+    is_enough = has_ranges and not settings.is_weighted
+    coarse = [PROBE_RES] * len(rays.lights), np.inf, settings.steps
+    fine = (
+        [field_res(settings.of_light(light).res) for light in rays.lights],
+        cut,
+        max(settings.steps, RANGE_STEPS),
+    )
+    deepest, probes, made = 0.0, [], []
+    for number, probe in rays.probes(*(fine if is_enough else coarse)):
+        deepest = max(deepest, float(probe.optical_depth.max()))
+        if is_enough:
+            made.append(make(settings.without_alpha, number, probe))
+        else:
+            probes.append((number, probe))
+    alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
+    settings = settings.replace(density_weighting=alpha)
+    if not is_enough:
+        made = [make(settings.without_alpha, *one) for one in (rays.probes(*fine) if has_ranges else probes)]
+    return _Seen(settings, made, alpha, deepest)
+
+
+class _Seen(NamedTuple, Generic[T]):
     """What the rays of all lights were found to hold of a field."""
 
     settings: ResolvedMap
     """With α."""
-    probes: Sequence[Probe]
-    """Of each light."""
+    made: Sequence[T]
+    """Of each light's rays."""
     alpha: float
     deepest: float
     """Largest optical depth of the density along any of them."""
-    shadow_res: int
-    cut: float
-    """Optical depth of the density at which a range ends."""
-    spent: np.ndarray
-    """Device time, of each light."""
 
 
 @dataclass(frozen=True)
@@ -231,6 +288,8 @@ class Fitted:
     """Ranges of the rays, as in `Planned`."""
     made: Making
     """What makes the functions of the basis."""
+    running: Running | None = None
+    """What samples the rays that these are made from; None without any."""
 
     @property
     def nbytes(self) -> int:
@@ -282,7 +341,7 @@ def functions_for_all(found: Sequence[tuple[ResolvedMap, Sequence[Curves]]]) -> 
 def _field(settings: ResolvedMap, probe: Probe) -> np.ndarray:
     if settings.range == "box":
         return np.zeros((1, 1, 4), np.float32)
-    return probe.global_field() if settings.range == "global" else probe.field()
+    return probe.global_field() if settings.range == "global" else probe.field
 
 
 def density_weighting(asked: float | None, sigma_t: float, deepest: float) -> float:

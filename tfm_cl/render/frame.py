@@ -357,7 +357,7 @@ class Frame:
                 maps = self._maps_of(work, indices)
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 if fills:
-                    work.seconds += lattice.add(batch)
+                    lattice.add(batch)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)

@@ -7,7 +7,7 @@ the voxels of every block with density, and camera rays interpolate it as they d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
-    from tfm_cl.device.running import Running
+    from tfm_cl.device.running import InTurn, Running
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
@@ -133,6 +133,11 @@ class Lattice:
     lights: list[int]
     layers: list[int] | None = None
     _added: int = 0
+    _launches: InTurn = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Nothing is under way."""
+        self._launches = self.launcher.in_turn()
 
     @cached_property
     def apart(self) -> list[int]:
@@ -189,17 +194,15 @@ class Lattice:
         """Numbers that hold the radiance: 1 where all lights have one colour, else 3."""
         return 3 if self._colour is None or self._channels == 3 else 1  # noqa: PLR2004 - red, green, blue
 
-    def add(self, batch: Batch) -> float:
-        """Look some of the lights up; returns device seconds."""
+    def add(self, batch: Batch) -> None:
+        """Begin to look some of the lights up."""
         launcher, media = self.launcher, self.media
         headers, defines = voxels_variant(batch, media, self._colours, self._parts)
-
-        launches = launcher.in_turn()
 
         def start(name: str, records: _Records, arguments: dict[str, Any]) -> None:
             kernel = launcher.kernels.kernel(name, "light_lattice.cl", headers, defines)
             for launch in self._over_records(kernel, records, arguments):
-                launches.add(launch)
+                self._launches.add(launch)
 
         def find() -> _Places:
             blocks = launcher.download(self._bricks.blocks, (self._bricks.records, BLOCK_NUMBERS), np.int32)
@@ -208,7 +211,7 @@ class Lattice:
             marks = launcher.empty("the marks of a lattice", self._bricks.records * self._groups)
             arguments = {name: media.arguments[name] for name in ("grids", "bricks")} | {"marks": marks}
             start("mark_voxels", records, arguments)
-            launches.wait()  # what fails is not kept
+            self._launches.wait()  # what fails is not kept
             return _Places(numbers, self._centres(blocks[numbers]), records, marks)
 
         places = self.cache.get("lattice", self._key, find, lambda found: found.nbytes)
@@ -223,7 +226,6 @@ class Lattice:
             self._added += 1
         if self.is_full:
             start("share_lattice", places.records, lattice)
-        return launches.wait()
 
     @cached_property
     def _key(self) -> tuple[object, ...]:
@@ -279,7 +281,9 @@ class Lattice:
         frame: FrameBuffers,
         done: Callable[[float], None],
     ) -> float:
-        """Store what lies along the camera rays, and what the lights scatter there; returns device seconds.
+        """Store what lies along the camera rays, and what the lights scatter there.
+
+        Returns device seconds, with those of looking lights up since this was called last.
 
         Parameters
         ----------
@@ -302,7 +306,7 @@ class Lattice:
         layers = {}
         if self.apart:
             layers["layers"] = launcher.upload("the layers' numbers", np.array(self.apart, np.int32))
-        return launcher.run_windows(
+        seconds = launcher.run_windows(
             kernel,
             bounds,
             steps,
@@ -318,3 +322,6 @@ class Lattice:
             | layers,
             done,
         )
+        seconds += self._launches.wait()
+        self._launches = launcher.in_turn()
+        return seconds

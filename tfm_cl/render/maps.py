@@ -19,7 +19,7 @@ from tfm_cl.maps.transmittance_map import TransmittanceMap
 from tfm_cl.plan.maps import Planner, field_key
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import pyopencl as cl
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.lights import Light
     from tfm_cl.scene.scene import Scene
+    from tfm_cl.scene.settings import MapSettings
 
 SAME_CLIP = 1e-5
 """Of a distance along a light's ray: another processor traces it to within some roundings."""
@@ -145,7 +146,14 @@ class MapBuilder:
         def build(place: int) -> TransmittanceMap:
             number, field = divmod(place, count)
             plan = sources.plans[place]
-            built = self._build(sources, number, field, plan, rooms.next(plan.settings), progress)
+
+            def meanwhile() -> None:
+                """Learn the functions of the next map."""
+                for following in sources.plans[place + 1 : place + 2]:
+                    _ = following.functions
+
+            room = rooms.next(plan.settings)
+            built = self._build(sources, number, field, plan, room, progress, meanwhile)
             self.built.add(id(built))
             passes.add(built.buffers.running)
             return built
@@ -162,8 +170,10 @@ class MapBuilder:
             )
             for place in places
         ]
-        asked = sources.scene.map
-        return [one if one.requested is asked else replace(one, requested=asked) for one in found]
+        return [
+            _as_asked(one, sources.scene.map, sources.plans[place])
+            for one, place in zip(found, places, strict=True)
+        ]
 
     def _key(self, sources: Sources, place: int) -> tuple[object, ...]:
         """All that a map depends on."""
@@ -172,7 +182,7 @@ class MapBuilder:
         return (
             field_key(scene, sources.media, field),
             scene.lights[number].map_key(),
-            plan.settings,  # the same for a part of the sky, whichever others have
+            plan.settings.without_alpha,  # the same for a part of the sky, whichever others have
             plan.number_unit,
             plan.extinction,
             scene.shadow.res if scene.solids else 0,
@@ -186,10 +196,11 @@ class MapBuilder:
         plan: Planned,
         room: Numbers,
         progress: Progress,
+        meanwhile: Callable[[], None],
     ) -> TransmittanceMap:
         scene, light, medium = sources.scene, sources.scene.lights[number], sources.media.of_fields[field]
         of_light = sources.of_lights[number]
-        buffers = self._light_pass.build(plan, light, of_light, medium, room, progress)
+        buffers = self._light_pass.build(plan, light, of_light, medium, room, progress, meanwhile)
         return TransmittanceMap(
             light=light,
             plan=plan,
@@ -252,6 +263,15 @@ class MapBuilder:
             maps[place].check_serves(scene, scene.lights[number], media.fields, field)
         except SceneError as error:
             raise SceneError(f"map {place + 1} {error}") from None
+
+
+def _as_asked(light_map: TransmittanceMap, asked: MapSettings, plan: Planned) -> TransmittanceMap:
+    """Return a map of this or an earlier frame with what this one asks for, and its α."""
+    known, alpha = light_map.plan, plan.density_weighting
+    if light_map.requested is asked and known.density_weighting == alpha:
+        return light_map
+    known = replace(known, settings=plan.settings, density_weighting=alpha)
+    return replace(light_map, requested=asked, plan=known)
 
 
 def _same_clip(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> bool:
