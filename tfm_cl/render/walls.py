@@ -205,13 +205,17 @@ def walls_of(
 def _held(tracer: Tracer, found: _Found, hidden: Hidden, lattice: Lattice) -> _Found:
     """Let the rays of a direction hold their light where they pass through solids in which it is dark."""
     ray, place = found.column * FARTHEST + found.row, found.plane - 1 + found.part
+    check_cancelled()
     order = np.lexsort((place, ray))
+    check_cancelled()
     ray, place, arrives, departs = ray[order], place[order], found.arrives[order], found.departs[order]
     front, back = np.zeros((2, len(order)), dtype=bool)
     within = np.flatnonzero(arrives & departs)
     points, normals = found.point[order[within]], found.normal[order[within]]
     front[within] = sides_of(tracer, hidden, lattice, points, normals)
+    check_cancelled()
     back[within] = sides_of(tracer, hidden, lattice, points, -normals)
+    check_cancelled()
     same = np.diff(ray) == 0
     follows, goes_on = np.append(False, same), np.append(same, False)
     # What is before the lattice and behind it is as what the ray meets next in it, or met last.
@@ -234,6 +238,7 @@ def _held(tracer: Tracer, found: _Found, hidden: Hidden, lattice: Lattice) -> _F
     number = np.argsort(np.concatenate([np.arange(len(order)), through + 0.5, begins - 0.5]))
     which = np.concatenate([order, order[through], order[begins]])[number]
     holds = np.where(enters, ITS_OWN, NOTHING)
+    check_cancelled()
     return _taken(found, which)._replace(
         plane=np.append(found.plane[order], plane)[number],
         part=np.append(found.part[order], middle - (plane - 1))[number],
