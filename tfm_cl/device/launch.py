@@ -246,9 +246,12 @@ class Launcher:
         samples_per_item: int,
         arguments: Mapping[str, Any],
         done: Callable[[float], None] | None = None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> float:
         """Run a kernel over a rectangle, as `start_windows` does, and wait; returns seconds on the device."""
-        return self.start_windows(kernel, bounds, samples_per_item, arguments, done).wait()
+        return self.start_windows(
+            kernel, bounds, samples_per_item, arguments, done, meanwhile=meanwhile
+        ).wait()
 
     def start_windows(
         self,

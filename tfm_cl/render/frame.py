@@ -337,10 +337,11 @@ class Frame:
         looks_again = fills or work.errors is not None or without is not None
         for variant, members in work.batches.groups(lattice.lights) if looks_again else ():
             for indices in work.batches.cut(members):
-                maps = self._maps_of(work, indices)
+                maps = self._maps_of(work, indices, counted=False)
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 if fills:
                     lattice.add(batch)
+                self._count_maps(work)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)
@@ -390,7 +391,7 @@ class Frame:
         serves_camera = self._one_light_reaches_all()
         for variant, members in work.batches.groups(lights):
             for indices in work.batches.cut(members):
-                maps = self._maps_of(work, indices)
+                maps = self._maps_of(work, indices, counted=False)
                 serves = around if variant.shares_samples and not work.around_is_seen else None
                 whole = serves is not None or not work.camera_is_seen
                 batch = work.batches.batch(variant, indices, maps, whole=whole)
@@ -408,6 +409,7 @@ class Frame:
                     sees_camera=not work.camera_is_seen,
                     serves_camera=serves_camera,
                     around=serves,
+                    meanwhile=partial(self._count_maps, work),
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
@@ -634,11 +636,14 @@ class Frame:
             return self.maps.of(work.sources, indices, self.progress) if work.reads_maps else []
         return self._maps_of(work, indices)
 
-    def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
-        """Build or find the maps of some lights, and tell of them."""
+    def _maps_of(self, work: _Work, indices: list[int], *, counted: bool = True) -> list[TransmittanceMap]:
+        """Build or find the maps of some lights, and tell of them.
+
+        Where they are not counted, the device may be at the last one: the caller counts them when it has
+        begun what reads them.
+        """
         if work.sources is None or not work.reads_maps:
             return []
-        self._count_maps(work)
         maps = self.maps.of(work.sources, indices, self.progress)
         if not work.is_first:
             return maps
@@ -646,10 +651,12 @@ class Frame:
         work.uncounted = [(light_map, id(light_map) in built) for light_map in maps]
         for light_map in maps:
             work.warnings |= dict.fromkeys(_warnings(light_map))
+        if counted:
+            self._count_maps(work)
         return maps
 
     def _count_maps(self, work: _Work) -> None:
-        """Count the maps that were built or found last, whose light passes the device has been at since."""
+        """Count the maps that were built or found last, whose light passes the device may be at."""
         for light_map, built in work.uncounted:
             self.stats.add_map(light_map, built=built)
         work.uncounted = []
