@@ -360,6 +360,7 @@ class Frame:
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 if fills:
                     lattice.add(batch)
+                self._tell_of_maps(work)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)
@@ -428,6 +429,7 @@ class Frame:
                         sees_camera=not work.camera_is_seen,
                         serves_camera=serves_camera,
                         around=serves,
+                        meanwhile=partial(self._tell_of_maps, work),
                     )
                 )
                 work.camera_is_seen = True
@@ -675,7 +677,7 @@ class Frame:
         return self._maps_of(work, indices)
 
     def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
-        """Build or find the maps of some lights, and tell of those before."""
+        """Build or find the maps of some lights; `_tell_of_maps` tells of them when they are built."""
         if work.sources is None or not work.reads_maps:
             return []
         self._tell_of_maps(work)
