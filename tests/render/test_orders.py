@@ -9,6 +9,7 @@ import tfm_cl as tfm
 from tfm_cl import reference
 from tfm_cl.device import launch
 from tfm_cl.plan import orders
+from tfm_cl.render import frame
 from tfm_cl.render import orders as of_render
 from tfm_cl.render.regions import LitRegions
 
@@ -387,6 +388,22 @@ def test_orders_of_a_ball(renderer, rng):
         assert noise < 2e-3 * total
         assert abs(found.mean() / total - 1) < 1e-2
         assert np.abs(found - expected).max() < 4 * error.max() + 0.03 * expected.max()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+def test_lights_at_points_are_found_once_for_all_cameras(new_renderer, monkeypatch):
+    """As a lobe scatters them; each time, where they take more memory than may be kept."""
+    scene, moved = CASES["lobe"], SCENE.camera.replace(from_=(1, 0.5, 4.5))
+    with new_renderer() as renderer:
+        assert renderer.render(scene).stats.made["lights of orders"] == 1
+        found = renderer.render(scene.replace(camera=moved))
+        assert not found.stats.made
+    monkeypatch.setattr(frame, "MOST_BYTES_OF_LIGHTS", 0)
+    with new_renderer() as renderer:
+        anew = renderer.render(scene.replace(camera=moved))
+        assert "lights of orders" not in anew.stats.made
+    np.testing.assert_array_equal(found.aovs["orders"], anew.aovs["orders"])
 
 
 @pytest.mark.slow

@@ -86,6 +86,8 @@ if TYPE_CHECKING:
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.scene import Scene
 
+MOST_BYTES_OF_LIGHTS = 256 << 20
+"""Of what lights bring to points, which is kept while the camera moves; more is found anew for each."""
 MOST_BYTES_APART = 2 << 30
 """Of lattices that hold orders by themselves."""
 RADIANCE_BYTES = 256 << 20
@@ -100,6 +102,8 @@ RGB = 3
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
+ArgumentsOfBox = dict[str, Any]
+"""Of kernels that look at a box of points."""
 Both = tuple["cl.Buffer", "cl.Buffer"]
 """Numbers of points in rows along x, and along y."""
 
@@ -234,6 +238,17 @@ def reached_points(lattice: Lattice, regions: LitRegions) -> list[tuple[list[int
     return list(zip(first.tolist(), np.maximum(end - first, 0).tolist(), strict=True))
 
 
+class LightAtPoints(NamedTuple):
+    """What a camera must know of a light at the points that it may reach."""
+
+    arrived: cl.Buffer
+    """As ``order_arrived`` finds it."""
+    box: ArgumentsOfBox
+    items: int
+    spread: int
+    nbytes: int
+
+
 class Behind(NamedTuple):
     """Points behind solids that are next to some in the open."""
 
@@ -269,6 +284,8 @@ class Scattered:
     behind: Behind | None = None
 
 
+EachLight = Callable[[Callable[[LightAtPoints], None]], None]
+"""Calls what it is given with all lights, one after the other."""
 Arrive = Callable[[Callable[["Batch"], None]], None]
 """Calls what it is given with batches of all lights, one after the other."""
 
@@ -995,15 +1012,67 @@ class Orders:
         steps = decided(self.scene.march.steps)
         return see_points(self.launcher, kernel, known, found, bounds, steps, frame, done)
 
-    def towards_camera(self, found: Scattered, arrive: Arrive) -> TowardsCamera:
-        """Find what points scatter to the camera, which the pass then takes for the same everywhere."""
+    @property
+    def bytes_of_lights(self) -> int:
+        """Return what `look_up` finds of all lights, in all."""
+        boxes = reached_points(self.lattice, LitRegions.of(self.scene.lights))
+        return sum(4 * self._numbers_of_light * self._room(count) for _, count in boxes)
+
+    @property
+    def _numbers_of_light(self) -> int:
+        """Of a point: a direction, and of each colour two."""
+        return 3 + 2 * self._colours
+
+    def _room(self, count: Sequence[int]) -> int:
+        """Lanes of all work-items of a box of points."""
+        x, y, z = count
+        return -(-x // self.launcher.lanes) * self.launcher.lanes * y * z
+
+    def look_up(self, arrive: Arrive, use: Callable[[LightAtPoints], None]) -> None:
+        """Find what a lobe's lights bring to points; ``use`` is called with each.
+
+        It does not depend on the camera.
+        """
+        of_lights = {"orders": self._of_middles, **self._of_way([1.0] * len(self.lobes))}
+
+        def of_batch(batch: Batch) -> None:
+            kernel, steps = self._of_lights("order_arrived", batch)
+            known = self._known | batch.arguments | of_lights
+            lights = [self.scene.lights[i] for i in batch.indices]
+            boxes = reached_points(self.lattice, LitRegions.of(lights))
+            for number, (light, (low, count)) in enumerate(zip(lights, boxes, strict=True)):
+                room = self._room(count)
+                if not room:
+                    continue
+                nbytes, items = 4 * self._numbers_of_light * room, room // self.launcher.lanes
+                box = {"room": room, "low": (*low, 0), "count": (*count, 0)}
+                arrived = self.launcher.empty(WHAT, nbytes)
+                self._over_points(kernel, known | box | {"number": number, "arrived": arrived}, steps, items)
+                spread = self.scene.spreads.index(light.spread)
+                use(LightAtPoints(arrived, box, items, spread, nbytes))
+
+        arrive(of_batch)
+
+    def towards_camera(self, found: Scattered, each_light: EachLight) -> TowardsCamera:
+        """Find what points scatter to the camera, which the pass then takes for the same everywhere.
+
+        Parameters
+        ----------
+        each_light
+            What `look_up` found, where scattering has a lobe.
+        """
         if found.beyond is None:
             return TowardsCamera(found.numbers, found.colours, found.colour)
         count = max(self._mixed, 1) * self._colours
         numbers = self.launcher.zeros(WHAT, 4 * self.lattice.points * count)
-        of_lights = {"orders": self._of_middles, "beyond": found.beyond, "scattered": numbers}
-        of_lights |= self._of_way([1.0] * len(self.lobes))
-        arrive(lambda batch: self._over_lights("order_beyond", batch, of_lights, 1))
+        kernel = self._of_moments("order_beyond")
+        of_lights = {"view": self._view, "orders": self._struct, "beyond": found.beyond, "scattered": numbers}
+
+        def add(light: LightAtPoints) -> None:
+            of_light = of_lights | light.box | {"arrived": light.arrived, "spread": light.spread}
+            self._run(kernel, light.items, count, of_light)
+
+        each_light(add)
         known = {"view": self._view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
         self._run(self._of_moments("order_view"), self._items, count * self.lobe.harmonics, known)
         self._fill(numbers, count, found.behind, together=True)

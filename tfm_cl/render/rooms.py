@@ -32,7 +32,7 @@ MOST_CUT = 64
 AT_POINT = 1e-3
 """Parts of the spacing: a surface that is nearer to a point parts it from its neighbours on both sides."""
 LEAST_LIGHT = 1e-2
-"""Of what lights bring to a point of the brightest room, on average: what shadow maps let through is less."""
+"""Of what lights bring to a point of the brightest room, on average."""
 LEAST_GLOW = 0.1
 """Of what the room emits that emits most: media may reach somewhat behind the walls around it."""
 NEIGHBOURS = np.array([(x, y, z) for z, y, x in product((-1, 0, 1), repeat=3)])
@@ -136,8 +136,12 @@ def hidden_of(rooms: Ints, light: Floats, emitted: Floats, scene: Scene, lattice
     scene
         Whose lights' rooms are not dark, wherever they shine.
     """
-    flat = rooms.ravel()
-    mean = np.bincount(flat, light.ravel()) / np.bincount(flat)
+    flat, count = rooms.ravel(), int(rooms.max()) + 1
+    # Shadow maps let some light through, which reaches points beside the surface.
+    inner = ~_beside_others(rooms).ravel()
+    has_inner = np.bincount(flat[inner], minlength=count) > 0
+    weight = np.where(inner, 1.0, ~has_inner[flat])
+    mean = np.bincount(flat, weight * light.ravel()) / np.bincount(flat, weight)
     glow = np.bincount(flat, emitted.ravel())
     dark = (mean <= LEAST_LIGHT * mean.max()) & (glow <= LEAST_GLOW * glow.max())
     for corners in _corners_of_lights(scene, lattice):
@@ -150,6 +154,16 @@ def hidden_of(rooms: Ints, light: Floats, emitted: Floats, scene: Scene, lattice
         ends = (slice(low, low + size) for low, size in zip(corner, cubes.shape, strict=True))
         cubes |= points[tuple(ends)].astype(np.uint8) << bit
     return Hidden(points, *_next_to_open(points), cubes)
+
+
+def _beside_others(rooms: Ints) -> NDArray[np.bool_]:
+    """Mark points ``[x, y, z]`` next to which is another room."""
+    found = np.zeros(rooms.shape, dtype=bool)
+    for axis in range(3):
+        differs = np.diff(rooms, axis=axis) != 0
+        ends = [[(0, 0)] * axis + [pad] + [(0, 0)] * (2 - axis) for pad in ((1, 0), (0, 1))]
+        found |= np.pad(differs, ends[0]) | np.pad(differs, ends[1])
+    return found
 
 
 def _corners_of_lights(scene: Scene, lattice: Lattice) -> Iterator[Ints]:
