@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tfm_cl.interrupts import check_cancelled
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -111,6 +113,7 @@ def _numbered(cut: NDArray[np.bool_]) -> Ints:
     while True:
         before = numbers
         for axis in range(3):
+            check_cancelled()
             lines, begins = np.moveaxis(numbers, axis, -1), np.moveaxis(cut[axis], axis, -1).copy()
             begins[..., 0] = True
             starts = np.flatnonzero(begins)

@@ -176,6 +176,7 @@ def walls_of(
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), TINY)
     arrives, departs = np.full((2, len(joined.plane)), NO_PATCH)
     arrives[joined.arrives], departs[joined.departs] = numbers[:first], numbers[first:]
+    check_cancelled()
     takes = np.flatnonzero(joined.holds == OF_NEXT)
     departs[takes] = HELD_FROM - departs[takes + 1]
     departs[joined.holds == ITS_OWN] = HELD
