@@ -32,8 +32,8 @@ DIRECTIONS_FROM_SOLIDS = 64
 PAST_SOLIDS = 433
 """The turn of a lobe's directions where there are solids. As they are, a quarter of them by weight lies in
 surfaces along the axes, which then reflect 4 % too little; so turned, these reflect all but 0.2 %, and no
-direction is nearer to them than 2.8°. Of such turns one with which fog over a floor, and around a ball, is near
-to what a path tracer has: within 2 and 3 %; others are within 4."""
+direction is nearer to them than 2.8°. Of such turns one with which fog over a floor, and around a ball, is
+within 2 and 3 % of what a path tracer has; with others within 4."""
 VOXELS_APART = 2.0
 """Distance between points, in voxels, at most, as long as they are not too many."""
 OF_SMALLEST_BODY = 1 / 48
