@@ -464,7 +464,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
         _of_order_pass,
         [{**ORDERS, "shadow": (0, 1), **DEEP}, {**EMISSION, "shadow": (0, 1), **DEEP}],
     ),
-    "order_points.cl": (_of_order_points, [{}]),
+    "order_points.cl": (_of_order_points, [{"colours": (1,)}]),
     "order_sweep.cl": (
         _of_order_sweep,
         [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2), "walls": (0, 1)}],
