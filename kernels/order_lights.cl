@@ -193,49 +193,46 @@ __kernel void order_walls(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, 
 #endif
 
 #if TFM_ORDER_DEGREE
-/* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.
-   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine; of each medium in turn, for each spread
-              of lights in turn
-   scattered  of the points one after the other, and there of each medium in turn; adds to
+/* Finds what order_beyond must know of a light at the points that it may reach: whatever the camera, which may move.
+   arrived  out, of these points, by their work-items and lanes, `room` numbers each: in which direction it goes, x, y, z; of
+            each colour what is left of it but for what it scatters on its way; and of each by how much that is, as a place
+            among the rows of `lobes.beyond`
    way_view, way_media  where the media are told apart: coefficients of what they scatter */
-__kernel void order_beyond(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
-                           ORDERS orders, __global const float *beyond, __global float *scattered, int number,
-                           int4 low, int4 count, int2 items OF_WAY_ARGUMENTS)
+__kernel void order_arrived(VIEW view, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
+                            ORDERS orders, __global float *arrived, int number, int room, int4 low, int4 count,
+                            int2 items OF_WAY_ARGUMENTS)
 {
   const int item = items.x + (int)get_global_id(0);
   if (item >= items.y)
     return;
   const Points points = points_in(orders, low, count, item);
-  if (!any_lane(points.wanted))
-    return;
   SCENE(scene, ints(-1), ints(-1));
   OF_WAY(scene);
   LIGHT_BUFFERS(buffers);
   LIGHT from = lights + number;
-  const Vec3 centre = position_of(orders, &points);
+  const Vec3 centre = position_of(orders, &points), way = way_of_light(from, centre);
   const Arrival arrival = arrival_at(&scene, &of_way, from, &buffers, centre, points.wanted);
-  if (!any_lane(arrival.strength > 0.0f))
-    return;
-  const Floats mu = dot3(way_of_light(from, centre), way_to_camera(view, centre));
-  Floats to_right, to_next;
-  const Ints column = between_points(root_of(root_of(0.5f - 0.5f * mu)) * (float)(BEYOND_ANGLES - 1), BEYOND_ANGLES, &to_right);
+  const Ints lit = arrival.strength > 0.0f;
+  __global float *out = arrived + (size_t)item * TFM_LANES;
+  *(__global FloatRow *)out = way.x;
+  *(__global FloatRow *)(out + room) = way.y;
+  *(__global FloatRow *)(out + 2 * (size_t)room) = way.z;
   for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
-    const Floats depth = arrival.depth[TFM_CHANNELS == 3 ? c : 0];
+    Floats left = floats(0.0f), row = floats(0.0f);
+    if (any_lane(lit)) {
+      const Floats depth = arrival.depth[TFM_CHANNELS == 3 ? c : 0];
 #if TELLS_APART
-    const Floats met = arrival.of_way[TFM_CHANNELS == 3 ? c : 0];
+      const Floats met = arrival.of_way[TFM_CHANNELS == 3 ? c : 0];
 #else
-    const Floats met = orders->albedo[c] * depth;
+      const Floats met = orders->albedo[c] * depth;
 #endif
-    const Ints row = between_points(met / (met + BEYOND_HALF) * (float)(BEYOND_DEPTHS - 1), BEYOND_DEPTHS, &to_next);
-    const Ints at = row * BEYOND_ANGLES + column;
-    for (int m = 0; m < APART_MEDIA; ++m) {
-      __global const float *table = beyond + (from->spread * APART_MEDIA + m) * BEYOND_DEPTHS * BEYOND_ANGLES;
-      const Floats one = lerp(gather_floats(table, at), gather_floats(table + 1, at), to_right);
-      const Floats next = lerp(gather_floats(table + BEYOND_ANGLES, at), gather_floats(table + BEYOND_ANGLES + 1, at), to_right);
-      const Floats more = arrival.tint[c] * arrival.strength * transmittance_of(depth - met) * lerp(one, next, to_next);
-      const Ints place = (points.number * APART_MEDIA + m) * TFM_ORDER_COLOURS + c;
-      store_floats(scattered, place, points.wanted, gather_floats(scattered, place) + COLOUR_OF(from->intensity, c) * more);
+      left = COLOUR_OF(from->intensity, c) * arrival.tint[c] * arrival.strength * transmittance_of(depth - met);
+      row = met / (met + BEYOND_HALF) * (float)(BEYOND_DEPTHS - 1);
+      left = lit ? left : floats(0.0f);
+      row = lit ? row : floats(0.0f);
     }
+    *(__global FloatRow *)(out + (size_t)(3 + c) * room) = left;
+    *(__global FloatRow *)(out + (size_t)(3 + TFM_ORDER_COLOURS + c) * room) = row;
   }
 }
 #endif

@@ -165,6 +165,46 @@ __kernel void order_cross(ORDERS orders, __global const float *numbers, __global
         inside ? gather_floats(numbers + (size_t)(of_x ? skip + k : k) * from_size, from) : floats(0.0f);
 }
 
+/* Adds what of a light the later orders scatter to the camera beyond the moments, over albedo and opacity.
+   beyond     as `lobes.beyond` makes it: by what was scattered, and by the cosine; of each medium in turn, for each spread
+              of lights in turn
+   arrived    of the light, as order_arrived finds it, `room` numbers each
+   scattered  of the points one after the other, and there of each medium in turn; adds to
+   spread     number of the light's
+   low, count the points that the light may reach, as of points_in
+   items      first of this launch and end */
+__kernel void order_beyond(VIEW view, ORDERS orders, __global const float *beyond, __global const float *arrived,
+                           __global float *scattered, int spread, int room, int4 low, int4 count, int2 items)
+{
+  const int item = items.x + (int)get_global_id(0);
+  if (item >= items.y)
+    return;
+  const Points points = points_in(orders, low, count, item);
+  __global const float *known = arrived + (size_t)item * TFM_LANES;
+  Ints lit = ints(0);
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c)
+    lit |= ROW(known + (size_t)(3 + c) * room) > 0.0f;
+  lit &= points.wanted;
+  if (!any_lane(lit))
+    return;
+  const Vec3 way = vec3(ROW(known), ROW(known + room), ROW(known + 2 * (size_t)room));
+  const Floats mu = dot3(way, way_to_camera(view, position_of(orders, &points)));
+  Floats to_right, to_next;
+  const Ints column = between_points(root_of(root_of(0.5f - 0.5f * mu)) * (float)(BEYOND_ANGLES - 1), BEYOND_ANGLES, &to_right);
+  for (int c = 0; c < TFM_ORDER_COLOURS; ++c) {
+    const Floats left = ROW(known + (size_t)(3 + c) * room);
+    const Ints row = between_points(ROW(known + (size_t)(3 + TFM_ORDER_COLOURS + c) * room), BEYOND_DEPTHS, &to_next);
+    const Ints at = row * BEYOND_ANGLES + column;
+    for (int m = 0; m < APART_MEDIA; ++m) {
+      __global const float *table = beyond + (spread * APART_MEDIA + m) * BEYOND_DEPTHS * BEYOND_ANGLES;
+      const Floats one = lerp(gather_floats(table, at), gather_floats(table + 1, at), to_right);
+      const Floats next = lerp(gather_floats(table + BEYOND_ANGLES, at), gather_floats(table + BEYOND_ANGLES + 1, at), to_right);
+      const Ints place = (points.number * APART_MEDIA + m) * TFM_ORDER_COLOURS + c;
+      store_floats(scattered, place, lit, gather_floats(scattered, place) + left * lerp(one, next, to_next));
+    }
+  }
+}
+
 /* What all later orders scatter to the camera, over albedo and opacity; of each medium.
    total     moments of the points, in rows along x
    scattered as of order_beyond: holds what that found, which is added

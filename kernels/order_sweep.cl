@@ -280,24 +280,6 @@ __kernel void order_mean(ORDERS orders, __global const float *next, __global con
   }
 }
 
-/* Takes what the outermost points scatter: in a medium that is everywhere they end the lattice.
-   count: of numbers of a point, which lie one after the other; items: first of this launch and end */
-__kernel void order_end(ORDERS orders, __global float *scattered, int count, int2 items)
-{
-  const int item = items.x + (int)get_global_id(0);
-  if (item >= items.y)
-    return;
-  const Points points = points_of(orders, item);
-  Ints ends = points.place[0] < 0;
-  for (int axis = 0; axis < 3; ++axis)
-    ends |= (points.place[axis] == 0) | (points.place[axis] == orders->size[axis] - 1);
-  ends &= points.wanted;
-  if (!any_lane(ends))
-    return;
-  for (int c = 0; c < count; ++c)
-    store_floats(scattered, points.number * count + c, ends, floats(0.0f));
-}
-
 /* Writes numbers of points once more, in rows along y.
    count  of extinctions or colours
    items  first of this launch and end */

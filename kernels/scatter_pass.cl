@@ -14,10 +14,10 @@
 
 /* Light from all around is seen from the same samples. */
 #if TFM_AROUND
-#if !TFM_SHARED || TFM_BODIES || TFM_LIGHT_LAYERS || TFM_DEEP_COLOURS
-#error "TFM_AROUND needs TFM_SHARED, and neither TFM_BODIES nor what is kept apart"
+#if !TFM_SHARED || TFM_BODIES || TFM_DEEP_COLOURS
+#error "TFM_AROUND needs TFM_SHARED, and neither TFM_BODIES nor deep colours"
 #endif
-#define AROUND_ARGUMENTS , ORDERS orders, __global const float *scattered, int surrounding
+#define AROUND_ARGUMENTS , ORDERS orders, __global const float *scattered, int surrounding, int surrounding_layer
 #else
 #define AROUND_ARGUMENTS
 #endif
@@ -26,7 +26,7 @@
    FRAME_ARGUMENTS  as of frame_store, where sees_camera is not 0, of the first launch: what lies along a ray is in the
                     cache already, and lights that share its samples need no march of their own; as of frame_add else
    serves_camera    1: there are but primitives and one light, which reaches them all
-   scattered        of surroundings_view, for so many `surrounding` lights (with TFM_AROUND only)
+   scattered        of surroundings_view, for so many `surrounding` lights of one layer (with TFM_AROUND only)
    window           x0, y0, x1, y1 of the pixels of this launch */
 __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUMENTS, LIGHT lights, LIGHT_ARGUMENTS,
                            __global const int *starts, __global const int *touching, __global const float4 *solid,
@@ -67,7 +67,7 @@ __kernel void scatter_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_AR
   CameraSums camera = none;
 #if TFM_AROUND
   const OrdersOnRay points = orders_on_ray(orders, scattered, ray);
-#define AND_AROUND , &points, surrounding
+#define AND_AROUND , &points, surrounding, surrounding_layer
 #else
 #define AND_AROUND
 #endif

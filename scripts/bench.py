@@ -435,9 +435,11 @@ class Host:
     def measure(self) -> Figures:
         """Upload of the bricks; parameters and launch of one pixel; read-back of a whole frame."""
         volume, voxels = self._scene.grids[0], self._scene.march.voxels
-        upload = seconds_of(
-            lambda: build_bricks(self._launcher, [volume.channel_leaves], "the volume", voxels)
-        )
+
+        def put_on_the_device() -> None:
+            build_bricks(self._launcher, [volume.channel_leaves], "the volume", voxels).filling.wait()
+
+        upload = seconds_of(put_on_the_device)
         one_pixel = seconds_of(lambda: self._renderer.render(self._scene, maps=self._maps, crop=(0, 0, 1, 1)))
         read_back = seconds_of(lambda: buffers.read(self._launcher, self._frame, None, None))
         return {"upload_seconds": upload, "one_pixel_seconds": one_pixel, "read_back_seconds": read_back}

@@ -18,8 +18,8 @@
 #endif
 #if TFM_AROUND
 #include "view/surroundings.h"
-#define AROUND_PARAMETER , LATTICE around, int lights_around
-#define AROUND , around, lights_around
+#define AROUND_PARAMETER , LATTICE around, int lights_around, int layer_around
+#define AROUND , around, lights_around, layer_around
 #else
 #define AROUND_PARAMETER
 #define AROUND
@@ -203,6 +203,36 @@ TFM_INLINE void add_light(MEDIUM media, LIGHT light, const LightSum *sum, LightS
 #endif
 }
 
+#if TFM_AROUND
+/* Adds what the samples saw of light from all around. */
+TFM_INLINE void add_around(const LightSums *of_points, int layer, LightSums *sums)
+{
+#if TFM_LIGHT_LAYERS
+  Floats adds[3];
+#else
+  (void)layer;
+#endif
+  for (int c = 0; c < 3; ++c) {
+    sums->colour[c] += of_points->colour[c];
+#if HAS_OCTAVES
+    sums->later[c] += of_points->later[c];
+#endif
+#if TFM_LIGHT_LAYERS
+    adds[c] = of_points->colour[c];
+#if HAS_OCTAVES
+    adds[c] += sums->on_ray[c] * of_points->later[c];
+#endif
+#endif
+  }
+  for (int c = 0; c < TFM_CHANNELS; ++c)
+    sums->seen[c] += of_points->seen[c];
+  sums->seen_opacity += of_points->seen_opacity;
+#if TFM_LIGHT_LAYERS
+  add_to_layer(&sums->layers, layer, adds);
+#endif
+}
+#endif
+
 #if TFM_DEEP_COLOURS
 /* Of a step. */
 TFM_INLINE void add_deep(MEDIUM media, LIGHT light, const Floats *sum, Floats t, LightSums *sums)
@@ -244,7 +274,7 @@ TFM_INLINE Floats take_step(MEDIUM media, CameraRay *state, const Amounts *step,
 
 /* The stretch of a ray that holds grids: their density is read step by step. depth: optical depth so far, of each
    colour, which bodies of constant density need. camera: also takes the samples, where it is not 0. around: what points know
-   of light from all around, the sum of so many lights. */
+   of light from all around, the sum of so many lights, which is kept by itself in a layer (with TFM_LIGHT_LAYERS only). */
 TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray ray, const MediaOnRay *on_ray, Interval part,
                                  Ints active, CameraRay *state, Floats *depth, LightSums *sums,
                                  CameraSums *camera AROUND_PARAMETER)
@@ -272,6 +302,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_AROUND
   LatticeValue radiances = lattice_begin();
   int of_steps = -1;
+  LightSums of_points = light_sums_begin();
 #endif
 #if !TFM_SHARED
   /* In the order of the steps, so that those that are left out leave no trace in its rounding. */
@@ -303,7 +334,7 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_AROUND
     for (int k = 0; k < count; ++k) {
       of_both_steps(around, &walk, list.n[k], &radiances, &of_steps);
-      surroundings_step(sums, &radiances, lights_around, media, &step[k], opacities[k], weights[k]);
+      surroundings_step(&of_points, &radiances, lights_around, media, &step[k], opacities[k], weights[k]);
     }
 #endif
 #endif
@@ -370,6 +401,9 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
   }
 #if !TFM_SHARED
   add_light(media, light, &sum, sums);
+#endif
+#if TFM_AROUND
+  add_around(&of_points, layer_around, sums);
 #endif
   sums->samples += active ? read : ints(0);
   if (camera)

@@ -363,6 +363,11 @@ def _of_order_moments(case: Case) -> Program:
     return orders.moments_variant(case["colours"], case["degree"], mixed)
 
 
+def _of_order_points(case: Case) -> Program:
+    del case
+    return orders.points_variant()
+
+
 def _of_order_pass(case: Case) -> Program:
     media = media_of(case["bodies"], case["voxels"], case["pools"])
     has_solids = bool(case["shadow"])
@@ -431,7 +436,7 @@ SURROUNDED_LIT: Choices = EMISSION_LIT | SURROUNDED | {"basis": EVALUATED}
 WITH_SURROUNDINGS: Choices = SURROUNDED_LIT | {
     "bodies": [name for name in SURROUNDED["bodies"] if "box" not in name],
     "shared": (1,),
-    "layers": (0,),
+    "layers": (0, 1),
     "colours of samples": (0,),
     "around": (1,),
 }
@@ -459,6 +464,7 @@ PROGRAMS: dict[str, tuple[Callable[[Case], Program], list[Choices]]] = {
         _of_order_pass,
         [{**ORDERS, "shadow": (0, 1), **DEEP}, {**EMISSION, "shadow": (0, 1), **DEEP}],
     ),
+    "order_points.cl": (_of_order_points, [{}]),
     "order_sweep.cl": (
         _of_order_sweep,
         [{"channels": (1, 3), "colours": (1, 3), "degree": (0, 4), "media": (0, 2), "walls": (0, 1)}],

@@ -4,6 +4,7 @@ import logging
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -376,6 +377,13 @@ def test_the_device_is_at_the_rays_of_other_lights_while_the_host_plans_the_map_
     assert done == ["begun"] * 3 + ["ended"] * 3
 
 
+def test_a_light_pass_is_told_before_what_reads_its_map(session):
+    told = []
+    one = SCENE.replace(lights=[SPOT])
+    session.render(one, progress=lambda stage, part: told.append((stage, part)))
+    assert told == [("light pass", 1.0), ("view pass, light 1", 1.0)]
+
+
 @contextmanager
 def failing(name):
     """Let launches of a kernel, which leave its buffers as they are, fail when they are waited for."""
@@ -479,6 +487,7 @@ def test_a_frame_is_cancelled_while_the_host_traces_solids(session, monkeypatch)
 
     def cancelling(*rays):
         traced.append(session.cancel())
+        time.sleep(0.03)  # the thread that renders comes to ask
         return distances(*rays)
 
     scene = BESIDE_BALL.replace(camera=BESIDE_BALL.camera.replace(res=(64, 64)))

@@ -159,7 +159,10 @@ def test_one_march_serves_the_camera_a_sun_and_the_sky(renderer, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("few", [True, False])
-def test_layers_of_lights_add_up(renderer, few):
+def test_layers_of_lights_add_up(renderer, monkeypatch, few):
+    """One march serves the camera, a sun and the sky here too, where all of the sky is in one layer."""
+    marches, see = [], SurroundingsLattice.see
+    monkeypatch.setattr(SurroundingsLattice, "see", lambda *args: marches.append(1) or see(*args))
     lights = [SKY, SUN] if few else [SKY, SUN, SKY.replace(intensity=0.3, samples=4)]
     scene = beneath_a_sky(lights=lights)
     plain, layered = renderer.render(scene), renderer.render(scene, aovs=["lights", "map_error"])
@@ -168,6 +171,10 @@ def test_layers_of_lights_add_up(renderer, few):
     assert np.abs(layered.image - plain.image).max() < rounding
     assert np.abs(sum(layers) - layered.image[..., :3]).max() < rounding
     assert all(layer.max() > 0.01 for layer in layers)
+    assert bool(marches) != few
+    # The sky's is what a march of its own finds, whether or not the sun's samples serve it.
+    alone = renderer.render(beneath_a_sky(lights=[SKY])).image
+    assert np.abs(layers[0] - alone[..., :3]).max() < rounding
 
 
 def test_antialiased_pixels_see_the_same_points(renderer):

@@ -220,18 +220,17 @@ def some_of(rays: NDArray[np.bool_], most: int) -> tuple[NDArray[np.intp], NDArr
     Each has its turn, whichever others there are: as a medium moves on, few of the chosen change, and so do
     the functions that are learnt from them.
     """
-    y, x = np.nonzero(rays)
-    turns = _turns(rays.size)[rays.shape[1] * y + x]
-    some = np.argpartition(turns, most)[:most] if most < len(turns) else np.arange(len(turns))
-    some = some[np.argsort(turns[some])]
-    return y[some], x[some]
+    order = _in_turn(rays.size)
+    some = order[np.flatnonzero(rays.ravel()[order])[:most]]
+    y, x = np.divmod(some, rays.shape[1])
+    return y, x
 
 
 @lru_cache(maxsize=4)
-def _turns(count: int) -> NDArray[np.intp]:
-    """Return the numbers below ``count`` in the order in which rays have their turns."""
-    turns: NDArray[np.intp] = np.random.default_rng(SEED).permutation(count)
-    return turns
+def _in_turn(count: int) -> NDArray[np.intp]:
+    """Return the numbers of so many rays in the order in which they have their turns."""
+    order: NDArray[np.intp] = np.argsort(np.random.default_rng(SEED).permutation(count))
+    return order
 
 
 def light_defines(light: Light) -> dict[str, int | str]:

@@ -27,7 +27,8 @@ from tfm_cl.plan.orders import (
 )
 from tfm_cl.reference.bodies import body_interval, channel_densities
 from tfm_cl.reference.geometry import Floats, between
-from tfm_cl.render.walls import NO_PATCH, walls_of
+from tfm_cl.render.rooms import Hidden, hidden_of, rooms_of
+from tfm_cl.render.walls import HELD, HELD_FROM, NO_PATCH, walls_of
 
 if TYPE_CHECKING:
     from tfm_cl.plan.lobes import Lobe
@@ -68,12 +69,18 @@ class LaterOrders:
             deposited(scene, self.lattice, is_grey=False).swapaxes(2, 4) if scene.primitives else None
         )
         amounts = self._amounts()
-        self._matter = _Matter.of(self._media, self._lobes, amounts)
-        self._ways = ways_of(scene)
-        walls = None if tracer is None else walls_of(tracer, scene, self.lattice, self._ways)
-        self._surfaces = Surfaces(walls)
-        self._emits, self._emitted = sweeps_emission(scene), _emitted(swept_media(scene), amounts)
+        self._ways, self._emits = ways_of(scene), sweeps_emission(scene)
+        hidden = None if tracer is None else self._hidden_by(tracer, _emitted(swept_media(scene), amounts))
+        walls = None if tracer is None else walls_of(tracer, scene, self.lattice, self._ways, hidden)
+        self._surfaces = Surfaces(walls, hidden)
+        fill = self._surfaces.filled
+        amounts = np.stack([fill(one) for one in amounts])
+        self._matter, self._emitted = (
+            LatticeMatter.of(self._media, self._lobes, amounts),
+            _emitted(swept_media(scene), amounts),
+        )
         found = self._of_lobe() if self._lobes[0].degree else [self._even()] * len(self._media)
+        found = [fill(one) for one in found]
         if is_endless(scene):
             for one in found:
                 one[_outermost(one.shape)] = 0
@@ -86,6 +93,17 @@ class LaterOrders:
             if sigma_s.any():
                 scattered += sigma_s * amount * between(self._found[medium], self.lattice, points)
         return np.divide(scattered, step.depth, out=np.zeros_like(scattered), where=step.depth > 0)
+
+    def _hidden_by(self, tracer: Tracer, emitted: Floats) -> Hidden | None:
+        """Return the points behind solids."""
+        rooms = rooms_of(tracer, self.lattice)
+        if rooms is None:
+            return None
+        light, centres = np.zeros(self.lattice.size), self._centres().reshape(-1, 3)
+        for arrives in self._lights:
+            one = arrives(centres)
+            light += (one.radiance * one.transmittance).sum(axis=-1).reshape(light.shape)
+        return hidden_of(rooms, light, emitted.sum(axis=-1), self._scene, self.lattice)
 
     def _even(self) -> Floats:
         light, emitted = np.zeros((2, *self.lattice.size, 3))
@@ -140,6 +158,7 @@ class LaterOrders:
                 ],
                 axis=0,
             )
+            sources = np.stack([surfaces.filled(one) for one in sources])
             for number, direction in enumerate(ways):
                 radiance[number], rays[number] = swept(
                     sources[number],
@@ -276,7 +295,7 @@ def _emitted(media: Sequence[Medium], amounts: Floats) -> Floats:
     return total
 
 
-class _Matter(NamedTuple):
+class LatticeMatter(NamedTuple):
     """What the points hold, ``[x, y, z, RGB]``, per world unit."""
 
     extinction: Floats
@@ -288,7 +307,7 @@ class _Matter(NamedTuple):
     """Of each medium."""
 
     @classmethod
-    def of(cls, media: Sequence[Medium], known: Sequence[Lobe], amounts: Floats) -> _Matter:
+    def of(cls, media: Sequence[Medium], known: Sequence[Lobe], amounts: Floats) -> LatticeMatter:
         """Return what densities ``[media, x, y, z, RGB]`` do; those of flames, which come last, nothing."""
         scattering = [np.asarray(one.sigma_s) * part for one, part in zip(media, amounts, strict=False)]
         straight = [lobe.straight * part for lobe, part in zip(known, scattering, strict=True)]
@@ -336,6 +355,8 @@ class Wall(NamedTuple):
     """RGB of all patches, ``[patches, 3]``."""
     arriving: Floats
     """RGB that arrives at each of what is met, ``[n, 3]``: written to."""
+    held: set[tuple[int, int]]
+    """Rays that hold what they carry: written to."""
 
 
 class Surfaces:
@@ -345,21 +366,27 @@ class Surfaces:
     ----------
     walls
         As the product traces them; None without any.
+    hidden
+        Points behind them, likewise.
     """
 
-    def __init__(self, walls: Walls | None) -> None:
-        self._walls = walls
+    def __init__(self, walls: Walls | None, hidden: Hidden | None = None) -> None:
+        self._walls, self._hidden = walls, hidden
         self._reflected = np.zeros((0, 3)) if walls is None else np.zeros_like(walls.albedo)
         self._met = {} if walls is None else walls.met
         self._arriving = {
             order: [np.zeros((len(met.plane), 3)) for met in some] for order, some in self._met.items()
         }
 
+    def filled(self, values: Floats) -> Floats:
+        """Return values ``[x, y, z, RGB]``, those behind solids as they are before them."""
+        return values if self._hidden is None else self._hidden.filled(values)
+
     def of(self, order: int, number: int) -> Wall | None:
         """Return those that the rays of a direction meet; None without solids."""
         if self._walls is None:
             return None
-        return Wall(self._met[order][number], self._reflected, self._arriving[order][number])
+        return Wall(self._met[order][number], self._reflected, self._arriving[order][number], set())
 
     def reached_by(self, lights: Sequence[Arrives]) -> list[Brought]:
         """Return what of lights arrives at the patches; nothing without solids."""
@@ -390,7 +417,7 @@ class Surfaces:
 
 def scattered_again(
     light: Floats,
-    matter: _Matter,
+    matter: LatticeMatter,
     lattice: Lattice,
     ways: dict[int, tuple[Floats, Floats]],
     surfaces: Surfaces,
@@ -408,6 +435,7 @@ def scattered_again(
     """
     total = np.zeros_like(light)
     for order in sorted(set(ways) - {0}):
+        light = surfaces.filled(light)
         arriving = [
             swept(
                 light,
@@ -426,7 +454,7 @@ def scattered_again(
 
 def swept(
     light: Floats,
-    matter: _Matter,
+    matter: LatticeMatter,
     direction: Floats,
     spacing: float,
     *,
@@ -512,13 +540,22 @@ class _Step(NamedTuple):
         for n in here[np.argsort(met.part[here], kind="stable")].tolist():
             ray = int(met.column[n]) + first, int(met.row[n]) + first
             begun, light = gone.get(ray, (0.0, self.radiance[ray]))
-            gain = self.gain_after[ray] if ray in gone else self.gain[ray]
-            part = float(met.part[n])
-            wall.arriving[n] = _after_part(light, gain, self.depth[ray], part - begun)
-            if met.departs[n] != NO_PATCH:
-                gone[ray] = part, wall.reflected[met.departs[n]].copy()
+            part, goes_on = float(met.part[n]), int(met.departs[n])
+            if ray not in wall.held:
+                gain = self.gain_after[ray] if ray in gone else self.gain[ray]
+                light = _after_part(light, gain, self.depth[ray], part - begun)
+            wall.arriving[n] = light
+            if goes_on >= 0:
+                gone[ray] = part, wall.reflected[goes_on].copy()
+                wall.held.discard(ray)
+            elif goes_on != NO_PATCH:
+                held = light if goes_on == HELD else wall.reflected[HELD_FROM - goes_on]
+                gone[ray] = part, held.copy()
+                wall.held.add(ray)
         for ray, (begun, light) in gone.items():
             found[ray] = _after_part(light, self.gain_after[ray], self.depth[ray], 1 - begun)
+        for ray in wall.held:
+            found[ray] = gone[ray][1] if ray in gone else self.radiance[ray]
         return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ from tfm_cl.render.deep import DeepBuffers, DeepPass, DeepSettings
 from tfm_cl.render.emission import EmissionLattice
 from tfm_cl.render.lattice import MOST_APART, Lattice
 from tfm_cl.render.light_at import PointSums
-from tfm_cl.render.orders import Orders
+from tfm_cl.render.orders import MOST_BYTES_OF_LIGHTS, Orders
 from tfm_cl.render.raster import Crop
 from tfm_cl.render.scatter import scatter
 from tfm_cl.render.surface import reflect
@@ -45,7 +45,7 @@ from tfm_cl.render.surroundings import SurroundingsLattice
 from tfm_cl.scene.bodies.base import around
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Hashable, Sequence
 
     import pyopencl as cl
 
@@ -62,11 +62,13 @@ if TYPE_CHECKING:
     from tfm_cl.render.gbuffer import GBuffer
     from tfm_cl.render.lattice_points import Around, Arrived, LightsAtPoints, TowardsCamera
     from tfm_cl.render.maps import MapBuilder, Sources
-    from tfm_cl.render.orders import Scattered
+    from tfm_cl.render.orders import LightAtPoints
     from tfm_cl.render.raster import Raster, Samples
     from tfm_cl.render.result import RenderStats
     from tfm_cl.render.visibility import Visibility
     from tfm_cl.scene.scene import Scene
+
+T = TypeVar("T")
 
 STEEPEST_DEPTH = 20.0
 """Optical depth over α beyond which few cosines cannot follow e^{-τ/α} (and at 87 float32 ends)."""
@@ -358,6 +360,7 @@ class Frame:
                 batch = work.batches.batch(variant, indices, maps, whole=True)
                 if fills:
                     lattice.add(batch)
+                self._tell_of_maps(work)
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch.at_every_sample(), without)
@@ -371,12 +374,12 @@ class Frame:
 
     def _on_shared_samples(self, work: _Work, shared: _Shared) -> Around | None:
         """Return light from all around that lights which share the camera's samples may serve; None: none."""
-        if shared.around is None or len(shared.around) > 1 or work.layers is not None:
+        if shared.around is None or len(shared.around) > 1:
             return None
         if self.scene.homogeneous or work.frame.deep or work.without_lattice is not None:
             return None
-        ((lattice, scattered, lights, _),) = shared.around
-        return lattice.on_shared_samples(scattered, len(lights))
+        ((lattice, scattered, lights, layer),) = shared.around
+        return lattice.on_shared_samples(scattered, len(lights), layer)
 
     def _scatter(
         self,
@@ -426,6 +429,7 @@ class Frame:
                         sees_camera=not work.camera_is_seen,
                         serves_camera=serves_camera,
                         around=serves,
+                        meanwhile=partial(self._tell_of_maps, work),
                     )
                 )
                 work.camera_is_seen = True
@@ -613,18 +617,38 @@ class Frame:
                     add(work.batches.at_points(variant, indices, self._maps_again(work, indices, told)))
 
         tell = _reporter(self.progress, "later orders")
-        found = self._kept(work, orders, lambda: orders.scatter(arrive, tell))
-        towards_camera = orders.towards_camera(found, arrive)
-        up_to = [orders.towards_camera(one, arrive) for one in found.up_to]
+        key = self._key_of_orders(work, orders)
+        found = self._kept_by("orders", key, lambda: orders.scatter(arrive, tell), lambda one: one.nbytes)
+
+        def look_up() -> list[LightAtPoints]:
+            lights: list[LightAtPoints] = []
+            orders.look_up(arrive, lights.append)
+            return lights
+
+        def each_light(use: Callable[[LightAtPoints], None]) -> None:
+            if orders.bytes_of_lights > MOST_BYTES_OF_LIGHTS:
+                return orders.look_up(arrive, use)
+            for light in self._kept_by("lights of orders", key, look_up, _nbytes):
+                use(light)
+            return None
+
+        towards_camera = orders.towards_camera(found, each_light)
+        up_to = [orders.towards_camera(one, each_light) for one in found.up_to]
         self.stats.seconds["orders"] = orders.seconds
         return orders, towards_camera, up_to
 
-    def _kept(self, work: _Work, orders: Orders, make: Callable[[], Scattered]) -> Scattered:
-        """Return the later orders of this or an earlier frame; maps that were given are known by nothing."""
+    def _kept_by(
+        self, kind: str, key: Hashable | None, make: Callable[[], T], nbytes: Callable[[T], int]
+    ) -> T:
+        """Return what this or an earlier frame made; without a key it is made."""
+        return make() if key is None else self.cache.get(kind, key, make, nbytes)
+
+    def _key_of_orders(self, work: _Work, orders: Orders) -> Hashable | None:
+        """Return what the later orders depend on; None of maps that were given: nothing is known of these."""
         if not work.builds:
-            return make()
+            return None
         scene, media = work.scene, media_of(work.scene)
-        key = (
+        return (
             # Of what is emitted, that which is scattered.
             tuple(one.emission for one in swept_media(scene)) if sweeps_emission(scene) else (),
             tuple(flame.density_key for flame in scene.flames) if sweeps_emission(scene) else (),
@@ -643,7 +667,6 @@ class Frame:
             scene.shadow,
             world_from_device(scene).tobytes(),
         )
-        return self.cache.get("orders", key, make, lambda found: found.nbytes)
 
     def _maps_again(self, work: _Work, indices: list[int], told: set[int]) -> list[TransmittanceMap]:
         """Return the maps of some lights; those that the camera does not see are not counted before."""
@@ -654,7 +677,7 @@ class Frame:
         return self._maps_of(work, indices)
 
     def _maps_of(self, work: _Work, indices: list[int]) -> list[TransmittanceMap]:
-        """Build or find the maps of some lights, and tell of those before."""
+        """Build or find the maps of some lights; `_tell_of_maps` tells of them when they are built."""
         if work.sources is None or not work.reads_maps:
             return []
         self._tell_of_maps(work)
@@ -753,6 +776,10 @@ class Frame:
         touched = bounds_of_lights(scene.lights, scene.camera, bounds)
         clipped: NDArray[np.int64] = np.clip(touched.reshape(-1, 2, 2), crop[:2], crop[2:]).reshape(-1, 4)
         return clipped
+
+
+def _nbytes(lights: Sequence[LightAtPoints]) -> int:
+    return sum(light.nbytes for light in lights)
 
 
 def _reporter(progress: Progress, stage: str) -> Callable[[float], None]:

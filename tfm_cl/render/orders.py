@@ -65,6 +65,7 @@ from tfm_cl.plan.orders import (
 )
 from tfm_cl.render.lattice_points import TowardsCamera, points_structs, see_points
 from tfm_cl.render.regions import LitRegions
+from tfm_cl.render.rooms import hidden_of, rooms_of
 from tfm_cl.render.walls import NO_PATCH, Met, Sweep, walls_of
 from tfm_cl.scene.lights.colours import common_colour
 
@@ -81,9 +82,12 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
+    from tfm_cl.render.rooms import Hidden
     from tfm_cl.render.tracing.tracer import Tracer
     from tfm_cl.scene.scene import Scene
 
+MOST_BYTES_OF_LIGHTS = 256 << 20
+"""Of what lights bring to points, which is kept while the camera moves; more is found anew for each."""
 MOST_BYTES_APART = 2 << 30
 """Of lattices that hold orders by themselves."""
 RADIANCE_BYTES = 256 << 20
@@ -98,6 +102,8 @@ RGB = 3
 
 Variant = tuple[tuple[str, ...], dict[str, int | str]]
 """Headers and macros."""
+ArgumentsOfBox = dict[str, Any]
+"""Of kernels that look at a box of points."""
 Both = tuple["cl.Buffer", "cl.Buffer"]
 """Numbers of points in rows along x, and along y."""
 
@@ -141,6 +147,11 @@ def moments_variant(colours: int, degree: int, mixed: int) -> Variant:
         "TFM_ORDER_DEGREE": degree,
         "TFM_ORDER_MEDIA": mixed,
     }
+
+
+def points_variant() -> Variant:
+    """Return those of the kernels that give points what no light brings there."""
+    return (), {"TFM_CHANNELS": 1, "TFM_ORDER_COLOURS": 1}
 
 
 def sweep_variant(channels: int, colours: int, degree: int, mixed: int, *, walls: bool = False) -> Variant:
@@ -227,6 +238,25 @@ def reached_points(lattice: Lattice, regions: LitRegions) -> list[tuple[list[int
     return list(zip(first.tolist(), np.maximum(end - first, 0).tolist(), strict=True))
 
 
+class LightAtPoints(NamedTuple):
+    """What a camera must know of a light at the points that it may reach."""
+
+    arrived: cl.Buffer
+    """As ``order_arrived`` finds it."""
+    box: ArgumentsOfBox
+    items: int
+    spread: int
+    nbytes: int
+
+
+class Behind(NamedTuple):
+    """Points behind solids that are next to some in the open."""
+
+    known: cl.Buffer
+    """As ``order_fill`` has it."""
+    number: int
+
+
 @dataclass(frozen=True)
 class Scattered:
     """Light of all later orders, at the points of a lattice, whatever the camera.
@@ -241,6 +271,8 @@ class Scattered:
         RGB that it is a multiple of, where a point has one number for three.
     up_to
         The same of the orders up to each but the last, from 1 on, where these are asked for.
+    behind
+        Points behind solids, which stand for those before them.
     """
 
     numbers: cl.Buffer
@@ -249,8 +281,11 @@ class Scattered:
     colours: int
     colour: tuple[float, float, float]
     up_to: tuple[Scattered, ...] = ()
+    behind: Behind | None = None
 
 
+EachLight = Callable[[Callable[[LightAtPoints], None]], None]
+"""Calls what it is given with all lights, one after the other."""
 Arrive = Callable[[Callable[["Batch"], None]], None]
 """Calls what it is given with batches of all lights, one after the other."""
 
@@ -436,6 +471,8 @@ class Orders:
     """Whether orders are asked for by themselves."""
     seconds: float = 0.0
     _up_to: list[cl.Buffer] = field(default_factory=list)
+    _hidden: Hidden | None = None
+    _behind: Behind | None = None
 
     @cached_property
     def lobes(self) -> list[Lobe]:
@@ -535,7 +572,9 @@ class Orders:
     @cached_property
     def _walls(self) -> tuple[Patches, dict[int, _Surfaces]] | None:
         """Solids, as rays of each of the sets meet them."""
-        found = None if self.tracer is None else walls_of(self.tracer, self.scene, self.lattice, self._ways)
+        if self.tracer is None:
+            return None
+        found = walls_of(self.tracer, self.scene, self.lattice, self._ways, self._hidden)
         if found is None:
             return None
         upload, count = partial(self.launcher.upload, WHAT), len(found.points)
@@ -572,7 +611,6 @@ class Orders:
         )
         of_density = self.launcher.kernels.kernel("order_media", "order_media.cl", headers, defines)
         known = self._known | self._deposited | {"orders": self._struct, "extinction": extinction[0]}
-        of_media = None
         if emits:
             emitted = self._numbers(self._colours)
             swept = self.launcher.upload("the media", medium_structs(swept_media(self.scene)))
@@ -584,16 +622,21 @@ class Orders:
             of_media, shares = (self.launcher.zeros(WHAT, nbytes) for _ in range(2))
             known |= {"scattering": scattering[0], "of_media": of_media}
         self._over_points(of_density, known, lattice.samples**3)
+        self._hide(arrive, emitted[0] if emits else None)
+        self._fill(extinction[0], channels)
         self._turn(extinction, channels)
         if emits:
+            self._fill(emitted[0], self._colours)
             self._turn(emitted, self._colours)
             along_x, along_y = (
                 {"extinction": one, "emitted": other} for one, other in zip(extinction, emitted, strict=True)
             )
             emission = _Source("order_emission", (along_x, along_y))
         if scattering is not None:
+            self._fill(scattering[0], RGB * (1 + (self.lobe.degree > 0)))
             self._turn(scattering, RGB * (1 + (self.lobe.degree > 0)))
             if self.lobe.degree:
+                self._fill(of_media, RGB * self._mixed)
                 known = {"orders": self._struct, "of_media": of_media, "shares": shares}
                 self._run(self._of_moments("order_shares"), self._items, RGB * self._mixed, known)
         density = _Density(extinction, scattering, shares, emission)
@@ -606,7 +649,44 @@ class Orders:
             self._scattered(numbers, nbytes, colour, order) for order, numbers in enumerate(buffers, first)
         ]
         together = sum(one.nbytes for one in found)
+        if self._behind is not None:
+            found = [replace(one, behind=self._behind) for one in found]
+            together += 8 * self._behind.number
         return replace(found[-1], up_to=tuple(found[:-1]), nbytes=together)
+
+    def _hide(self, arrive: Arrive, emitted: cl.Buffer | None) -> None:
+        """Find the points behind solids; ``emitted``: by the points, where media emit."""
+        rooms = None if self.tracer is None else rooms_of(self.tracer, self.lattice)
+        if rooms is None:
+            return
+        light, _ = self._numbers(self._colours * self.lobe.harmonics)
+        of_lights = {"orders": self._of_middles, "times": 0, "log_factorial": 0.0}
+        of_lights |= {"light": light, **self._straight, **self._deposited}
+        arrive(lambda batch: self._over_lights("order_lights", batch, of_lights, 1))
+        glow = np.zeros(self.lattice.size) if emitted is None else self._of_colours(emitted)
+        self._hidden = hidden_of(rooms, self._of_colours(light), glow, self.scene, self.lattice)
+        if self._hidden is not None:
+            known = np.stack([self._hidden.next_to, self._hidden.open], axis=1).astype(np.int32)
+            self._behind = Behind(self.launcher.upload(WHAT, known), len(known))
+
+    def _of_colours(self, numbers: cl.Buffer) -> Floats:
+        """Return the sum of the colours of all points, ``[x, y, z]``."""
+        x, y, z = self.lattice.size
+        shape = (self._colours, z + 2, y + 2, x + 2 * self._pad)
+        found = self.launcher.download(numbers, shape, np.float32).sum(axis=0, dtype=np.float64)
+        inner: Floats = found[1:-1, 1:-1, self._pad : -self._pad].T
+        return inner
+
+    def _fill(
+        self, numbers: cl.Buffer, count: int, behind: Behind | None = None, *, together: bool = False
+    ) -> None:
+        """Give points behind solids what those before them have; ``together``: of each point at one place."""
+        behind = behind or self._behind
+        if behind is None or not behind.number:
+            return
+        arguments: dict[str, Any] = {"orders": self._struct, "hidden": behind.known, "numbers": numbers}
+        arguments |= {"count": count, "together": int(together)}
+        self._run(self._of_points("order_fill"), behind.number, count, arguments)
 
     def _scattered(
         self, numbers: cl.Buffer, nbytes: int, colour: tuple[float, float, float], order: int
@@ -648,21 +728,23 @@ class Orders:
         # What the last order needs is where light is scattered last but once.
         last = orders_of(self.scene) - 1
         for order in range(1, last + 1):
+            self._fill(light[0], self._colours)
             self._turn(light, self._colours)
             source = density.scattered(self._struct, light)
             self._sweep(order, source, room, light[0], total)
             if order < last:
                 self._keep(total, nbytes)
             done(order / last)
-        if is_endless(self.scene):
-            for numbers in (*self._up_to, total):
+        for numbers in (*self._up_to, total):
+            self._fill(numbers, self._colours, together=True)
+            if is_endless(self.scene):
                 self._end(numbers, self._colours)
         return total, nbytes
 
     def _end(self, scattered: cl.Buffer, count: int) -> None:
         """End the lattice in a medium that goes on."""
         known = {"orders": self._struct, "scattered": scattered, "count": count}
-        self._run(self._kernel("order_end"), self._items, count, known)
+        self._run(self._of_points("order_end"), self._items, count, known)
 
     def _scatter_lobe(
         self, density: _Density, arrive: Arrive, done: Callable[[float], None]
@@ -685,6 +767,7 @@ class Orders:
         for order in range(1, last + 1):
             self._scatter_moments(ways, light, total, density, arrives=order > 1, scatters=True)
             self._keep(total, nbytes)
+            self._fill(ways[0].source, self._colours * len(ways[0].sweeps))
             self._cross(ways[0].source, ways[1].source, ways, of_x=True)
             self._sweep_ways(ways, counts, scattered)
             if order <= most:
@@ -825,7 +908,7 @@ class Orders:
     def _of_lights(self, name: str, batch: Batch) -> tuple[Kernel, int]:
         """Return a kernel that looks lights up, and the steps that each look-up takes."""
         headers, defines = lights_variant(
-            batch, self.media, self._colours, self.lobe.degree, self._mixed, walls=self._walls is not None
+            batch, self.media, self._colours, self.lobe.degree, self._mixed, walls=self.tracer is not None
         )
         kernel = self.launcher.kernels.kernel(name, "order_lights.cl", headers, defines)
         return kernel, decided(self.scene.map.steps) if batch.is_dual else 1
@@ -847,6 +930,9 @@ class Orders:
             walls=self._walls is not None,
         )
         return self.launcher.kernels.kernel(name, "order_sweep.cl", headers, defines)
+
+    def _of_points(self, name: str) -> Kernel:
+        return self.launcher.kernels.kernel(name, "order_points.cl", *points_variant())
 
     def _of_moments(self, name: str) -> Kernel:
         headers, defines = moments_variant(self._colours, self.lobe.degree, self._mixed)
@@ -926,17 +1012,70 @@ class Orders:
         steps = decided(self.scene.march.steps)
         return see_points(self.launcher, kernel, known, found, bounds, steps, frame, done)
 
-    def towards_camera(self, found: Scattered, arrive: Arrive) -> TowardsCamera:
-        """Find what points scatter to the camera, which the pass then takes for the same everywhere."""
+    @property
+    def bytes_of_lights(self) -> int:
+        """Return what `look_up` finds of all lights, in all."""
+        boxes = reached_points(self.lattice, LitRegions.of(self.scene.lights))
+        return sum(4 * self._numbers_of_light * self._room(count) for _, count in boxes)
+
+    @property
+    def _numbers_of_light(self) -> int:
+        """Of a point: a direction, and of each colour two."""
+        return 3 + 2 * self._colours
+
+    def _room(self, count: Sequence[int]) -> int:
+        """Lanes of all work-items of a box of points."""
+        x, y, z = count
+        return -(-x // self.launcher.lanes) * self.launcher.lanes * y * z
+
+    def look_up(self, arrive: Arrive, use: Callable[[LightAtPoints], None]) -> None:
+        """Find what a lobe's lights bring to points; ``use`` is called with each.
+
+        It does not depend on the camera.
+        """
+        of_lights = {"orders": self._of_middles, **self._of_way([1.0] * len(self.lobes))}
+
+        def of_batch(batch: Batch) -> None:
+            kernel, steps = self._of_lights("order_arrived", batch)
+            known = self._known | batch.arguments | of_lights
+            lights = [self.scene.lights[i] for i in batch.indices]
+            boxes = reached_points(self.lattice, LitRegions.of(lights))
+            for number, (light, (low, count)) in enumerate(zip(lights, boxes, strict=True)):
+                room = self._room(count)
+                if not room:
+                    continue
+                nbytes, items = 4 * self._numbers_of_light * room, room // self.launcher.lanes
+                box = {"room": room, "low": (*low, 0), "count": (*count, 0)}
+                arrived = self.launcher.empty(WHAT, nbytes)
+                self._over_points(kernel, known | box | {"number": number, "arrived": arrived}, steps, items)
+                spread = self.scene.spreads.index(light.spread)
+                use(LightAtPoints(arrived, box, items, spread, nbytes))
+
+        arrive(of_batch)
+
+    def towards_camera(self, found: Scattered, each_light: EachLight) -> TowardsCamera:
+        """Find what points scatter to the camera, which the pass then takes for the same everywhere.
+
+        Parameters
+        ----------
+        each_light
+            What `look_up` found, where scattering has a lobe.
+        """
         if found.beyond is None:
             return TowardsCamera(found.numbers, found.colours, found.colour)
         count = max(self._mixed, 1) * self._colours
         numbers = self.launcher.zeros(WHAT, 4 * self.lattice.points * count)
-        of_lights = {"orders": self._of_middles, "beyond": found.beyond, "scattered": numbers}
-        of_lights |= self._of_way([1.0] * len(self.lobes))
-        arrive(lambda batch: self._over_lights("order_beyond", batch, of_lights, 1))
+        kernel = self._of_moments("order_beyond")
+        of_lights = {"view": self._view, "orders": self._struct, "beyond": found.beyond, "scattered": numbers}
+
+        def add(light: LightAtPoints) -> None:
+            of_light = of_lights | light.box | {"arrived": light.arrived, "spread": light.spread}
+            self._run(kernel, light.items, count, of_light)
+
+        each_light(add)
         known = {"view": self._view, "orders": self._struct, "total": found.numbers, "scattered": numbers}
         self._run(self._of_moments("order_view"), self._items, count * self.lobe.harmonics, known)
+        self._fill(numbers, count, found.behind, together=True)
         if is_endless(self.scene):
             self._end(numbers, count)
         return TowardsCamera(numbers, count, found.colour)

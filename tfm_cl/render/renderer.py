@@ -91,7 +91,7 @@ class _Spent:
     made: Counter[str] = field(default_factory=Counter)
 
 
-class _Begun(NamedTuple):
+class _Prepared(NamedTuple):
     """What needs no device of a scene that is rendered next."""
 
     scene: Scene
@@ -99,6 +99,18 @@ class _Begun(NamedTuple):
     planned: Plan
     points: Scene
     """With single, fitted lights."""
+
+
+class _Wanted(NamedTuple):
+    """What `Renderer.render` is asked for, checked."""
+
+    scene: Scene
+    maps: Sequence[TransmittanceMap] | None
+    method: str | None
+    crop: Crop | None
+    image: ImageSettings
+    deep: DeepSettings | None
+    progress: Progress | None
 
 
 class Renderer:
@@ -159,7 +171,7 @@ class Renderer:
         self._visibility = Visibility(self._cache)
         self._maps = MapBuilder(self._launcher, self._visibility, self._cache)
         self._choice: tuple[tuple[Scene, str, Crop], Choice] | None = None
-        self._begun: dict[int, _Begun] = {}
+        self._prepared: dict[int, _Prepared] = {}
         """By the ids of their scenes."""
         self._preparing = threading.Lock()
         self._is_closed = False
@@ -198,7 +210,7 @@ class Renderer:
             self._cache.clear()
             self._choice = None
             with self._preparing:
-                self._begun.clear()
+                self._prepared.clear()
                 self._media.clear()
             self._visibility.clear()
             self._launcher.release()
@@ -441,10 +453,10 @@ class Renderer:
             scene.read_files()
             method = checked_method(None, scene)
             planned = plan(scene, method=method)
-            begun = _Begun(scene, method, planned, _single_lights(planned.scene))
-            is_there = self._media.prepare(begun.points)
-            keep_newest(self._begun, MOST_AHEAD - 1)  # others were not rendered after all
-            self._begun[id(scene)] = begun
+            prepared = _Prepared(scene, method, planned, _single_lights(planned.scene))
+            is_there = self._media.prepare(prepared.points)
+            keep_newest(self._prepared, MOST_AHEAD - 1)  # others were not rendered after all
+            self._prepared[id(scene)] = prepared
             return is_there
         return False
 
@@ -527,7 +539,7 @@ class Renderer:
         TfmWarning
             For each of the result's ``warnings``.
         """
-        asked = _checked(
+        wanted = _checked(
             scene,
             maps=maps,
             method=method,
@@ -541,7 +553,7 @@ class Renderer:
             progress=progress,
         )
         with self._in_turn():
-            result = self._begin(*asked)()
+            result = self._begin(wanted)()
         for line in result.warnings:
             warnings.warn(line, TfmWarning, stacklevel=2)
         return result
@@ -564,9 +576,9 @@ class Renderer:
         SceneError, DeviceError, CancelledError
             As of `render`, which what is returned raises too.
         """
-        checked = _checked(scene, **asked)
+        wanted = _checked(scene, **asked)
         with self._in_turn():
-            end = self._begin(*checked)
+            end = self._begin(wanted)
 
         def result() -> RenderResult:
             with self._in_turn():
@@ -675,28 +687,19 @@ class Renderer:
 
         return self._told(moments.rendered(render, progress), asked)
 
-    def _begin(
-        self,
-        scene: Scene,
-        maps: Sequence[TransmittanceMap] | None,
-        method: str | None,
-        crop: Crop | None,
-        aovs: Collection[str],
-        image: ImageSettings,
-        deep: DeepSettings | None,
-        progress: Progress | None,
-    ) -> Callable[[], RenderResult]:
+    def _begin(self, wanted: _Wanted) -> Callable[[], RenderResult]:
         """Begin to render a scene as asked for; what is returned says what a user should know of it."""
-        asked = self._asked(scene, method, crop, maps, progress or _silent)
+        image = wanted.image
+        asked = self._asked(wanted.scene, wanted.method, wanted.crop, wanted.maps, wanted.progress or _silent)
         end = self._begin_passes(
             asked.scene,
-            maps=maps,
-            method=method,
-            crop=crop,
-            aovs=aovs,
-            progress=progress,
+            maps=wanted.maps,
+            method=wanted.method,
+            crop=wanted.crop,
+            aovs=image.aov,
+            progress=wanted.progress,
             antialiasing=Antialiasing(image.samples, image.filter),
-            deep=deep,
+            deep=wanted.deep,
         )
 
         def result() -> RenderResult:
@@ -826,12 +829,12 @@ class Renderer:
         deep: DeepSettings | None,
     ) -> Callable[[], RenderResult]:
         """As `_begin_passes`, without what it takes."""
-        begun = self._begun.pop(id(scene), None)
-        if maps or begun is None or begun.method != method:
+        prepared = self._prepared.pop(id(scene), None)
+        if maps or prepared is None or prepared.method != method:
             planned = plan(scene, method=method, maps=maps[0].requested if maps else None)
             points = _single_lights(planned.scene)
         else:
-            planned, points = begun.planned, begun.points
+            planned, points = prepared.planned, prepared.points
         planned.log()
         scene = planned.scene
         crop = checked_crop(crop, scene.camera.res)
@@ -895,16 +898,7 @@ def _checked(
     deep: float | None = None,
     deep_colour: bool = False,
     progress: Progress | None = None,
-) -> tuple[
-    Scene,
-    Sequence[TransmittanceMap] | None,
-    str | None,
-    Crop | None,
-    Collection[str],
-    ImageSettings,
-    DeepSettings | None,
-    Progress | None,
-]:
+) -> _Wanted:
     """Check what `Renderer.render` is asked for, before anything is rendered."""
     scene, maps, progress = checked_scene(scene), checked_maps(maps), checked_progress(progress)
     aovs = checked_aovs(aovs)
@@ -915,7 +909,7 @@ def _checked(
         deep_settings = DeepSettings.of(scene, of_deep.deep_tolerance, colour=of_deep.deep_colour)
     if image.shows_environment:
         check_surrounded(scene.lights)
-    return scene, maps, method, crop, aovs, image, deep_settings, progress
+    return _Wanted(scene, maps, method, crop, image, deep_settings, progress)
 
 
 def _meets_medium(sums: Sums, *, emits: bool) -> bool:

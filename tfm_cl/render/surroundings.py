@@ -109,9 +109,13 @@ class SurroundingsLattice(LightsAtPoints):
             self._known_sources = arrived, self.launcher.upload(self.WHAT, sources)
         return self._known_sources[1]
 
-    def on_shared_samples(self, scattered: cl.Buffer, lights: int) -> Around:
-        """Return what the scatter pass takes to see so many lights, `towards_camera`, on its way."""
+    def on_shared_samples(self, scattered: cl.Buffer, lights: int, layer: int | None) -> Around:
+        """Return what the scatter pass takes to see so many lights, `towards_camera`, on its way.
+
+        ``layer``: as of `see`.
+        """
         arguments = {"orders": self._struct, "scattered": scattered, "surrounding": lights}
+        arguments |= {"surrounding_layer": layer or 0}
         return Around({"TFM_AROUND": 1, "TFM_ORDER_MEDIA": self._scattering}, arguments)
 
     def see(

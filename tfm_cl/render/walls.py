@@ -5,6 +5,10 @@ the lattice's spacing and each of the six directions that a surface mostly faces
 are evenly spread, what a patch reflects is its albedo times the mean of what arrives on them, each weighed by
 the solid angle and the area that it stands for: no patch is brighter than the brightest that it sees.
 
+Where it is dark behind a surface (`tfm_cl.render.rooms`), a ray goes on with what it brought there, and from
+the middle of its way on with what it takes along as it comes out: points beside a solid lie between rays of
+which some are behind its surface.
+
 Rays also meet solids before they enter the lattice, and behind it. Of the light at those patches only a part
 has passed through the lattice: the rest is taken for dark, but for that of the lights.
 """
@@ -20,11 +24,13 @@ from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
 from tfm_cl.plan.orders import is_endless
+from tfm_cl.render.rooms import sides_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from tfm_cl.plan.orders import Lattice
+    from tfm_cl.render.rooms import Hidden
     from tfm_cl.render.tracing.tracer import Hits, Tracer
     from tfm_cl.scene.scene import Scene
 
@@ -35,7 +41,10 @@ MOST_MET = 64
 """Surfaces that a ray meets within the lattice; it passes further ones."""
 ABOVE = 0.25
 """Parts of the spacing by which the place where a patch is lit lies above it: shadow maps have errors."""
-NO_PATCH = -1
+NO_PATCH, HELD, HELD_FROM = -1, -2, -3
+"""What goes on in the place of a patch's light: the ray's own; the same, which it holds in the dark; and that
+of a patch, likewise, by so many less than the last number. As in ``kernels/view/walls.h``."""
+NOTHING, ITS_OWN, OF_NEXT = 0, 1, 2
 FARTHEST = 1 << 17
 """Cubes of a patch from the first point, at most; what is beyond is one."""
 LEVELS = 24
@@ -89,7 +98,7 @@ class Met(NamedTuple):
     part: Floats
     """Of the way from the plane before to that one, which it has gone."""
     departs: Ints
-    """Patch whose light goes on, or `NO_PATCH`: the ray's own."""
+    """Patch whose light goes on; or `NO_PATCH`, `HELD`, `HELD_FROM` less the patch."""
     arrives: Ints
     """Patch at which light arrives, or `NO_PATCH`."""
     share: Floats
@@ -123,10 +132,16 @@ class _Found(NamedTuple):
     albedo: Floats
     departs: NDArray[np.bool_]
     arrives: NDArray[np.bool_]
+    holds: Ints
+    """What the ray holds from there on: `NOTHING`, `ITS_OWN` light, or that `OF_NEXT`, which departs."""
 
 
 def walls_of(
-    tracer: Tracer, scene: Scene, lattice: Lattice, ways_of_orders: Mapping[int, tuple[Floats, Floats]]
+    tracer: Tracer,
+    scene: Scene,
+    lattice: Lattice,
+    ways_of_orders: Mapping[int, tuple[Floats, Floats]],
+    hidden: Hidden | None = None,
 ) -> Walls | None:
     """Trace the rays that sweep a lattice; None where they meet no solid.
 
@@ -134,11 +149,15 @@ def walls_of(
     ----------
     ways_of_orders
         Directions ``[n, 3]`` of each order, and solid angles ``[n]``.
+    hidden
+        Points behind solids; None where there are none.
     """
     names = {order: ways.tobytes() for order, (ways, _) in ways_of_orders.items()}
     sets = list({names[order]: one for order, one in ways_of_orders.items()}.values())
     beyond = not is_endless(scene)
     found = [[_Rays(tracer, lattice, way).found(beyond=beyond) for way in ways] for ways, _ in sets]
+    if hidden is not None:
+        found = [[_held(tracer, one, hidden, lattice) for one in some] for some in found]
     joined = _joined([one for some in found for one in some])
     if not len(joined.plane):
         return None
@@ -157,6 +176,9 @@ def walls_of(
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), TINY)
     arrives, departs = np.full((2, len(joined.plane)), NO_PATCH)
     arrives[joined.arrives], departs[joined.departs] = numbers[:first], numbers[first:]
+    takes = np.flatnonzero(joined.holds == OF_NEXT)
+    departs[takes] = HELD_FROM - departs[takes + 1]
+    departs[joined.holds == ITS_OWN] = HELD
     edge = lattice.spacing * 2.0 ** (unique >> LEVEL_BIT)
     area = edge**2 / np.maximum(np.abs(normal).max(axis=1), LEAST_COSINE)
     least = np.where(_inside(lattice, place), 0.0, math.pi * area)
@@ -178,6 +200,53 @@ def walls_of(
         at = int(ends[-1])
     met = {order: made[name] for order, name in names.items()}
     return Walls(place + ABOVE * edge[:, None] * normal, normal, albedo, met)
+
+
+def _held(tracer: Tracer, found: _Found, hidden: Hidden, lattice: Lattice) -> _Found:
+    """Let the rays of a direction hold their light where they pass through solids in which it is dark."""
+    ray, place = found.column * FARTHEST + found.row, found.plane - 1 + found.part
+    order = np.lexsort((place, ray))
+    ray, place, arrives, departs = ray[order], place[order], found.arrives[order], found.departs[order]
+    front, back = np.zeros((2, len(order)), dtype=bool)
+    within = np.flatnonzero(arrives & departs)
+    points, normals = found.point[order[within]], found.normal[order[within]]
+    front[within] = sides_of(tracer, hidden, lattice, points, normals)
+    back[within] = sides_of(tracer, hidden, lattice, points, -normals)
+    same = np.diff(ray) == 0
+    follows, goes_on = np.append(False, same), np.append(same, False)
+    # What is before the lattice and behind it is as what the ray meets next in it, or met last.
+    back = np.where(arrives, back, np.append(front[1:], False) & goes_on)
+    front = np.where(departs, front, np.append(False, back[:-1]) & follows)
+    # In the dark from here up to the next, from the one before up to here, or beyond the lattice's ends.
+    enters = back & (~goes_on | np.append(front[1:], False))
+    leaves = front & (~follows | np.append(False, back[:-1]))
+    # What is met in the dark counts for nothing.
+    kept = np.flatnonzero(~(enters & leaves))
+    order, ray, place, enters, leaves = order[kept], ray[kept], place[kept], enters[kept], leaves[kept]
+    arrives, departs = arrives[kept] & ~leaves, departs[kept] & ~enters
+    same, comes_out = np.diff(ray) == 0, leaves & departs
+    through = np.flatnonzero(same & enters[:-1] & comes_out[1:])
+    begins = np.flatnonzero(comes_out & ~np.append(False, same))
+    # From the middle on; from the solid before the lattice nothing arrives that might be held.
+    middle = np.where(arrives[through], (place[through] + place[through + 1]) / 2, place[through])
+    middle = np.append(middle, np.zeros(len(begins)))
+    plane, none = np.ceil(middle).astype(np.int64), np.zeros(len(middle), dtype=bool)
+    number = np.argsort(np.concatenate([np.arange(len(order)), through + 0.5, begins - 0.5]))
+    which = np.concatenate([order, order[through], order[begins]])[number]
+    holds = np.where(enters, ITS_OWN, NOTHING)
+    return _taken(found, which)._replace(
+        plane=np.append(found.plane[order], plane)[number],
+        part=np.append(found.part[order], middle - (plane - 1))[number],
+        departs=np.append(departs, none)[number],
+        arrives=np.append(arrives, none)[number],
+        holds=np.append(holds, np.full(len(middle), OF_NEXT))[number],
+    )
+
+
+def _taken(found: _Found, which: Ints) -> _Found:
+    """Return some of them, in that order."""
+    taken: list[NDArray[Any]] = [values[which] for values in found]
+    return _Found(*taken)
 
 
 def _joined(parts: Sequence[_Found]) -> _Found:
@@ -209,9 +278,11 @@ def _keys(lattice: Lattice, points: Floats, normals: Floats) -> Ints:
     """Name the patch that each surface belongs to."""
     places = (points - lattice.origin) / lattice.spacing
     middle, half = np.subtract(lattice.size, 1) / 2, np.linalg.norm(lattice.size) / 2
-    distance = np.linalg.norm(places - middle, axis=1) / half
-    level = np.clip(np.floor(np.log2(np.maximum(distance, 1))), 0, LEVELS).astype(np.int64)
-    cubes = np.clip(np.floor(places / 2.0 ** level[:, None]), -FARTHEST, FARTHEST - 1).astype(np.int64)
+    offset = places - middle
+    distance = np.sqrt(np.einsum("ij,ij->i", offset, offset)) / half
+    level = np.minimum(np.frexp(np.maximum(distance, 1))[1] - 1, LEVELS).astype(np.int64)
+    cubes = np.floor(places * np.ldexp(1.0, -level)[:, None])
+    cubes = np.clip(cubes, -FARTHEST, FARTHEST - 1).astype(np.int64)
     axis = np.abs(normals).argmax(axis=1)
     key: Ints = level
     for number in cubes.T:
@@ -338,4 +409,5 @@ class _Rays:
             hits.albedo[numbers].astype(np.float64),
             np.full(len(which), departs),
             np.full(len(which), arrives),
+            np.full(len(which), NOTHING),
         )
