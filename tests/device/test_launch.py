@@ -63,9 +63,9 @@ def test_arrays_are_joined(launcher, monkeypatch, rng, shares, rows):
         del buffer
 
 
-@pytest.mark.parametrize("waits", [True, False])
-def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, waits):
-    """Else the host might write the next arrays where it still reads."""
+@pytest.mark.parametrize("then", ["is waited for", "is given up", "all are waited for"])
+def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, then):
+    """Else the host might write the next arrays where it still reads, or the system have the memory."""
 
     class Memory:
         pass
@@ -74,21 +74,36 @@ def test_what_a_launch_reads_is_held_until_it_has_ended(launcher, waits):
         function_name = "any"
 
         def __call__(self, *_):
-            return SimpleNamespace(wait=lambda: None, profile=SimpleNamespace(start=0, end=10))
+            return event
 
         def ordered(self, _):
             return ()
 
+    status = cl.command_execution_status
+    event = SimpleNamespace(
+        wait=lambda: None,
+        profile=SimpleNamespace(start=0, end=10),
+        command_execution_status=status.RUNNING,
+    )
     memory = Memory()
     held = weakref.ref(memory)
     running = launcher.start(AnyKernel(), (64,), {"numbers": memory})
     del memory
     gc.collect()
     assert held() is not None
-    if waits:
+    if then == "is waited for":
         assert running.wait() == pytest.approx(1e-8)
     else:
         del running
+        gc.collect()
+        assert held() is not None
+        event.command_execution_status = status.COMPLETE
+        if then == "is given up":
+            before, event = event, SimpleNamespace(**vars(event))
+            launcher.start(AnyKernel(), (64,), {}).wait()
+            del before
+        else:
+            launcher.finish()
     gc.collect()
     assert held() is None
 

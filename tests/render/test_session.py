@@ -1,11 +1,14 @@
 """Frames one after the other: what changed is made again, and nothing else."""
 
 import logging
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -190,6 +193,39 @@ def test_what_is_begun_is_checked_and_of_use_as_long_as_its_renderer(new_rendere
         end = renderer.begin(SCENE)
     with pytest.raises(DeviceError, match="closed"):
         end()
+
+
+GIVES_UP = """
+import tfm_cl as tfm
+from scenes import make_scene
+
+scene = make_scene()
+scene = scene.replace(camera=scene.camera.replace(from_=(0.3, 0.4, 2), res=(800, 500)))
+for is_held in (False, True):
+    renderer = tfm.Renderer(DEVICE, build_options=("-Werror",), lanes=1)
+    for _ in range(2):
+        end = renderer.begin(scene)
+        if not is_held:
+            del end
+    renderer.close()
+renderer = tfm.Renderer(DEVICE, build_options=("-Werror",), lanes=1)
+end = renderer.begin(scene)
+print("ends", flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_frames_that_are_begun_may_be_given_up(device_name):
+    """The device still writes where they were to be: in a program that ends, that was a crash."""
+    done = subprocess.run(
+        [sys.executable, "-c", GIVES_UP.replace("DEVICE", repr(device_name))],
+        cwd=Path(__file__).resolve().parents[1],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ends\n", "")
 
 
 def test_what_is_there_is_not_prepared_again(session, on_device):

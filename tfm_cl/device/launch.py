@@ -25,6 +25,9 @@ T = TypeVar("T")
 Progress = Callable[[str, float], None]
 """Called as ``progress(stage, fraction)`` with the stage's name and the part of it that is done, 0 to 1."""
 
+UnderWay = dict[int, tuple[cl.Event, Mapping[str, Any]]]
+"""By the ids of their events, launches and what they were given: some of it is memory of the host."""
+
 LAUNCH_SECONDS = 0.1
 """Work is cut so that a launch takes about this long: a device shared with a screen stays responsive, and
 Ctrl-C is heard."""
@@ -161,6 +164,9 @@ class Launcher:
         """Kernel -> seconds of a density sample that an item may need, where that took longest."""
         self._findings = weakref.WeakSet[Finding[Any]]()
         """What may not have been read yet."""
+        self._under_way: UnderWay = {}
+        """Launches that may not have ended, in order."""
+        weakref.finalize(self, _wait_for, self._queue, self._under_way)
         self._cancelled = threading.Event()
         self.turn = threading.RLock()
         """Held by the thread at work: kernels have arguments, and memory is pooled, for one at a time."""
@@ -216,19 +222,30 @@ class Launcher:
         self.check()
         group = self._groups[len(size)]
         whole = size if group is None else tuple(-(-n // g) * g for n, g in zip(size, group, strict=True))
+        queue = self.queue
+        self._let_go()
         with self._doing(kernel.function_name):
-            event = kernel(self.queue, whole, group, *kernel.ordered(arguments))
-            self.queue.flush()
+            event = kernel(queue, whole, group, *kernel.ordered(arguments))
+            self._under_way[id(event)] = event, arguments
+            queue.flush()
 
-        def end(_held: Mapping[str, Any] = arguments) -> float:  # memory that the host would reuse
+        def end() -> float:
             with self._doing(kernel.function_name):
                 event.wait()
+            self._under_way.pop(id(event), None)
             self.kernels.ran(kernel, whole)
             seconds = float(event.profile.end - event.profile.start) * 1e-9
             self.seconds += seconds
             return seconds
 
         return Running(end)
+
+    def _let_go(self) -> None:
+        """Let go of what launches were given that have ended, and that nobody waits for any more."""
+        for event, _ in [*self._under_way.values()]:
+            if event.command_execution_status > cl.command_execution_status.COMPLETE:
+                break
+            self._under_way.pop(id(event), None)
 
     @contextlib.contextmanager
     def _doing(self, what: str) -> Iterator[None]:
@@ -355,8 +372,7 @@ class Launcher:
 
     def finish(self) -> None:
         """Wait for all that was started: when work is given up, others may take its memory."""
-        with contextlib.suppress(cl.Error):  # what failed has been said
-            self.queue.finish()
+        _wait_for(self.queue, self._under_way)
         for finding in [*self._findings]:
             finding.give_up()
 
@@ -484,12 +500,11 @@ class Launcher:
             cl.enqueue_fill_buffer(self.queue, buffer, zero, first, max(nbytes, LEAST_BYTES))
 
     def release(self) -> None:
-        """Give back the memory kept for reuse."""
+        """Give back the memory kept for reuse, when what was started has ended."""
+        _wait_for(self._queue, self._under_way)
         self._host_memory.clear()
-        if was_forked():  # it is not this process's
-            return
-        self.queue.finish()
-        self._pool.free_held()
+        if not was_forked():  # else it is not this process's
+            self._pool.free_held()
 
     def upload(self, what: str, array: NDArray[Any]) -> cl.Buffer:
         """Copy an array to the device."""
@@ -546,6 +561,14 @@ class Launcher:
             return array
 
         return wait
+
+
+def _wait_for(queue: cl.CommandQueue, under_way: UnderWay) -> None:
+    """Wait for all that was started, and let go of it, though others may have given it up."""
+    if not was_forked():  # else it is another process's
+        with contextlib.suppress(cl.Error):  # what failed has been said
+            queue.finish()
+    under_way.clear()
 
 
 @dataclass(frozen=True)
