@@ -565,10 +565,12 @@ class Launcher:
 
 def _wait_for(queue: cl.CommandQueue, under_way: UnderWay) -> None:
     """Wait for all that was started, and let go of it, though others may have given it up."""
+    started = [*under_way]
     if not was_forked():  # else it is another process's
         with contextlib.suppress(cl.Error):  # what failed has been said
             queue.finish()
-    under_way.clear()
+    for launch in started:
+        under_way.pop(launch, None)
 
 
 @dataclass(frozen=True)
