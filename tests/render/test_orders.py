@@ -419,3 +419,21 @@ def test_they_are_found_again_for_what_they_depend_on_alone(new_renderer):
             for key, value in changes.items()
         }
     assert made == {"emission": 1, "eccentricity": 0, "phase": 1, "sigma_a": 1}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+def test_what_parts_the_points_is_traced_once_for_all_lights(new_renderer):
+    scene = CASES["solids, a lobe, a glow"]
+    other = scene.replace(lights=[light.replace(intensity=2) for light in scene.lights])
+    lighter = scene.replace(solids=[solid.replace(albedo=0.9) for solid in scene.solids])
+    with new_renderer() as renderer:
+        made = [renderer.render(each).stats.made for each in (scene, other, lighter)]
+        again = renderer.render(other)
+    assert [(one["orders"], one.get("walls", 0), one.get("rooms", 0)) for one in made] == [
+        (1, 1, 1),
+        (1, 0, 0),
+        (1, 1, 1),
+    ]
+    with new_renderer() as renderer:
+        np.testing.assert_array_equal(renderer.render(other).image, again.image)

@@ -1,6 +1,7 @@
 """What solids show and hide: the same however its parts are cut, and ended between them."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -73,8 +74,10 @@ def test_tracing_ends_between_parts_when_it_is_cancelled(tracer, raster, monkeyp
             raise CancelledError
 
     def count(*arguments):
-        traced.append(nearest(*arguments))
-        return traced[-1]
+        found = nearest(*arguments)
+        traced.append(found)
+        time.sleep(0.03)  # the thread that asks comes to do so
+        return found
 
     monkeypatch.setattr(Tracer, "nearest", count)
     with cancelled_by(ask), pytest.raises(CancelledError):

@@ -606,6 +606,7 @@ class Frame:
             work.met.arguments,
             struct,
             lattice_of(self.scene),
+            self.cache,
             self.visibility.tracer(self.scene),
             apart=bool(work.frame.up_to_orders),
         )

@@ -74,6 +74,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
+    from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
     from tfm_cl.device.program import Kernel
@@ -82,8 +83,9 @@ if TYPE_CHECKING:
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
-    from tfm_cl.render.rooms import Hidden
+    from tfm_cl.render.rooms import Hidden, Ints
     from tfm_cl.render.tracing.tracer import Tracer
+    from tfm_cl.render.walls import Walls
     from tfm_cl.scene.scene import Scene
 
 MOST_BYTES_OF_LIGHTS = 256 << 20
@@ -465,6 +467,8 @@ class Orders:
     met: dict[str, Any]
     struct: NDArray[Any]
     lattice: Lattice
+    cache: Cache
+    """Of the session."""
     tracer: Tracer | None = None
     """Of solids."""
     apart: bool = False
@@ -574,7 +578,11 @@ class Orders:
         """Solids, as rays of each of the sets meet them."""
         if self.tracer is None:
             return None
-        found = walls_of(self.tracer, self.scene, self.lattice, self._ways, self._hidden)
+        ways = tuple((order, *(one.tobytes() for one in known)) for order, known in self._ways.items())
+        dark = None if self._hidden is None else self._hidden.points.tobytes()
+        find = partial(walls_of, self.tracer, self.scene, self.lattice, self._ways, self._hidden)
+        key = self.scene.solids, self.lattice, is_endless(self.scene), ways, dark
+        found = self.cache.get("walls", key, find, _nbytes)
         if found is None:
             return None
         upload, count = partial(self.launcher.upload, WHAT), len(found.points)
@@ -656,7 +664,10 @@ class Orders:
 
     def _hide(self, arrive: Arrive, emitted: cl.Buffer | None) -> None:
         """Find the points behind solids; ``emitted``: by the points, where media emit."""
-        rooms = None if self.tracer is None else rooms_of(self.tracer, self.lattice)
+        if self.tracer is None:
+            return
+        find = partial(rooms_of, self.tracer, self.lattice)
+        rooms = self.cache.get("rooms", (self.scene.solids, self.lattice), find, _nbytes)
         if rooms is None:
             return
         light, _ = self._numbers(self._colours * self.lobe.harmonics)
@@ -1079,3 +1090,7 @@ class Orders:
         if is_endless(self.scene):
             self._end(numbers, count)
         return TowardsCamera(numbers, count, found.colour)
+
+
+def _nbytes(kept: Walls | Ints | None) -> int:
+    return 0 if kept is None else kept.nbytes

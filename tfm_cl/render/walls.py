@@ -118,6 +118,13 @@ class Walls:
     met: dict[int, tuple[Met, ...]]
     """What rays of each order and direction meet; orders of the same directions share it."""
 
+    @property
+    def nbytes(self) -> int:
+        """Size."""
+        sets = {id(some): some for some in self.met.values()}.values()
+        of_rays = sum(values.nbytes for some in sets for one in some for values in one)
+        return of_rays + self.points.nbytes + self.normals.nbytes + self.albedo.nbytes
+
 
 class _Found(NamedTuple):
     """Surfaces that the rays of a direction meet, before patches have numbers."""
