@@ -1,10 +1,11 @@
+import errno
 import tracemalloc
 
 import numpy as np
 import pytest
 
 from tfm_cl.errors import ImageError
-from tfm_cl.files.image_io import Image, load_image, save
+from tfm_cl.files.image_io import Image, WriteOptions, load_image, npy, save
 
 
 def test_round_trip_to_the_bit(tmp_path):
@@ -14,6 +15,19 @@ def test_round_trip_to_the_bit(tmp_path):
     assert (stored.dtype, stored.shape) == (np.dtype("<f4"), (5, 7, 4))
     assert stored.tobytes() == bits.tobytes()
     assert load_image(tmp_path / "a.npy").tobytes() == bits.tobytes()
+
+
+def test_what_does_not_fit_is_told_with_its_cause(tmp_path):
+    """By which a sequence knows whether to try the next frame."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large") as raised:
+            npy.write(tmp_path / "a.npy", Image(rgba=np.zeros((64, 64, 4), np.float32)), WriteOptions())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert raised.value.errno == errno.EFBIG
 
 
 @pytest.mark.parametrize("dtype", [">f8", "<f2", "u1", ">i4"])

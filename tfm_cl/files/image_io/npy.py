@@ -14,8 +14,10 @@ HOLDS_LAYERS = False
 
 def write(path: Path, image: Image, _options: WriteOptions) -> None:
     """Write the colours."""
+    rgba = np.ascontiguousarray(image.rgba, dtype="<f4")
     with path.open("wb") as stream:
-        np.save(stream, image.rgba.astype("<f4"), allow_pickle=False)
+        np.lib.format.write_array_header_1_0(stream, np.lib.format.header_data_from_array_1_0(rgba))
+        stream.write(rgba.data)  # what `numpy.save` raises does not say that there is no room
 
 
 def read(path: Path) -> Picture:
