@@ -147,7 +147,7 @@ def test_a_full_disk(cli, folder, sequence, monkeypatch):
     assert done.code == 5
     failed, left = done.err.splitlines()
     assert "cannot be written (No space left on device)" in failed
-    assert re.fullmatch(r"tfm: \d frames were not begun: nothing can be written", left)
+    assert re.fullmatch(r"tfm: \d frames were not made: nothing can be written", left)
     assert not unfinished(folder)
 
 

@@ -266,7 +266,7 @@ class Range:
             if self.farm is not None:
                 self.farm.failed(str(failure))
         if outcome.left:
-            print(f"tfm: {len(outcome.left)} frames were not begun: nothing can be written", file=sys.stderr)
+            print(f"tfm: {len(outcome.left)} frames were not made: nothing can be written", file=sys.stderr)
         return outcome.exit_code
 
 

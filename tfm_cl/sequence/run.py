@@ -92,7 +92,7 @@ class Outcome:
     """Frames that were done already, or that others made meanwhile."""
     failures: list[Failure] = field(default_factory=list)
     left: list[int] = field(default_factory=list)
-    """Frames that were not begun, as nothing could be written any more."""
+    """Frames that were not made, as nothing could be written any more."""
     busy: list[int] = field(default_factory=list)
     """Frames that others are making."""
     is_full: bool = False
