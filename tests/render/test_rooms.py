@@ -62,6 +62,14 @@ def test_points_that_light_reaches_are_not():
     assert rooms.rooms_of(Tracer([BALL.replace(centre=(5, 5, 5))]), LATTICE) is None
 
 
+def test_a_sun_shines_from_nowhere():
+    """Wherever the point lies that tells its direction, and whatever its map was fitted to."""
+    sun = tfm.SunLight(from_=BALL.centre, to=(0, -3, 0))
+    for light in (sun, sun.fitted(np.array([[-1.0, -1, -1], [1, 1, 1]]))):
+        found = hidden([BALL], np.where(IN_BALL, 0.0, 1.0), scene=make_scene(lights=[light]))
+        np.testing.assert_array_equal(found.points, IN_BALL)
+
+
 def test_hidden_points_stand_for_the_nearest_in_the_open():
     values = PLACES[..., :2] * [1.0, 0.0] + [0.0, 3.0]
     found = hidden([FLOOR.replace(normal=(0, 1, 0))], (PLACES[..., 1] > -0.75).astype(float)).filled(values)

@@ -172,9 +172,9 @@ def _beside_others(rooms: Ints) -> NDArray[np.bool_]:
 def _corners_of_lights(scene: Scene, lattice: Lattice) -> Iterator[Ints]:
     """Yield the points around each light that has a place among them."""
     for light in scene.lights:
-        if light.needs_fitting:
+        if light.place is None:
             continue
-        place = (np.asarray(getattr(light, "from_")) - lattice.origin) / lattice.spacing  # noqa: B009 - all have one
+        place = (np.asarray(light.place) - lattice.origin) / lattice.spacing
         low = np.floor(place).astype(np.int64)
         if (low >= 0).all() and (low < np.subtract(lattice.size, 1)).all():
             yield low + CORNERS

@@ -217,6 +217,11 @@ class Light(Model):
         cone = self.lit_cone()
         return cone is None or (np.isinf(cone.slope) and np.isinf(cone.reach))
 
+    @property
+    def place(self) -> tuple[float, float, float] | None:
+        """World position that it shines from; None: from none, as a sun."""
+        return None
+
     def nearest(self, bounds: Floats) -> float:
         """Distance from the light to the nearest point of a box, [2, 3]; infinite for parallel light."""
         del bounds

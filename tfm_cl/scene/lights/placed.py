@@ -45,6 +45,11 @@ class PlacedLight(Light):
         return 0.0, 0.0, 0.0
 
     @property
+    def place(self) -> tuple[float, float, float]:
+        """As `Light.place`."""
+        return self.from_
+
+    @property
     def view(self) -> View:
         """Orientation and chart of the map."""
         return whole_view(self.cone_of_light()) if self._view is None else self._view
