@@ -287,6 +287,7 @@ def test_unknown_studies_are_refused(papers, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_lane")
 @pytest.mark.parametrize("paper", ["tfm", "osm"])
 def test_studies_tiny(papers, tiny, tmp_path, device_name, paper):
     names = [name for name in papers.STUDIES if name.startswith(paper)]
@@ -299,6 +300,7 @@ def test_studies_tiny(papers, tiny, tmp_path, device_name, paper):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_lane")
 def test_fom_studies_tiny(papers, claims, tiny, tmp_path, device_name):
     names = [name for name in papers.STUDIES if name.startswith("fom")]
     papers.reproduce(names, tiny, tmp_path, device_name)

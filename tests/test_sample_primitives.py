@@ -237,9 +237,9 @@ def test_scenes_hold_their_bodies(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-def test_every_body_is_seen_in_its_scene(renderer, name):
+def test_every_body_is_seen_in_its_scene(one_lane_renderer, name):
     scene = sample_scene(name)
-    image = renderer.render(scene).image
+    image = one_lane_renderer.render(scene).image
     assert np.isfinite(image).all()
     assert 0.01 < image[..., :3].mean() < 1
 
@@ -248,5 +248,5 @@ def test_every_body_is_seen_in_its_scene(renderer, name):
         if not rest:
             assert image[..., 3].max() > 0.5
             continue
-        without = renderer.render(sample_scene(name, volume=rest)).image
+        without = one_lane_renderer.render(sample_scene(name, volume=rest)).image
         assert np.abs(image - without)[..., :3].mean() > 0.02 * image[..., :3].mean(), scene.bodies[number]
