@@ -628,10 +628,10 @@ class Frame:
 
         def each_light(use: Callable[[LightAtPoints], None]) -> None:
             if orders.bytes_of_lights > MOST_BYTES_OF_LIGHTS:
-                return orders.look_up(arrive, use)
-            for light in self._kept_by("lights of orders", key, look_up, _nbytes):
-                use(light)
-            return None
+                orders.look_up(arrive, use)
+            else:
+                for light in self._kept_by("lights of orders", key, look_up, _nbytes):
+                    use(light)
 
         towards_camera = orders.towards_camera(found, each_light)
         up_to = [orders.towards_camera(one, each_light) for one in found.up_to]

@@ -39,8 +39,6 @@ LEAST_GLOW = 0.1
 """Of what the room emits that emits most: media may reach somewhat behind the walls around it."""
 NEIGHBOURS = np.array([(x, y, z) for z, y, x in product((-1, 0, 1), repeat=3)])
 """Of a point, by the number of their bit: from one to the next along x."""
-
-
 CORNERS = np.array(list(product((0, 1), repeat=3)))
 """Of a cube of points."""
 TINY = 1e-300
