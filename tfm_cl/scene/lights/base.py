@@ -64,6 +64,15 @@ class Arrival(NamedTuple):
     """[points, 2], u and v in the light's texture, for lights that have one."""
 
 
+class PartOfSky(NamedTuple):
+    """What a light is of the surroundings that it is a part of: properties of `Light`."""
+
+    spread: float = 0.0
+    most_texels: int | None = None
+    is_at_points: bool = False
+    asked_apart: float | None = None
+
+
 class LitCone(NamedTuple):
     """The region that a light with a position can reach."""
 

@@ -68,15 +68,8 @@ class EnvironmentLight(OfFrames, Surroundings):
         else:
             flux = np.full((self.samples, 3), 4 * np.pi / self.samples)
         irradiances = np.multiply(self.intensity, flux)
-        spreads, at_points = [self.spread_of(self.samples)] * self.samples, self.lookup == "points"
-        return SunLight.of_parts(
-            directions,
-            irradiances,
-            spreads,
-            self.part_texels,
-            at_points=at_points,
-            asked_apart=self.asked_apart,
-        )
+        parts = [self.part(self.spread_of(self.samples))] * self.samples
+        return SunLight.of_parts(directions, irradiances, parts)
 
     def read_files(self) -> None:
         """Sum the texture up for its parts, which is kept."""

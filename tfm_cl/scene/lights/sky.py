@@ -121,22 +121,14 @@ class SkyLight(Surroundings):
     def _parts(self) -> tuple[Light, ...]:
         """Kept: they are asked for some times in a frame."""
         directions, light = _shares(self._sky, self.samples)
-        spreads = [self.spread_of(self.samples)] * len(directions)
+        parts = [self.part(self.spread_of(self.samples))] * len(directions)
         if self.sun and self._sky.sun_irradiance.any():
             directions = np.concatenate([directions, [self._sky.sun]])
             light = np.concatenate([light, [self._sky.sun_irradiance]])
-            spreads.append(0.0)
+            parts.append(self.part(0.0))
         directions = turned(directions, self._world_from_sky.T)
         irradiances = np.multiply(self.intensity, light)
-        at_points = self.lookup == "points"
-        return SunLight.of_parts(
-            directions,
-            irradiances,
-            spreads,
-            self.part_texels,
-            at_points=at_points,
-            asked_apart=self.asked_apart,
-        )
+        return SunLight.of_parts(directions, irradiances, parts)
 
     def radiance(self, directions: Directions, width: Directions) -> Directions:
         """As `Surroundings.radiance`: sky, ground and, with ``sun``, the sun's disk."""

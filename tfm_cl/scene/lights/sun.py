@@ -10,7 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from tfm_cl.errors import SceneError
 from tfm_cl.model import RGB, Vec3, check_different
 from tfm_cl.scene.frames import facing
-from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame, fit_array
+from tfm_cl.scene.lights.base import Arrival, Floats, Light, LightFrame, PartOfSky, fit_array
 from tfm_cl.scene.transform import corners_of, turned
 
 MARGIN = 1e-5
@@ -43,10 +43,7 @@ class SunLight(Light):
     falloff: Literal["none"] = Field(default="none", description="none: a sun is equally bright everywhere")
     _corners: Floats | None = PrivateAttr(default=None)
     _all_corners: Floats | None = PrivateAttr(default=None)
-    _spread: float = PrivateAttr(default=0.0)
-    _most_texels: int | None = PrivateAttr(default=None)
-    _is_at_points: bool = PrivateAttr(default=False)
-    _asked_apart: float | None = PrivateAttr(default=None)
+    _part: PartOfSky = PrivateAttr(default=PartOfSky())
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Self:
@@ -83,11 +80,7 @@ class SunLight(Light):
         cls,
         directions: Floats,
         irradiances: Floats,
-        spreads: Sequence[float],
-        most_texels: int,
-        *,
-        at_points: bool,
-        asked_apart: float | None,
+        parts: Sequence[PartOfSky],
     ) -> tuple[Self, ...]:
         """Return the lights from parts of the sky.
 
@@ -97,42 +90,35 @@ class SunLight(Light):
             [n, 3], to the parts.
         irradiances
             [n, RGB], on planes facing them.
-        spreads, most_texels
-            [n] and for all, as of `Light`; the sun itself, without a spread, has a map like others.
-        at_points, asked_apart
-            `Light.is_at_points` and `Light.asked_apart`, likewise.
+        parts
+            [n], what they are.
         """
         suns = []
-        for direction, irradiance, spread in zip(
-            directions.tolist(), irradiances.tolist(), spreads, strict=True
-        ):
+        for direction, irradiance, part in zip(directions.tolist(), irradiances.tolist(), parts, strict=True):
             sun = cls(from_=tuple(direction), to=(0, 0, 0), intensity=tuple(irradiance))
-            sun._spread = spread
-            sun._most_texels = most_texels if spread > 0 else None
-            sun._is_at_points = at_points and spread > 0
-            sun._asked_apart = asked_apart
+            sun._part = part
             suns.append(sun)
         return tuple(suns)
 
     @property
     def spread(self) -> float:
         """As `Light.spread`."""
-        return self._spread
+        return self._part.spread
 
     @property
     def most_texels(self) -> int | None:
         """As `Light.most_texels`."""
-        return self._most_texels
+        return self._part.most_texels
 
     @property
     def is_at_points(self) -> bool:
         """As `Light.is_at_points`."""
-        return self._is_at_points
+        return self._part.is_at_points
 
     @property
     def asked_apart(self) -> float | None:
         """As `Light.asked_apart`."""
-        return self._asked_apart
+        return self._part.asked_apart
 
     @property
     def needs_fitting(self) -> bool:
@@ -143,8 +129,7 @@ class SunLight(Light):
         """As `Model.replace`; the map stays fitted to the same bounds."""
         sun = super().replace(**changes)
         sun._corners, sun._all_corners = self._corners, self._all_corners  # noqa: SLF001 - of the same class
-        sun._spread, sun._most_texels = self._spread, self._most_texels  # noqa: SLF001
-        sun._is_at_points, sun._asked_apart = self._is_at_points, self._asked_apart  # noqa: SLF001
+        sun._part = self._part  # noqa: SLF001
         return sun
 
     def frame(self) -> LightFrame:

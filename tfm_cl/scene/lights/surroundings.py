@@ -9,7 +9,7 @@ from pydantic import Field
 from tfm_cl.errors import SceneError
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import count_or_auto, number_or_auto
-from tfm_cl.scene.lights.base import Arrival, Directions, Floats, Light, LightFrame
+from tfm_cl.scene.lights.base import Arrival, Directions, Floats, Light, LightFrame, PartOfSky
 
 MOST_TEXELS = 256
 """Along a side of the map of a part, where nothing else is asked for."""
@@ -52,6 +52,12 @@ class Surroundings(Light):
     def asked_apart(self) -> float | None:
         """As `Light.asked_apart`."""
         return None if self.points_apart == "auto" else self.points_apart
+
+    def part(self, spread: float) -> PartOfSky:
+        """Return what a part of such a `Light.spread` is; the sun itself, without one, is as any sun."""
+        if spread == 0:
+            return PartOfSky(asked_apart=self.asked_apart)
+        return PartOfSky(spread, self.part_texels, self.lookup == "points", self.asked_apart)
 
     @staticmethod
     def spread_of(count: int) -> float:
