@@ -99,3 +99,12 @@ def test_plugins_are_part_of_it(folder, monkeypatch):
     (folder / "plugin.py").write_text("")
     monkeypatch.setenv("TFM_CL_PLUGINS", str(folder / "plugin.py"))
     assert of(folder) != before
+
+
+def test_what_a_mesh_names_counts(folder):
+    (folder / "shot.toml").write_text(SCENE + '[[solid]]\nmesh = "rock.obj"\n')
+    (folder / "rock.obj").write_text("mtllib rock.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "rock.mtl").write_text("newmtl m\nmap_Kd rock.png\n")
+    before = of(folder)
+    (folder / "rock.png").write_bytes(b"a picture")
+    assert of(folder) != before

@@ -30,6 +30,7 @@ from tfm_cl.errors import (
 )
 from tfm_cl.files import curves_io, points_io, volume_io
 from tfm_cl.files.curves_io.numpy_arrays import COUNTS
+from tfm_cl.files.named_files import named_by
 from tfm_cl.files.paths import check_readable, name_of, real_path, reason_of, source_of
 from tfm_cl.files.patterns import FilePattern
 from tfm_cl.files.points_io.attributes import POSITIONS
@@ -628,8 +629,9 @@ class SceneFile:
         )
 
     def files(self) -> list[Path]:
-        """Return all files that the scene reads, but its own."""
-        return [source_of(name, self.path.parent) for _, name in self._named()]
+        """Return all files that the scene reads, but its own: what it names, and what these name."""
+        named = [source_of(name, self.path.parent) for _, name in self._named()]
+        return [*named, *(further for path in named for further in named_by(path))]
 
     def _named(self) -> Iterator[tuple[Key, str]]:
         """Yield the names of all files that the scene reads, and the keys that say them."""

@@ -61,6 +61,14 @@ def test_every_format_gives_the_same_surface(tmp_path, rng, extension):
     np.testing.assert_array_equal(one.albedo, np.full((500, 3), 0.8, np.float32))
 
 
+def test_a_gltf_names_its_files_by_uri(tmp_path):
+    for name, data in trimesh.exchange.gltf.export_gltf(square().scene()).items():
+        (tmp_path / name.replace("buffer", "my buffer")).write_bytes(
+            data.replace(b"gltf_buffer", b"gltf_my%20buffer")
+        )
+    assert len(MeshSolid(mesh=str(tmp_path / "model.gltf")).load().faces) == 2
+
+
 def test_vertex_colours_are_srgb_and_interpolated(tmp_path):
     mesh = square()
     mesh.visual.vertex_colors = [[255, 0, 100, 255]] * 2 + [[0, 255, 100, 255]] * 2

@@ -7,10 +7,12 @@ ask for terabytes. (glTF 2.0, 3.6: https://registry.khronos.org/glTF/specs/2.0/)
 import json
 from pathlib import Path
 from typing import IO, Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from tfm_cl.errors import SceneError
+from tfm_cl.files.paths import is_file
 
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 WIDEST = 4
@@ -65,6 +67,21 @@ def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> 
     if corners > 3 * most_faces:
         raise SceneError(f"{path}: announces {corners // 3:,} triangles; the limit is {most_faces:,}")
     return header
+
+
+def named_files(path: Path) -> list[str]:
+    """Return the names of the buffers and images that lie in files of their own.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, TypeError
+        It cannot be read, or is not glTF.
+    """
+    with path.open("rb") as stream:
+        header = _header(stream)
+    entries = [*header.get("buffers", []), *header.get("images", [])]
+    uris = [entry["uri"] for entry in entries if "uri" in entry and not entry["uri"].startswith("data:")]
+    return [uri if is_file(path.parent / uri) else unquote(uri) for uri in uris]
 
 
 def _corners(header: dict[str, Any], counts: list[int]) -> int:

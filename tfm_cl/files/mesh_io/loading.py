@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,8 @@ class _NeighbourResolver(FilePathResolver):
 
     def get(self, name: str) -> bytes:
         path = self.absolute(name)
+        if not is_file(path):
+            path = self.absolute(unquote(name))  # glTF names files by URI
         if not is_file(path):
             raise FileNotFoundError(f"it names '{name}', which is not there")
         with path.open("rb") as stream:

@@ -496,11 +496,23 @@ def _least_bytes(encoding: str, voxels: int, item_bytes: int) -> int:
     return voxels * item_bytes * (2 if encoding == "hex" else 1)
 
 
-def _data_files(header: _Header, axes: _Axes) -> list[str]:
-    """Names of the data files in order; empty if the data are in the header's own file."""
+class _Files(NamedTuple):
+    """What ``data file`` says."""
+
+    names: list[str]
+    """In order, at most `_MAX_FILES` of them."""
+    total: int
+    """Of all."""
+    within: str | None = None
+    """Number of axes in each, where it is given."""
+    is_single: bool = False
+
+
+def _named(header: _Header) -> _Files:
+    """Read which files hold the data; none if they are in the header's own."""
     text = header.fields.get("data file")
     if text is None:
-        return []
+        return _Files([], 0, is_single=True)
     if len(text) > _MAX_NAME:
         raise header.damaged(f"data file is a name; got {len(text):,} characters: {shown(text)}")
     pattern = re.fullmatch(
@@ -511,16 +523,33 @@ def _data_files(header: _Header, axes: _Axes) -> list[str]:
         if step == 0 or (last - first) * step < 0:
             raise header.damaged(f"data file never gets from {first} to {last} in steps of {step}")
         numbers = range(first, last + (1 if step > 0 else -1), step)
-        within, count = pattern[5], len(numbers)
-        names = [pattern[1] % number for number in numbers[:_MAX_FILES]]
-    elif header.words("data file")[:1] == ["LIST"]:
+        return _Files([pattern[1] % number for number in numbers[:_MAX_FILES]], len(numbers), pattern[5])
+    if header.words("data file")[:1] == ["LIST"]:
         listed = re.fullmatch(r"LIST(?:\s+(\d{1,2}))?", text)
         if listed is None or not header.files:
             raise header.damaged(f"data file is LIST and maybe a number, then names; got {shown(text)}")
-        within, count = listed[1], len(header.files)
-        names = header.files
-    else:
-        return [text]
+        return _Files(header.files, len(header.files), listed[1])
+    return _Files([text], 1, is_single=True)
+
+
+def named_files(path: Path) -> list[str]:
+    """Return the names of the files that hold the data of a header, at most `_MAX_FILES`.
+
+    Raises
+    ------
+    VolumeError
+        Not the header of a NRRD file.
+    OSError
+        It cannot be read.
+    """
+    return [name.strip() for name in _named(_read_header(path)).names[:_MAX_FILES]]
+
+
+def _data_files(header: _Header, axes: _Axes) -> list[str]:
+    """Names of the data files in order; empty if the data are in the header's own file."""
+    names, count, within, is_single = _named(header)
+    if is_single:
+        return names
     sizes = axes.sizes
     dimension = len(sizes) - 1 if within is None else int(within)
     if not 1 <= dimension <= len(sizes):
