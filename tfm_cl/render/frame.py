@@ -416,7 +416,12 @@ class Frame:
                 whole = serves is not None or not work.camera_is_seen
                 batch = work.batches.batch(variant, indices, maps, whole=whole)
                 work.around_is_seen |= serves is not None
-                done = _reporter(self.progress, f"view pass, {batch.name}")
+                tell = _reporter(self.progress, f"view pass, {batch.name}")
+
+                def done(part: float, tell: Callable[[float], None] = tell) -> None:
+                    self._tell_of_maps(work)  # whose passes have ended, too
+                    tell(part)
+
                 work.passes.add(
                     scatter(
                         launcher,
@@ -430,7 +435,6 @@ class Frame:
                         sees_camera=not work.camera_is_seen,
                         serves_camera=serves_camera,
                         around=serves,
-                        meanwhile=partial(self._tell_of_maps, work),
                     )
                 )
                 work.camera_is_seen = True
