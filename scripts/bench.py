@@ -441,7 +441,7 @@ class Host:
 
         upload = seconds_of(put_on_the_device)
         one_pixel = seconds_of(lambda: self._renderer.render(self._scene, maps=self._maps, crop=(0, 0, 1, 1)))
-        read_back = seconds_of(lambda: buffers.read(self._launcher, self._frame, None, None))
+        read_back = seconds_of(buffers.start_read(self._launcher, self._frame, None, None))
         return {"upload_seconds": upload, "one_pixel_seconds": one_pixel, "read_back_seconds": read_back}
 
 

@@ -18,7 +18,7 @@ def test_the_host_reads_what_was_written(launcher, monkeypatch, shares):
     monkeypatch.setattr(launcher, "_shares_memory", shares)
     output = launcher.output("numbers", (5, 3), np.uint32)
     launcher.write(output.buffer, np.arange(15, dtype=np.uint32))
-    numbers = launcher.read(output)
+    numbers = launcher.start_read(output)()
     assert (numbers == np.arange(15).reshape(5, 3)).all()
     assert output.nbytes == 60
 
@@ -230,7 +230,7 @@ COMMANDS = {
     "write": lambda launcher, buffer: launcher.write(buffer, np.zeros(4, np.float32)),
     "copy": lambda launcher, buffer: launcher.copy(buffer, buffer, 4, first=0, to=8),
     "clear": lambda launcher, buffer: launcher.clear(buffer, 16),
-    "read": lambda launcher, _: launcher.read(launcher.output("the image", (4,), np.float32)),
+    "read": lambda launcher, _: launcher.start_read(launcher.output("the image", (4,), np.float32))(),
 }
 
 

@@ -25,6 +25,15 @@ def test_what_is_written_appears_at_the_end(tmp_path):
     assert names(tmp_path) == ["a.txt"]
 
 
+@pytest.mark.parametrize("survives", [True, False])
+def test_what_is_to_survive_a_power_cut_is_flushed(tmp_path, monkeypatch, survives):
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: flushed.append(os.fstat(descriptor).st_size))
+    write_text(tmp_path / "a.txt", "new", survives_power_cuts=survives)
+    assert flushed == ([3] if survives else [])
+    assert (tmp_path / "a.txt").read_text() == "new"
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_after_a_failure_the_old_file_stands(tmp_path, error):
     target = tmp_path / "a.txt"

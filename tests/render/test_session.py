@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from memory import resident
 from scenes import blobs, make_scene
@@ -20,6 +21,7 @@ from tfm_cl import metrics
 from tfm_cl.device.launch import Launcher
 from tfm_cl.device.running import Running
 from tfm_cl.errors import CancelledError, DeviceError, ImageError, SceneError
+from tfm_cl.maps.probe import LightProbe
 from tfm_cl.plan import maps
 from tfm_cl.render import media
 
@@ -156,11 +158,27 @@ def on_device(monkeypatch):
     return found
 
 
+@pytest.fixture
+def looked(monkeypatch):
+    """Which threads looked at the rays of lights."""
+    found, ranges = [], LightProbe.ranges
+    monkeypatch.setattr(
+        LightProbe,
+        "ranges",
+        lambda self, *of: found.append(threading.current_thread().name) or ranges(self, *of),
+    )
+    return found
+
+
 @pytest.mark.quick("smoke")
 @pytest.mark.parametrize("scene", [SCENE, IN_FOG, BESIDE_BALL], ids=["smoke", "in fog", "beside a ball"])
-def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_device, scene):
-    """The next frame's voxels are put on the device by another thread, and only there."""
+def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_device, looked, scene):
+    """The next frame's voxels are put on the device by another thread, and only there.
+
+    It looks at the lights' rays, too, where no solids end them.
+    """
     session.render(scene)
+    looked.clear()
     later = [scene.replace(volume=[other_grid(), *scene.bodies[1:]]) for _ in range(3)]
     with ThreadPoolExecutor(1, "reads") as executor:
         ready = executor.submit(session.prepare, later[0])
@@ -169,9 +187,24 @@ def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_devi
             if after is not None:
                 ready = executor.submit(session.prepare, after)
             found = session.render(now)
-            assert found.stats.made["bricks"] == found.stats.made["map"] / len(scene.lights) == 1
+            made, lights = found.stats.made, len(scene.lights)
+            assert (made["bricks"], made["map"], made["probe"]) == (1, lights, lights)
+            assert found.stats.seconds["light_pass"] > 0
             np.testing.assert_array_equal(found.image, renderer.render(now).image)
     assert on_device.count("reads_0") == len(later)
+    # Others are `renderer`'s, which made the same before or now.
+    assert looked.count("reads_0") == (0 if scene.solids else len(scene.lights) * len(later))
+
+
+def test_a_frame_is_read_while_the_device_makes_the_next(session):
+    """A CPU's driver reads when all has ended that was begun before, on whichever queue."""
+    long = SCENE.replace(camera=SCENE.camera.replace(res=(160, 160)), march=SCENE.march.replace(steps=400))
+    ends = [session.begin(scene) for scene in (SCENE, long)]
+    ends[0]()
+    still = [event for event, _ in session._launcher._under_way.values()]
+    assert still[-1].command_execution_status > cl.command_execution_status.COMPLETE
+    ends[1]()
+    assert still[-1].command_execution_status == cl.command_execution_status.COMPLETE
 
 
 @pytest.mark.parametrize("asked", [{}, {"samples": 4, "background": 0.5}], ids=["plain", "anti-aliased"])

@@ -156,7 +156,7 @@ class Launcher:
         """Make what serves one thread at a time."""
         self._queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self._reads = cl.CommandQueue(self.context)
-        """For what has ended: it need not wait for what was started since."""
+        """For copies of what has ended: they need not wait for what was started since."""
         self._kernels = KernelLibrary(self.context, self._options)
         self._host_memory = HostMemory()
         self._pool = MemoryPool(ImmediateAllocator(self.queue, cl.mem_flags.READ_WRITE))
@@ -482,19 +482,38 @@ class Launcher:
         with self._allocating(what, nbytes):
             return Output(cl.Buffer(self.context, flags, hostbuf=memory), shape, dtype, memory)
 
-    def read(self, output: "Output") -> NDArray[Any]:
-        """Return what kernels wrote that have ended; none may write it again."""
-        if output.memory is None:
-            array = np.empty(output.shape, output.dtype)
-            with self._doing(COPYING):
-                cl.enqueue_copy(self._reads, array, output.buffer)
-            return array
-        # Tells the driver that the host looks at its memory now.
-        whole = 0, (output.memory.nbytes,), np.dtype(np.uint8)
+    def start_read(self, output: "Output") -> Callable[[], NDArray[Any]]:
+        """Let the host have what was started to write an output; nothing that is started later may write it.
+
+        Returns what waits for that, but not for what was started later, and returns it.
+        """
+        memory = output.memory
+        if memory is None:
+
+            def copied() -> NDArray[Any]:
+                array = np.empty(output.shape, output.dtype)
+                with self._doing(COPYING):
+                    cl.enqueue_copy(self._reads, array, output.buffer)
+                return array
+
+            return copied
+        # Tells the driver that the host will look at its memory. A CPU's driver does this when all has ended
+        # that was begun before, on whichever queue, so it is asked now.
+        whole = 0, (memory.nbytes,), np.dtype(np.uint8)
         with self._doing(COPYING):
-            mapped: Any = cl.enqueue_map_buffer(self._reads, output.buffer, cl.map_flags.READ, *whole)
-            mapped[0].base.release(self._reads)
-        return output.memory[: output.nbytes].view(output.dtype).reshape(output.shape)
+            mapped: Any
+            mapped, event = cl.enqueue_map_buffer(
+                self.queue, output.buffer, cl.map_flags.READ, *whole, is_blocking=False
+            )
+            self.queue.flush()
+
+        def shared() -> NDArray[Any]:
+            with self._doing(COPYING):
+                event.wait()
+                mapped.base.release(self.queue)
+            return memory[: output.nbytes].view(output.dtype).reshape(output.shape)
+
+        return shared
 
     def clear(self, buffer: cl.Buffer, nbytes: int, first: int = 0) -> None:
         """Fill a buffer, from byte ``first`` on, with zeros."""

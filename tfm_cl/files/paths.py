@@ -138,10 +138,12 @@ def reason_of(problem: BaseException) -> str:
 
 
 @contextlib.contextmanager
-def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path]:
+def replacing(
+    path: Path, error: type[InputError] = InputError, *, survives_power_cuts: bool = True
+) -> Iterator[Path]:
     """Give a name to write to; what is there afterwards becomes ``path``, or is removed on any failure.
 
-    The new contents are flushed to the disk before they take the name. A link stays a link.
+    A link stays a link.
 
     Parameters
     ----------
@@ -149,6 +151,9 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
         The file to write or replace.
     error
         What to raise.
+    survives_power_cuts
+        Flush the new contents to the disk before they take the name, which takes some milliseconds. Otherwise
+        ``path`` may be empty after a power cut, or what it was.
 
     Raises
     ------
@@ -161,8 +166,9 @@ def replacing(path: Path, error: type[InputError] = InputError) -> Iterator[Path
     try:
         temporary.touch(exist_ok=False)
         yield temporary
-        with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
+        if survives_power_cuts:
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
         temporary.replace(target)
     except (OSError, MemoryError) as problem:
         raise error(f"{path}: cannot be written ({reason_of(problem)})") from problem
@@ -196,15 +202,15 @@ def check_writable(path: Path, error: type[InputError] = InputError) -> None:
         raise _TriedError
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a small text file, whole or not at all.
+def write_text(path: Path, text: str, *, survives_power_cuts: bool = True) -> None:
+    """Write a small text file, whole or not at all; ``survives_power_cuts`` as of `replacing`.
 
     Raises
     ------
     InputError
         As `replacing`.
     """
-    with replacing(path) as temporary:
+    with replacing(path, survives_power_cuts=survives_power_cuts) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

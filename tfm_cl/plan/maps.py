@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.curves import Curves
@@ -44,6 +45,7 @@ AHEAD = 8
 """Lights whose rays the device is asked to look at before the host asks what it found of the first one's."""
 
 Clip = Callable[["Light", int], np.ndarray | None]
+Looked = dict[tuple[object, ...], "Finding[Probe]"]
 T = TypeVar("T")
 
 
@@ -60,6 +62,41 @@ class Planner:
 
     def __init__(self, launcher: Launcher, cache: Cache) -> None:
         self._launcher, self._cache = launcher, cache
+        self._ahead: dict[int, Looked] = {}
+        """What looks at the light rays of scenes whose turn is yet to come, by numbers of these."""
+        self._prepared = 0
+
+    def prepare(
+        self, launcher: Launcher, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice
+    ) -> None:
+        """Begin to look at the light rays of a scene without solids whose maps are planned later.
+
+        Parameters
+        ----------
+        launcher
+            Of the thread that asks, beside that which plans.
+        scene, of_lights, media
+            As of `plans`, which then need not wait for the device.
+        """
+        looked: Looked = {}
+        for rays in self._rays(scene, of_lights, media, lambda _light, _size: None, launcher):
+            for sizes, cut, steps in rays.looks:
+                for number, size in enumerate(sizes):
+                    looked[rays.look_key(number, size, cut, steps)] = rays.look(number, size, cut, steps)
+        keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
+        self._prepared += 1
+        self._ahead[self._prepared] = looked
+
+    def forget_prepared(self) -> None:
+        """Forget what was prepared, and not planned."""
+        self._ahead.clear()
+
+    def _taken(self, key: tuple[object, ...]) -> Finding[Probe] | None:
+        """Return what looks at some rays already; None: nothing does."""
+        for looked in [*self._ahead.values()]:
+            if (found := looked.pop(key, None)) is not None:
+                return found
+        return None
 
     def plans(
         self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
@@ -75,7 +112,9 @@ class Planner:
         clip
             Given a light and a size, the distances [size, size] beyond which solids leave nothing lit.
         """
-        of_fields = [self._of_field(rays) for rays in self._rays(scene, of_lights, media, clip)]
+        of_fields = [
+            self._of_field(rays) for rays in self._rays(scene, of_lights, media, clip, self._launcher)
+        ]
         return [plan for of_light in zip(*of_fields, strict=True) for plan in of_light]
 
     def curves(
@@ -85,16 +124,21 @@ class Planner:
 
         Arguments as of `plans`.
         """
-        for rays in self._rays(scene, of_lights, media, clip):
+        for rays in self._rays(scene, of_lights, media, clip, self._launcher):
             seen = _look(rays, rays.curves)
             yield seen.settings, [curves.found for curves in seen.made]
 
     def _rays(
-        self, scene: Scene, of_lights: Sequence[cl.Buffer], media: MediaOnDevice, clip: Clip
+        self,
+        scene: Scene,
+        of_lights: Sequence[cl.Buffer],
+        media: MediaOnDevice,
+        clip: Clip,
+        launcher: Launcher,
     ) -> Iterator[_Rays]:
         for medium in media.of_fields:
             key = field_key(scene, media, medium.index)
-            yield _Rays(self._launcher, self._cache, scene, of_lights, medium, clip, key)
+            yield _Rays(launcher, self._cache, scene, of_lights, medium, clip, key, self._taken)
 
     def _of_field(self, rays: _Rays) -> list[Planned]:
         """Plan the maps of one field."""
@@ -131,6 +175,8 @@ class _Rays:
         As of `Planner.plans`.
     key
         Holds all that the field's density depends on.
+    taken
+        Given what a look is known by, returns what has been begun ahead.
 
     Attributes
     ----------
@@ -141,7 +187,8 @@ class _Rays:
     cut
         Optical depth of the density at which a range ends.
     probed
-        What looked at the rays of each light now.
+        What looked at the rays of each light now; of what did so ahead, beside passes of other scenes, the
+        time tells nothing.
     """
 
     def __init__(
@@ -153,8 +200,9 @@ class _Rays:
         medium: FieldOnDevice,
         clip: Clip,
         key: tuple[object, ...],
+        taken: Callable[[tuple[object, ...]], Finding[Probe] | None],
     ) -> None:
-        self._cache, self._probe = cache, LightProbe(launcher)
+        self._cache, self._probe, self._taken = cache, LightProbe(launcher), taken
         self.lights, self._of_lights, self.medium, self._clip, self._key = (
             scene.lights,
             of_lights,
@@ -168,9 +216,39 @@ class _Rays:
         self._samplings = launcher.in_turn(AHEAD)
         self.probed: list[list[Running]] = [[] for _ in scene.lights]
 
+    @property
+    def has_ranges(self) -> bool:
+        """Whether maps know where each ray holds density."""
+        return self.settings.range != "box"
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether one look at the rays is: ranges do not depend on α, and it may be of no use."""
+        return self.has_ranges and not self.settings.is_weighted
+
+    @property
+    def looks(self) -> list[tuple[list[int], float, int]]:
+        """One or two looks at the rays: along a side, of each light; where they end, and steps."""
+        settings = self.settings
+        coarse = [PROBE_RES] * len(self.lights), np.inf, settings.steps
+        sizes = [field_res(settings.of_light(light).res) for light in self.lights]
+        fine = sizes, self.cut, max(settings.steps, RANGE_STEPS)
+        if self.is_enough:
+            return [fine]
+        return [coarse, fine] if self.has_ranges else [coarse]
+
     def clip(self, number: int, size: int) -> np.ndarray | None:
         """Return the distances [size, size] beyond which solids leave nothing of a light."""
         return self._clip(self.lights[number], size)
+
+    def look_key(self, number: int, size: int, cut: float, steps: int) -> tuple[object, ...]:
+        """All that a look at the rays of a light depends on."""
+        return self._key, self.lights[number].map_key(), self._shadow_res, size, cut, steps
+
+    def look(self, number: int, size: int, cut: float, steps: int) -> Finding[Probe]:
+        """Begin to look at the rays of a light."""
+        light, of_light, clip = self.lights[number], self._of_lights[number], self.clip(number, size)
+        return self._probe.ranges(light, of_light, self.medium, size, cut, steps, clip)
 
     def probes(self, sizes: Sequence[int], cut: float, steps: int) -> Iterator[tuple[int, Probe]]:
         """Yield each light's number and rays: while the host is at them, the device is at those of others.
@@ -189,17 +267,17 @@ class _Rays:
             yield number, begun.popleft().found
 
     def _begun(self, number: int, size: int, cut: float, steps: int) -> Finding[Probe]:
-        light = self.lights[number]
+        key = self.look_key(number, size, cut, steps)
 
         def begin() -> Finding[Probe]:
-            of_light, clip = self._of_lights[number], self.clip(number, size)
-            found = self._probe.ranges(light, of_light, self.medium, size, cut, steps, clip)
-            self.probed[number].append(found.running)
+            if (found := self._taken(key)) is None:
+                found = self.look(number, size, cut, steps)
+                self.probed[number].append(found.running)
             return found
 
         return self._cache.get(
             "probe",
-            (self._key, light.map_key(), self._shadow_res, size, cut, steps),
+            key,
             begin,
             lambda found: found.nbytes,
             serves=lambda found: not found.running.has_failed,
@@ -244,27 +322,19 @@ def _look(rays: _Rays, make: Callable[[ResolvedMap, int, Probe], T]) -> _Seen[T]
     make
         Is given the settings that a map's functions depend on, a light's number, and its rays.
     """
-    settings, medium, cut = rays.settings, rays.medium, rays.cut
-    has_ranges = settings.range != "box"
-    # The ranges do not depend on α, and where it is of no use one look at the rays is enough.
-    is_enough = has_ranges and not settings.is_weighted
-    coarse = [PROBE_RES] * len(rays.lights), np.inf, settings.steps
-    fine = (
-        [field_res(settings.of_light(light).res) for light in rays.lights],
-        cut,
-        max(settings.steps, RANGE_STEPS),
-    )
+    settings, (first, *second) = rays.settings, rays.looks
     deepest, probes, made = 0.0, [], []
-    for number, probe in rays.probes(*(fine if is_enough else coarse)):
+    for number, probe in rays.probes(*first):
         deepest = max(deepest, float(probe.optical_depth.max()))
-        if is_enough:
+        if rays.is_enough:
             made.append(make(settings.without_alpha, number, probe))
         else:
             probes.append((number, probe))
-    alpha = density_weighting(settings.density_weighting, medium.strongest, deepest)
+    alpha = density_weighting(settings.density_weighting, rays.medium.strongest, deepest)
     settings = settings.replace(density_weighting=alpha)
-    if not is_enough:
-        made = [make(settings.without_alpha, *one) for one in (rays.probes(*fine) if has_ranges else probes)]
+    if not rays.is_enough:
+        again = rays.probes(*second[0]) if second else probes
+        made = [make(settings.without_alpha, *one) for one in again]
     return _Seen(settings, made, alpha, deepest)
 
 

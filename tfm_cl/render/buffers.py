@@ -272,34 +272,44 @@ def rgb_so_far(launcher: Launcher, frame: FrameBuffers) -> NDArray[np.float32]:
     return launcher.download(radiance.buffer, radiance.shape, radiance.dtype)[..., :3]
 
 
-def read(
+def start_read(
     launcher: Launcher,
     frame: FrameBuffers,
     gbuffer: GBuffer | None,
     errors: FrameBuffers | None,
     of_lattice: NDArray[np.float32] | None = None,
-) -> Sums:
-    """Return the sums on the host; the frame's buffers are then of no more use."""
-    sums = {name: launcher.read(output) for name, output in frame.sums.items()}
-    of_orders, of_emission_light = (
-        None if output is None else launcher.read(output) for output in (frame.later, frame.emission_light)
-    )
-    # Where listed rays leave room, no pass stores anything, and any bits may lie there.
-    with np.errstate(invalid="ignore"):
-        for part in (of_emission_light, of_orders):
-            if part is not None:
-                sums["radiance"] += part
-    return Sums(
-        **{name: sums[name] for name in SUMS},
-        emitted=sums.get("emission"),
-        of_solids=None if gbuffer is None else gbuffer.solid,
-        of_albedo=None if gbuffer is None else gbuffer.albedo,
-        of_errors=None if errors is None else launcher.read(errors.sums["light_seen"]),
-        of_lattice=of_lattice,
-        added=sums.get("added"),
-        of_orders=of_orders,
-        of_emission_light=of_emission_light,
-        of_orders_up_to=np.stack([launcher.read(one) for one in frame.up_to_orders])
-        if frame.up_to_orders
-        else None,
-    )
+) -> Callable[[], Sums]:
+    """Let the host have the sums when the passes that were started have ended.
+
+    Returns what waits for these, and returns the sums; the frame's buffers are then of no more use.
+    """
+    sums = {name: launcher.start_read(output) for name, output in frame.sums.items()}
+    of_errors = None if errors is None else errors.sums["light_seen"]
+    others = [
+        None if output is None else launcher.start_read(output)
+        for output in (frame.later, frame.emission_light, of_errors)
+    ]
+    up_to = [launcher.start_read(output) for output in frame.up_to_orders]
+
+    def read() -> Sums:
+        of_sums = {name: wait() for name, wait in sums.items()}
+        of_orders, of_emission_light, of_light_seen = (None if wait is None else wait() for wait in others)
+        # Where listed rays leave room, no pass stores anything, and any bits may lie there.
+        with np.errstate(invalid="ignore"):
+            for part in (of_emission_light, of_orders):
+                if part is not None:
+                    of_sums["radiance"] += part
+        return Sums(
+            **{name: of_sums[name] for name in SUMS},
+            emitted=of_sums.get("emission"),
+            of_solids=None if gbuffer is None else gbuffer.solid,
+            of_albedo=None if gbuffer is None else gbuffer.albedo,
+            of_errors=of_light_seen,
+            of_lattice=of_lattice,
+            added=of_sums.get("added"),
+            of_orders=of_orders,
+            of_emission_light=of_emission_light,
+            of_orders_up_to=np.stack([wait() for wait in up_to]) if up_to else None,
+        )
+
+    return read

@@ -14,6 +14,8 @@ from tfm_cl.files.image_io.image import DeepSamples
 from tfm_cl.interrupts import check_cancelled
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import pyopencl as cl
 
     from tfm_cl.device.field import Met
@@ -156,22 +158,32 @@ class DeepBuffers:
             "deep_colours": self.colours.buffer,
         }
 
-    def read(
-        self, launcher: Launcher, radiance: NDArray[np.float32], part: tuple[slice, slice]
-    ) -> DeepSamples:
-        """Return those of a window of the buffers, beyond which there are none.
+    def start_read(
+        self, launcher: Launcher
+    ) -> Callable[[NDArray[np.float32], tuple[slice, slice]], DeepSamples]:
+        """Let the host have them when the passes that were started have ended.
 
-        Parameters
-        ----------
-        radiance
-            ``[height, width, RGBA]`` of the frame's buffers: a solid's is what media lack of it.
+        Returns what waits for these, and returns the samples of a window of the buffers, beyond which there
+        are none: given ``[height, width, RGBA]`` of the frame's buffers, where a solid's is what media lack
+        of it, and the window.
         """
-        z, z_back, alpha = np.ascontiguousarray(launcher.read(self.samples).T)
+        samples = launcher.start_read(self.samples)
+        colours = None if self.colours is None else launcher.start_read(self.colours)
+        return lambda radiance, part: self._read(samples, colours, radiance, part)
+
+    def _read(
+        self,
+        found: Callable[[], NDArray[Any]],
+        colours: Callable[[], NDArray[Any]] | None,
+        radiance: NDArray[np.float32],
+        part: tuple[slice, slice],
+    ) -> DeepSamples:
+        z, z_back, alpha = np.ascontiguousarray(found().T)
         samples = DeepSamples(np.ascontiguousarray(self.counts[part]), z, z_back, alpha)
-        if self.colours is None:
+        if colours is None:
             return samples
         check_cancelled()
-        sent = launcher.read(self.colours).astype(np.float64)
+        sent = colours().astype(np.float64)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(sent, axis=0)])
         counts, ends = samples.counts.ravel(), samples.ends
         check_cancelled()

@@ -212,21 +212,20 @@ class Frame:
         shared.batches = first.batches
         if deep is not None:
             shared.deep = self._deep(first, wanted, deep)
-        self._passes(first, shared)
+        of_first = self._passes(first, shared)
+        of_deep = None if shared.deep is None else shared.deep.start_read(self.launcher)
 
         def look(samples: Samples) -> Sums:
             gbuffer = self.visibility.gbuffer(self.scene, samples)
             work = self._work(samples, gbuffer, shared, method, maps, asked, layers)
-            self._passes(work, shared)
-            return self._ended(work)
+            return self._passes(work, shared)()
 
         def end() -> tuple[Sums, DeepSamples | None, tuple[str, ...]]:
-            sums = self._ended(first)
-            samples = None if shared.deep is None else self._read_deep(shared.deep, sums, wanted)
+            sums = of_first()
+            samples = None if of_deep is None else of_deep(sums.radiance, self._part(wanted))
             sums, refined = self.antialiasing.resolve(sums, self.crop, self.launcher.lanes, look)
             if wanted != self.crop:
-                (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
-                sums = sums.cut(slice(top - y0, bottom - y0), slice(left - x0, right - x0))
+                sums = sums.cut(*self._part(wanted))
             self.stats.refined_pixels += refined
             return sums, samples, (*first.warnings,)
 
@@ -315,8 +314,8 @@ class Frame:
         struct = view_struct(scene, media.fields, raster.bounds, is_listed=raster.is_listed)
         return self.launcher.upload("the view", struct)
 
-    def _passes(self, work: _Work, shared: _Shared) -> None:
-        """Begin to sum what the scene sends along some rays."""
+    def _passes(self, work: _Work, shared: _Shared) -> Callable[[], Sums]:
+        """Begin to sum what the scene sends along some rays; what is returned waits, and returns the sums."""
         scene = self.scene
         if work.is_first:
             shared.lattice = self._lattice(work) if work.reads_maps else None
@@ -340,12 +339,14 @@ class Frame:
             self._light_by_emission(work, shared.emitted, of_emission)
         if scatters_again(scene):
             self._scatter_again(work, shared)
+        read = buffers.start_read(self.launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
 
-    def _ended(self, work: _Work) -> Sums:
-        """Wait for the passes, and return what they have summed."""
-        self._tell_of_maps(work)
-        self.stats.seconds["view_pass"] += work.seconds + work.passes.wait()
-        return buffers.read(self.launcher, work.frame, work.gbuffer, work.errors, work.lattice_change)
+        def ended() -> Sums:
+            self._tell_of_maps(work)
+            self.stats.seconds["view_pass"] += work.seconds + work.passes.wait()
+            return read()
+
+        return ended
 
     def _light_lattice(self, work: _Work, lattice: Lattice) -> None:
         """Look lights up on a lattice, and march the camera's rays through it."""
@@ -415,7 +416,12 @@ class Frame:
                 whole = serves is not None or not work.camera_is_seen
                 batch = work.batches.batch(variant, indices, maps, whole=whole)
                 work.around_is_seen |= serves is not None
-                done = _reporter(self.progress, f"view pass, {batch.name}")
+                tell = _reporter(self.progress, f"view pass, {batch.name}")
+
+                def done(part: float, tell: Callable[[float], None] = tell) -> None:
+                    self._tell_of_maps(work)  # whose passes have ended, too
+                    tell(part)
+
                 work.passes.add(
                     scatter(
                         launcher,
@@ -429,7 +435,6 @@ class Frame:
                         sees_camera=not work.camera_is_seen,
                         serves_camera=serves_camera,
                         around=serves,
-                        meanwhile=partial(self._tell_of_maps, work),
                     )
                 )
                 work.camera_is_seen = True
@@ -750,10 +755,10 @@ class Frame:
         work.seconds += seconds
         return made
 
-    def _read_deep(self, made: DeepBuffers, sums: Sums, wanted: Rectangle) -> DeepSamples:
+    def _part(self, wanted: Rectangle) -> tuple[slice, slice]:
+        """Return rows and columns of the crop."""
         (x0, y0), (left, top, right, bottom) = self.crop[:2], wanted
-        part = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
-        return made.read(self.launcher, sums.radiance, part)
+        return slice(top - y0, bottom - y0), slice(left - x0, right - x0)
 
     def _one_light_reaches_all(self) -> bool:
         """Tell whether there are but primitives and one light, which reaches them all.

@@ -108,18 +108,31 @@ class MapBuilder:
         def clip(light: Light, size: int) -> NDArray[np.float32] | None:
             return self._visibility.clip(scene, light, size)
 
-        of_lights = self._structs(scene)
+        of_lights = _structs(self._launcher, scene)
         return Sources(scene, media, of_lights, self._planner.plans(scene, of_lights, media, clip), ())
 
-    def _structs(self, scene: Scene) -> list[cl.Buffer]:
-        """Put each light of a scene on the device."""
-        structs = light_structs(scene, scene.lights)
-        return [self._launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
+    def prepare(self, beside: Launcher, scene: Scene, media: MediaOnDevice) -> None:
+        """Begin to look at what `sources` will plan by, from another thread.
+
+        Where solids end the light's rays that is left to it.
+
+        Parameters
+        ----------
+        beside
+            Of that thread.
+        """
+        if not scene.solids:
+            self._planner.prepare(beside, scene, _structs(beside, scene), media)
+
+    def clear(self) -> None:
+        """Forget what was prepared."""
+        self._planner.forget_prepared()
 
     def curves(self, scene: Scene, media: MediaOnDevice) -> Iterator[tuple[ResolvedMap, list[Curves]]]:
         """Yield what the maps of such a scene are built by, and rays that their basis may learn from."""
+        of_lights = _structs(self._launcher, scene)
         return self._planner.curves(
-            scene, self._structs(scene), media, lambda light, size: self._visibility.clip(scene, light, size)
+            scene, of_lights, media, lambda light, size: self._visibility.clip(scene, light, size)
         )
 
     def of(
@@ -263,6 +276,12 @@ class MapBuilder:
             maps[place].check_serves(scene, scene.lights[number], media.fields, field)
         except SceneError as error:
             raise SceneError(f"map {place + 1} {error}") from None
+
+
+def _structs(launcher: Launcher, scene: Scene) -> list[cl.Buffer]:
+    """Put each light of a scene on the device."""
+    structs = light_structs(scene, scene.lights)
+    return [launcher.upload("the light", structs[i : i + 1]) for i in range(len(structs))]
 
 
 def _as_asked(light_map: TransmittanceMap, asked: MapSettings, plan: Planned) -> TransmittanceMap:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
 from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.margins import camera_margin, light_margin
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 Key = tuple[Any, ...]
 
-MOST_AHEAD = 2
-"""Scenes whose media are made before their turn: that which is waiting, and the one after it."""
 SHARE_AHEAD = 1 / 16
 """Of the bytes that are kept: what the voxels of such a scene have at most. Larger ones are made in turn,
 when those of the frame before are given back."""
@@ -55,15 +54,12 @@ class Media:
         self._launcher, self._cache = launcher, cache
         self._last: tuple[Key, MediaOnDevice] | None = None
         self._last_bricks: Key | None = None
-        self._beside: Launcher | None = None
         self._ahead: dict[Key, _Ahead] = {}
 
     def clear(self) -> None:
         """Keep nothing."""
         self._last = self._last_bricks = None
         self._ahead.clear()
-        if self._beside is not None:
-            self._beside.release()
 
     def of(self, scene: Scene, maps: Sequence[TransmittanceMap] | None) -> MediaOnDevice:
         """Put the media of a scene of single lights on the device; those of the last frame are there.
@@ -97,29 +93,34 @@ class Media:
             self._last = key, media
         return media
 
-    def prepare(self, scene: Scene) -> bool:
+    def prepare(self, beside: Launcher, scene: Scene) -> tuple[bool, MediaOnDevice | None]:
         """Put what `of` will be asked for on the device, from another thread; what is large is left to it.
 
-        Returns whether its voxels are there.
+        Parameters
+        ----------
+        beside
+            Of that thread.
+
+        Returns
+        -------
+        Whether its voxels are there, and its media, if they were made now.
         """
         grids = _grids(scene)
         if not grids or scene.primitives:
-            return False
+            return False, None
         key = _bricks_key(scene)
         if key == self._last_bricks or key in self._ahead:
-            return True
+            return True, None
         leaves = [grid.channel_leaves for grid in grids]
         nbytes = sum(one.nbytes for channels in leaves for one in channels)
         if nbytes > SHARE_AHEAD * self._cache.budget:
-            return False
-        if self._beside is None:
-            self._beside = self._launcher.beside()
-        bricks = build_bricks(self._beside, leaves, _what(grids), scene.march.voxels)
+            return False, None
+        bricks = build_bricks(beside, leaves, _what(grids), scene.march.voxels)
         margin = _margin(scene)
-        media = media_on_device(self._beside, scene, bricks, None, margin)
+        media = media_on_device(beside, scene, bricks, None, margin)
         keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
         self._ahead[key] = _Ahead(bricks, _media_key(scene, margin), media)
-        return True
+        return True, media
 
     def _primitives(self, scene: Scene) -> PrimitivesOnDevice:
         """Put the primitives of a scene on the device; those of the last frames are there."""
@@ -135,12 +136,6 @@ class Media:
         grids = _grids(scene)
         leaves = [grid.channel_leaves for grid in grids]
         return build_bricks(self._launcher, leaves, _what(grids), scene.march.voxels)
-
-
-def keep_newest(ahead: dict[Any, Any], count: int) -> None:
-    """Drop what was added first, so that so many entries stay, while another thread may take some."""
-    for key in [*ahead][:-count]:
-        ahead.pop(key, None)
 
 
 def _grids(scene: Scene) -> tuple[Volume, ...]:

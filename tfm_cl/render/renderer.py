@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
 from tfm_cl.device.cache import BUDGET, Cache
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.frame import check_distances
@@ -45,7 +46,7 @@ from tfm_cl.render.checks import (
 from tfm_cl.render.deep import DeepSettings
 from tfm_cl.render.frame import Frame
 from tfm_cl.render.maps import MapBuilder
-from tfm_cl.render.media import MOST_AHEAD, Media, keep_newest
+from tfm_cl.render.media import Media
 from tfm_cl.render.motion import Moments, Mover
 from tfm_cl.render.result import RenderResult, RenderStats, members_of
 from tfm_cl.render.visibility import Visibility
@@ -174,6 +175,8 @@ class Renderer:
         self._prepared: dict[int, _Prepared] = {}
         """By the ids of their scenes."""
         self._preparing = threading.Lock()
+        self._beside = self._launcher.beside()
+        """Of the thread that prepares."""
         self._is_closed = False
 
     @property
@@ -212,6 +215,8 @@ class Renderer:
             with self._preparing:
                 self._prepared.clear()
                 self._media.clear()
+                self._maps.clear()
+                self._beside.release()
             self._visibility.clear()
             self._launcher.release()
 
@@ -436,7 +441,8 @@ class Renderer:
     def prepare(self, scene: Scene) -> bool:
         """Put the voxels of a scene that is rendered next on the device, while another thread renders.
 
-        The next frame of a sequence then begins with its light. What cannot be, as it is too large to have
+        The rays of its lights are looked at there, too: the next frame of a sequence then begins with their
+        maps. What cannot be, as it is too large to have
         beside those of other frames or fails, is left to `render`. Scenes are prepared one after the other,
         whatever threads ask.
 
@@ -454,7 +460,9 @@ class Renderer:
             method = checked_method(None, scene)
             planned = plan(scene, method=method)
             prepared = _Prepared(scene, method, planned, _single_lights(planned.scene))
-            is_there = self._media.prepare(prepared.points)
+            is_there, media = self._media.prepare(self._beside, prepared.points)
+            if media is not None and method == "tfm":
+                self._maps.prepare(self._beside, prepared.points, media)
             keep_newest(self._prepared, MOST_AHEAD - 1)  # others were not rendered after all
             self._prepared[id(scene)] = prepared
             return is_there

@@ -35,7 +35,6 @@ def scatter(
     sees_camera: bool = False,
     serves_camera: bool = False,
     around: Around | None = None,
-    meanwhile: Callable[[], None] | None = None,
 ) -> Running:
     """Begin to add the single scattering of some lights of one kind.
 
@@ -54,8 +53,6 @@ def scatter(
         There are but primitives and this light, which reaches them all: its samples do as well.
     around
         Light from all around that the same samples see, with what the camera does.
-    meanwhile
-        What the host does first while the device is at it.
     """
     headers, defines = scatter_variant(batch, media)
     defines |= frame.defines
@@ -74,5 +71,4 @@ def scatter(
         | frame.arguments("places", "solid", "albedo")
         | frame.stored(),
         done,
-        meanwhile=meanwhile,
     )

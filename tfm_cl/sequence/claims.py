@@ -151,7 +151,8 @@ class Ledger:
         """
         self._make()
         text = json.dumps({"fingerprint": fingerprint, "outputs": _states(outputs)})
-        write_text(self._folder / f"{name}{DONE}", text + "\n")
+        # The files are on the disk; were this lost, the frame would be made again.
+        write_text(self._folder / f"{name}{DONE}", text + "\n", survives_power_cuts=False)
 
     def forget(self, name: str) -> None:
         """Say that a frame is not done, before its files change."""
