@@ -45,6 +45,8 @@ oracles: $(INSTALLED)  ## independent programs that the tests compare with where
 	$(PYTHON) -m venv .venv-cycles
 	.venv-cycles/bin/python -m pip install --quiet 'bpy==5.0.1' || echo "no Cycles for $$($(PYTHON) --version): its tests skip"
 	if command -v npm >/dev/null; then npm install --silent --prefix .venv-ktx ktx-parse; fi
+	mkdir -p .venv-vscode
+	if command -v npm >/dev/null; then cd .venv-vscode && npm pack --silent @vscode/jupyter-ipywidgets8@1.0.9 && tar xzf *.tgz; fi
 
 docs: $(INSTALLED)  ## the documentation, without the network: out/docs/index.html
 	$(BIN)/python -m sphinx -E -W --keep-going -q docs out/docs
@@ -58,7 +60,7 @@ bench: $(INSTALLED)  ## how fast it is, in minutes: out/bench; other programs ar
 	$(BIN)/python scripts/bench_scale.py --quick -o out/bench
 
 clean:
-	rm -rf out build dist .venv .venv-cycles .venv-oclgrind .venv-ktx
+	rm -rf out build dist .venv .venv-cycles .venv-oclgrind .venv-ktx .venv-vscode
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV) || { echo "install Debian's python3-venv first: apt install python3-venv"; exit 1; }

@@ -3,10 +3,12 @@
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
+
+T = TypeVar("T")
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
 """What ends a program that may clean up: Ctrl-C, and what farms and systems send before they kill."""
@@ -51,6 +53,13 @@ def check_cancelled() -> None:
     ask = _ask.get()
     if ask is not None:
         ask()
+
+
+def cancellable(parts: Iterable[T]) -> Iterator[T]:
+    """Yield parts of long work, each after `check_cancelled`."""
+    for part in parts:
+        check_cancelled()
+        yield part
 
 
 @contextmanager

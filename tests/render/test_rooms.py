@@ -5,6 +5,8 @@ import pytest
 from scenes import make_scene
 
 import tfm_cl as tfm
+from tfm_cl.errors import CancelledError
+from tfm_cl.interrupts import cancelled_by
 from tfm_cl.plan.orders import Lattice, directions
 from tfm_cl.reference import orders as reference
 from tfm_cl.render import rooms
@@ -52,6 +54,19 @@ def test_points_that_no_light_reaches_are_hidden(what):
     found = hidden(solids, is_open.astype(float))
     np.testing.assert_array_equal(found.points, ~is_open)
     np.testing.assert_array_equal(hidden(solids, 0 * PLACES[..., 0], is_open * 1.0).points, ~is_open)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 10])
+def test_looking_for_them_ends_when_it_is_cancelled(number):
+    solids, is_open = OPEN["ball in a room"]
+    found, asks = rooms.rooms_of(Tracer(solids), LATTICE), iter(range(1, number))
+
+    def ask():
+        if next(asks, None) is None:
+            raise CancelledError
+
+    with cancelled_by(ask), pytest.raises(CancelledError):
+        rooms.hidden_of(found, is_open.astype(float), np.zeros(LATTICE.size), SUN, LATTICE)
 
 
 def test_points_that_light_reaches_are_not():

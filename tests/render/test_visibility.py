@@ -100,6 +100,28 @@ def test_a_clip_is_the_largest_distance_around_each_ray(rng, res, size):
     np.testing.assert_array_equal(clip_of(distances, size), expected)
 
 
+def test_bounds_of_shadow_maps_are_the_same_in_parts_and_end_when_it_is_cancelled(rng, monkeypatch):
+    lights = [
+        tfm.SpotLight(from_=(x, 3, 1), to=(0, 0, 0), cone=20).fitted(SCENE.bounds) for x in (1, 2, 3, 4)
+    ]
+    maps = [rng.random((size, size)).astype(np.float32) for size in (40, 40, 16, 40)]
+    whole = Visibility(Cache()).shadow_bounds(SCENE, lights, maps)
+    monkeypatch.setattr("tfm_cl.render.visibility.BOUNDED_AT_ONCE", 2 * 40**2)
+    parts = Visibility(Cache()).shadow_bounds(SCENE, lights, maps)
+    for one, other in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+    asked = []
+
+    def ask():
+        asked.append(1)
+        if len(asked) == 10:
+            raise CancelledError
+
+    with cancelled_by(ask), pytest.raises(CancelledError):
+        Visibility(Cache()).shadow_bounds(SCENE, lights, maps)
+
+
 def test_shadow_maps_are_the_same_in_parts(monkeypatch):
     """Several small maps are traced at a time, and large ones a part at a time."""
     lights = [tfm.SpotLight(from_=(x, 3, 1), to=(0, 0, 0), cone=20).fitted(SCENE.bounds) for x in (1, 2, 3)]

@@ -304,6 +304,7 @@ class KernelLibrary:
             for found in program.kernel_names.split(";"):
                 self._kernels[found, variant] = Kernel(program, found, self._clock, kept)
             self._build_seconds += time.perf_counter() - started
+            check_cancelled()
         return self._kernels[name, variant]
 
     def ran(self, kernel: cl.Kernel, size: tuple[int, ...]) -> None:

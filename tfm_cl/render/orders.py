@@ -47,7 +47,7 @@ from tfm_cl.device.launch import LOOK_UP
 from tfm_cl.device.structs.declared import SWEEP
 from tfm_cl.device.structs.medium import medium_structs
 from tfm_cl.errors import SceneError
-from tfm_cl.interrupts import check_cancelled
+from tfm_cl.interrupts import cancellable, check_cancelled
 from tfm_cl.model import decided
 from tfm_cl.plan.deposits import deposited
 from tfm_cl.plan.lobes import harmonics
@@ -366,12 +366,13 @@ def met_of(
     item = np.concatenate([number * most + one for number, (one, _) in enumerate(items)])
     lane = np.concatenate(of_lanes)
     joined: list[NDArray[Any]] = [
-        np.concatenate(values) for values in zip(*(met for _, met in sweeps), strict=True)
+        np.concatenate(values) for values in cancellable(zip(*(met for _, met in sweeps), strict=True))
     ]
     check_cancelled()
     by_way = np.lexsort((joined[Met._fields.index("part")], joined[Met._fields.index("plane")], item))
     check_cancelled()
-    sorted_met = Met(*(values[by_way] for values in joined))
+    sorted_met = Met(*(values[by_way] for values in cancellable(joined)))
+    check_cancelled()
     walls = np.empty((len(item), 4), np.int32)
     walls[:, 0], walls[:, 1], walls[:, 2] = sorted_met.plane, lane[by_way], sorted_met.departs
     walls[:, 3] = sorted_met.part.astype(np.float32).view(np.int32)

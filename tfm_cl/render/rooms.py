@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.interrupts import check_cancelled
+from tfm_cl.interrupts import cancellable, check_cancelled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,7 +119,10 @@ def _numbered(cut: NDArray[np.bool_]) -> Ints:
             runs = np.diff(np.append(starts, lines.size))
             numbers = np.moveaxis(np.repeat(least, runs).reshape(lines.shape), -1, axis)
         if np.array_equal(before, numbers):
-            found: Ints = np.unique(numbers, return_inverse=True)[1].reshape(size)
+            # Each has that of its first point so far.
+            place = np.cumsum(numbers.ravel() == np.arange(numbers.size)) - 1
+            check_cancelled()
+            found: Ints = place[numbers]
             return found
 
 
@@ -137,10 +140,12 @@ def hidden_of(rooms: Ints, light: Floats, emitted: Floats, scene: Scene, lattice
     scene
         Whose lights' rooms are not dark, wherever they shine.
     """
+    check_cancelled()
     flat, count = rooms.ravel(), int(rooms.max()) + 1
     # Shadow maps let some light through, which reaches points beside the surface.
     inner = ~_beside_others(rooms).ravel()
     has_inner = np.bincount(flat[inner], minlength=count) > 0
+    check_cancelled()
     weight = np.where(inner, 1.0, ~has_inner[flat])
     mean = np.bincount(flat, weight * light.ravel()) / np.bincount(flat, weight)
     glow = np.bincount(flat, emitted.ravel())
@@ -149,6 +154,7 @@ def hidden_of(rooms: Ints, light: Floats, emitted: Floats, scene: Scene, lattice
         dark[rooms[tuple(corners.T)]] = False
     if not dark.any():
         return None
+    check_cancelled()
     points = dark[rooms]
     cubes = np.zeros(np.subtract(points.shape, 1), np.uint8)
     for bit, corner in enumerate(CORNERS.tolist()):
@@ -186,7 +192,7 @@ def _next_to_open(hidden: NDArray[np.bool_]) -> tuple[Ints, Ints]:
     nearest = np.zeros(len(place), np.int64)
     for away in (1, 2, 3):
         bits = np.zeros(len(place), np.int64)
-        for bit in np.flatnonzero(distance == away).tolist():
+        for bit in cancellable(np.flatnonzero(distance == away).tolist()):
             near = is_open[tuple((place + NEIGHBOURS[bit] + 1).T)]
             bits |= near.astype(np.int64) << bit
         nearest = np.where(nearest == 0, bits, nearest)
@@ -225,6 +231,7 @@ def sides_of(
     for number in range(len(CORNERS)):
         if not len(left):
             break
+        check_cancelled()
         corner = nearest[left, number]
         ends = np.asarray(lattice.origin) + lattice.spacing * (low[left] + CORNERS[corner])
         way = ends - starts[left]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.constants import SHADOW_FIRST_LEVEL
+from tfm_cl.interrupts import check_cancelled
 
 Pick = Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.float32]]
 """The lesser or the larger of two numbers."""
@@ -42,6 +43,11 @@ def shadow_bounds(maps: NDArray[np.float32]) -> NDArray[np.float32]:
     Returns
     -------
     float32 [n, bounds_size(res)]: least and largest distance of each entry, level by level, row by row.
+
+    Raises
+    ------
+    CancelledError
+        What this thread does was cancelled.
     """
     count, res, _ = maps.shape
     whole = int(bounds_res(res)) << SHADOW_FIRST_LEVEL
@@ -49,6 +55,7 @@ def shadow_bounds(maps: NDArray[np.float32]) -> NDArray[np.float32]:
     for which, (pick, padding) in enumerate(((np.minimum, np.inf), (np.maximum, -np.inf))):
         cells = _padded(maps, whole - res, padding)
         for _ in range(SHADOW_FIRST_LEVEL):
+            check_cancelled()
             cells = _halved(cells, pick)
         first = 0
         while size := cells.shape[1]:

@@ -40,6 +40,8 @@ T = TypeVar("T", bound=Sized)
 
 SHADOW_TEXELS = 2
 """Along a side of a shadow map, for each of a map that is small because its light is soft."""
+BOUNDED_AT_ONCE = 1 << 20
+"""Texels of shadow maps: some 5 milliseconds."""
 
 
 class Visibility:
@@ -154,7 +156,10 @@ class Visibility:
             with self.timed():
                 for size in {len(maps[i]) for i in places}:
                     alike = [i for i in places if len(maps[i]) == size]
-                    found |= dict(zip(alike, shadow_bounds(np.stack([maps[i] for i in alike])), strict=True))
+                    count = max(BOUNDED_AT_ONCE // size**2, 1)
+                    for some in (alike[first : first + count] for first in range(0, len(alike), count)):
+                        together = np.stack([maps[i] for i in some]) if len(some) > 1 else maps[some[0]][None]
+                        found |= dict(zip(some, shadow_bounds(together), strict=True))
             return [found[i] for i in places]
 
         keys = [(scene.solids, light.map_key(), len(one)) for light, one in zip(lights, maps, strict=True)]

@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tfm_cl.interrupts import check_cancelled
+from tfm_cl.interrupts import cancellable, check_cancelled
 from tfm_cl.plan.orders import is_endless
 from tfm_cl.render.rooms import sides_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from tfm_cl.plan.orders import Lattice
     from tfm_cl.render.rooms import Hidden
@@ -173,11 +173,11 @@ def walls_of(
     unique, numbers = _numbered(lattice, joined.point, sides)
     count, first = len(unique), int(joined.arrives.sum())
     place, normal, albedo = (
-        _means(_one_behind_the_other([one[joined.arrives], other[joined.departs]]), numbers, count)
-        for one, other in (
-            (joined.point, joined.point),
-            (joined.normal, -joined.normal),
-            (joined.albedo, joined.albedo),
+        _means(_one_behind_the_other(values[some] for values, some in each), numbers, count)
+        for each in (
+            ((joined.point, joined.arrives), (joined.point, joined.departs)),
+            sides,
+            ((joined.albedo, joined.arrives), (joined.albedo, joined.departs)),
         )
     )
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), TINY)
@@ -193,6 +193,7 @@ def walls_of(
     made, at = dict[bytes, tuple[Met, ...]](), 0
     for (ways, weights), some in zip(sets, found, strict=True):
         of_set = []
+        check_cancelled()
         ends = at + np.cumsum([len(one.plane) for one in some])
         known = slice(at, int(ends[-1]))
         of_rays = weights * np.abs(ways).max(axis=1) * lattice.spacing**2
@@ -267,16 +268,23 @@ def _joined(parts: Sequence[_Found]) -> _Found:
     return _Found(*map(_one_behind_the_other, zip(*parts, strict=True)))
 
 
-def _one_behind_the_other(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    check_cancelled()
-    return np.concatenate(parts)
+def _one_behind_the_other(parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
+    parts = list(cancellable(parts))
+    kind = np.result_type(*{part.dtype for part in parts})
+    together = np.empty((sum(map(len, parts)), *parts[0].shape[1:]), kind)
+    end = 0
+    for part in cancellable(parts):
+        end += len(part)
+        together[end - len(part) : end] = part
+    return together
 
 
 def _means(values: Floats, number: Ints, count: int) -> Floats:
     """Return the means ``[count, 3]`` of values ``[n, 3]`` that belong to numbers ``[n]``."""
-    check_cancelled()
-    sums = np.stack([np.bincount(number, one, count) for one in values.T], axis=1)
-    means: Floats = sums / np.bincount(number, minlength=count)[:, None]
+    means = np.empty((count, values.shape[1]))
+    of = np.bincount(number, minlength=count)
+    for axis, one in enumerate(cancellable(values.T)):
+        means[:, axis] = np.bincount(number, one, count) / of
     return means
 
 
@@ -325,11 +333,9 @@ def _numbered(
             part = which[first : first + NAMED]
             found.append(np.unique(_keys(lattice, points[part], normals[part]), return_inverse=True))
     check_cancelled()
-    unique, numbers = np.unique(np.concatenate([names for names, _ in found]), return_inverse=True)
-    check_cancelled()
-    begins = np.cumsum([0, *(len(names) for names, _ in found)])
-    of_all = [numbers[begin:][own] for begin, (_, own) in zip(begins[:-1], found, strict=True)]
-    return unique, np.concatenate(of_all)
+    every = np.sort(np.concatenate([names for names, _ in found]), kind="stable")  # which are in order each
+    unique = every[np.append(True, np.diff(every) > 0)]
+    return unique, _one_behind_the_other(np.searchsorted(unique, names)[own] for names, own in found)
 
 
 class _Rays:

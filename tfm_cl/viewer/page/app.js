@@ -74,7 +74,7 @@ class App {
       group("Layer", labelled("Layer", this.layer), this.light),
       group("Exposure and view", labelled("Exposure", this.exposure), this.stops, this.auto, this.look),
       this.compare.bar, this.maps.element,
-      make("div", { className: "tool-group end" }, theme, iconButton("panel", "Panel", "N", () => this.showPanel()), iconButton("help", "Keys and mouse", "?", () => this.keys.sheet.showModal())));
+      make("div", { className: "tool-group end" }, theme, iconButton("panel", "Panel", "N", () => this.showPanel()), iconButton("help", "Keys and mouse", "?", () => openOver(this.keys.sheet))));
   }
 
   #tools() {

@@ -25,7 +25,7 @@ class FilesDialog {
     this.does = does;
     this.#list("");
     this.list.replaceChildren(make("li", { className: "note", textContent: "Reading the folder …" }));
-    this.dialog.showModal();
+    openOver(this.dialog);
   }
 
   choose(path) {
@@ -125,8 +125,7 @@ class SaveDialog {
     this.name.value ||= fileName(this.app.model.state.source).replace(/\.[^.]*$/, "").replace(/#+/g, "frame") + "_view";
     this.where.textContent = `Into ${this.app.model.welcome?.folder ?? "the viewer's folder"}`;
     this.choose(what);
-    this.dialog.showModal();
-    this.name.select();
+    openOver(this.dialog).then(() => this.name.select());
   }
 
   choose(what) {
@@ -155,6 +154,19 @@ function dialog(title, ...children) {
   close.addEventListener("click", () => element.close());
   element.addEventListener("click", (event) => { if (event.target === element) element.close(); });
   return element;
+}
+
+/** Open a dialog in the middle of what is seen of the viewer: a notebook's frame may be far taller than its window. */
+function openOver(element) {
+  return new Promise((opened) => {
+    new IntersectionObserver(([{ intersectionRect: seen }], observer) => {
+      observer.disconnect();
+      const sides = { above: seen.top, after: window.innerWidth - seen.right, below: window.innerHeight - seen.bottom, before: seen.left };
+      if (seen.height > 0) for (const [side, size] of Object.entries(sides)) element.style.setProperty(`--${side}`, `${Math.max(size, 0)}px`);
+      if (!element.open) element.showModal();
+      opened();
+    }).observe(element.closest(".tfm-viewer"));
+  });
 }
 
 function sizeText(size) {

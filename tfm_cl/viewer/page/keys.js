@@ -105,7 +105,7 @@ class Keys {
       1: () => compare.show("a"), 2: () => compare.show("b"), 3: () => compare.show("error"), m: () => app.maps.toggle(),
       "[": () => app.expose(-1 / 3), "]": () => app.expose(1 / 3), "+": () => stage.flip.stepZoom(1), "=": () => stage.flip.stepZoom(1), "-": () => stage.flip.stepZoom(-1),
       "/": () => { app.showPanel(true); app.panel.search.focus(); }, n: () => app.showPanel(), p: () => app.timeline.toggle(),
-      ",": () => app.timeline.step(-1), ".": () => app.timeline.step(1), "?": () => this.sheet.showModal(),
+      ",": () => app.timeline.step(-1), ".": () => app.timeline.step(1), "?": () => openOver(this.sheet),
       Delete: () => app.removeChosen(), Escape: () => app.giveUp(),
     }[key];
   }
