@@ -34,12 +34,12 @@ Mask = NDArray[np.bool_]
 
 BEND = 0.08
 """Second difference beyond which a pixel is sampled again: of RGB over the brightest near; of alpha."""
-SPREAD = 0.4
+SPREAD = 0.5
 """Difference between samples, likewise, beyond which their pixels get four times as many more.
 
 For as much of the error, they cost several times what the first four do.
 """
-ACROSS = 0.4
+ACROSS = 0.3
 """Difference, likewise, across the border of two pixels beyond which both do."""
 FOLLOWED = 3
 """Pixels along which an edge is followed from one that has all samples."""
@@ -48,7 +48,7 @@ AROUND = 8
 BLACK = 1e-4
 """Radiance below which nothing is seen."""
 MARGIN = 20
-"""Pixels around a crop that say something of it: `AROUND`, `FOLLOWED`, one for each level, the filter, tiles."""
+"""Pixels around a crop that say something of it: `AROUND`, `FOLLOWED`, and one for each level, filter."""
 MOST_SAMPLES = 1 << 20
 """That are held at once."""
 QUADRATURE = 64
@@ -299,10 +299,12 @@ def _shows_through(sums: Sums) -> Floats:
     """Return the transmittance where no solid is shown, […, 3]; holdouts do not count."""
     if sums.of_solids is None:
         return sums.transmittance[..., :3].copy()
-    is_free = np.isinf(sums.of_solids[..., 3:]) | (sums.albedo[..., 3:] > 0)
-    through = np.empty((*is_free.shape[:-1], 3), np.float32)
+    is_free = np.isinf(sums.of_solids[..., 3]) | (sums.albedo[..., 3] > 0)
+    through = np.zeros((*is_free.shape, 3), np.float32)
     for rows in rows_at_once(through.shape):
-        through[rows] = np.where(is_free[rows], sums.transmittance[rows, :, :3], np.float32(0))
+        for channel in range(3):  # short axes are slow
+            seen = sums.transmittance[rows, ..., channel]
+            np.copyto(through[rows, ..., channel], seen, where=is_free[rows])
     return through
 
 
@@ -407,9 +409,9 @@ def _beside(*parts: Floats) -> Floats:
     return copied
 
 
-def _spread(samples: Floats, scale: Floats) -> Floats:
-    """How far the samples of pixels, [n, samples, 4], are from each other."""
-    width = samples.max(axis=1) - samples.min(axis=1)
+def _spread(low: Floats, high: Floats, scale: Floats) -> Floats:
+    """How far the samples of pixels are from each other, by the least and the most of them, [n, 4]."""
+    width = high - low
     return np.asarray(np.maximum(_together(width) / scale, width[:, 3]))
 
 
@@ -441,10 +443,14 @@ def _across(new: _Level, others: _Level, single: Floats, scale: Floats, numbers:
         number = numbers[y + dy + 1, x + dx + 1]
         one = np.flatnonzero(number != FULL)
         row, column, number = y[one] + dy, x[one] + dx, number[one]
-        there = np.repeat(single[row, column][:, None], 2, axis=1)
-        there[number >= 0] = others.borders[number[number >= 0], side ^ 1]
-        samples = np.concatenate([new.borders[one, side], there], axis=1)
-        differs = _spread(samples, scale[row, column]) > ACROSS
+        low = high = single[row, column]
+        several = np.flatnonzero(number != SINGLE)
+        if len(several):
+            low, high = low.copy(), high.copy()
+            low[several], high[several] = others.borders[number[several], side ^ 1].swapaxes(0, 1)
+        own_low, own_high = new.borders[one, side].swapaxes(0, 1)
+        low, high = np.minimum(low, own_low), np.maximum(high, own_high)
+        differs = _spread(low, high, scale[row, column]) > ACROSS
         found[row[differs], column[differs]] = found[y[one][differs], x[one][differs]] = True
     return found
 
@@ -474,6 +480,8 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Float
         As of `_across`.
     """
     x, y = pixels.T
+    low = np.minimum(seen.radiance.min(axis=1), single[y, x])
+    high = np.maximum(seen.radiance.max(axis=1), single[y, x])
     next_to = seen.radiance[:, _next_to_sides(math.isqrt(len(weights)))]
     nearest = None
     if seen.of_solids is not None:
@@ -489,7 +497,7 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Float
         nearest,
         seen.samples.sum(axis=1, dtype=np.uint32),
         np.full(len(pixels), len(weights), np.float32),
-        _spread(np.concatenate([single[y, x][:, None], seen.radiance], axis=1), scale[y, x]),
+        _spread(low, high, scale[y, x]),
         np.stack([next_to.min(axis=2), next_to.max(axis=2)], axis=2),
     )
 

@@ -14,7 +14,7 @@ from tfm_cl.extras import needs
 from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
-from tfm_cl.scene.transform import corners_of
+from tfm_cl.scene.transform import corners_of, dots
 
 if TYPE_CHECKING:
     from tfm_cl.render.regions import LitRegions
@@ -249,7 +249,8 @@ class Tracer:
         """
         points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         size = 0.0 if self._meshes is None else self._meshes.size
-        exact = LIFT_EXACT * np.abs(points).max(axis=-1)
+        x, y, z = np.abs(np.moveaxis(points, -1, 0))
+        exact = LIFT_EXACT * np.maximum(np.maximum(x, y), z)
         offset = np.maximum(exact, LIFT * np.maximum(np.asarray(distances, dtype=np.float64), size))
         lifted: NDArray[np.float64] = points + offset[..., None] * normals
         return lifted
@@ -278,7 +279,7 @@ class Tracer:
             found.distance[closer] = distance[closer]
             place = start[closer] + distance[closer, None] * towards[closer]
             normals = solid.world_normals(solid.normals(place))
-            normals[np.einsum("ij,ij->i", normals, directions[closer]) > 0] *= -1
+            normals[dots(normals, directions[closer]) > 0] *= -1
             found.normal[closer] = found.flat[closer] = normals
             found.raised[closer], found.holdout[closer] = 0, solid.holdout
             mapped = solid.mapped()
