@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -415,6 +415,12 @@ def _spread(low: Floats, high: Floats, scale: Floats) -> Floats:
     return np.asarray(np.maximum(_together(width) / scale, width[:, 3]))
 
 
+def _range(samples: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the most of samples, […, samples, 4]; one by one: short axes are slow."""
+    one_by_one = np.moveaxis(samples, -2, 0)
+    return reduce(np.minimum, one_by_one), reduce(np.maximum, one_by_one)
+
+
 def _next_to_sides(per_pixel: int) -> NDArray[np.intp]:
     """Return which samples of a pixel are the quarter next to each of its `SIDES`, [sides, samples]."""
     count = max(1, per_pixel**2 // 4)
@@ -480,8 +486,8 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Float
         As of `_across`.
     """
     x, y = pixels.T
-    low = np.minimum(seen.radiance.min(axis=1), single[y, x])
-    high = np.maximum(seen.radiance.max(axis=1), single[y, x])
+    low, high = _range(seen.radiance)
+    low, high = np.minimum(low, single[y, x]), np.maximum(high, single[y, x])
     next_to = seen.radiance[:, _next_to_sides(math.isqrt(len(weights)))]
     nearest = None
     if seen.of_solids is not None:
@@ -498,7 +504,7 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Float
         seen.samples.sum(axis=1, dtype=np.uint32),
         np.full(len(pixels), len(weights), np.float32),
         _spread(low, high, scale[y, x]),
-        np.stack([next_to.min(axis=2), next_to.max(axis=2)], axis=2),
+        np.stack(_range(next_to), axis=2),
     )
 
 
