@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 
 BEND = 0.08
 """Second difference beyond which a pixel is sampled again: of RGB over the brightest near; of alpha."""
-SPREAD = 0.5
+SPREAD = 0.4
 """Difference between samples, likewise, beyond which their pixels get four times as many more.
 
 For as much of the error, they cost several times what the first four do.
