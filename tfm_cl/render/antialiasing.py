@@ -191,8 +191,8 @@ class Antialiasing:
         """Filter single samples and levels; what the sums hold may be written over."""
         if sums.of_solids is not None:
             # Others may read the G-buffer.
-            sums = replace(sums, of_solids=sums.of_solids.copy(), of_albedo=sums.albedo.copy())
-        shows_through = _shows_through(sums)
+            solids, albedo = sums.of_solids.copy(), sums.albedo.copy()
+            sums = replace(sums, of_solids=solids, of_albedo=albedo, shows_through=_shows_through(sums))
         for level in levels:
             x, y = level.pixels.T
             sums.samples[y, x] = level.counts
@@ -200,10 +200,9 @@ class Antialiasing:
                 sums.solid[y, x], sums.albedo[y, x, 3] = level.nearest[:, :4], level.nearest[:, 4]
         if not self._weights.reach:
             for level in levels:
-                _write(level, sums, shows_through)
-            return replace(sums, shows_through=shows_through)
-        parts = _parts(sums) | {"shows_through": shows_through}
-        made = {name: self._filtered(part, name, levels) for name, part in parts.items()}
+                _write(level, sums)
+            return sums
+        made = {name: self._filtered(part, name, levels) for name, part in _parts(sums).items()}
         return replace(
             sums,
             radiance=made["radiance"],
@@ -217,7 +216,7 @@ class Antialiasing:
             of_emission_light=made.get("emission_light"),
             added=None if sums.added is None else _layers(made["added"]),
             of_orders_up_to=None if sums.of_orders_up_to is None else _layers(made["up to orders"]),
-            shows_through=made["shows_through"],
+            shows_through=made.get("shows_through"),
         )
 
     @cached_property
@@ -297,9 +296,7 @@ class _Weights:
 
 def _shows_through(sums: Sums) -> Floats:
     """Return the transmittance where no solid is shown, […, 3]; holdouts do not count."""
-    if sums.of_solids is None:
-        return sums.transmittance[..., :3].copy()
-    is_free = np.isinf(sums.of_solids[..., 3]) | (sums.albedo[..., 3] > 0)
+    is_free = np.isinf(sums.solid[..., 3]) | (sums.albedo[..., 3] > 0)
     through = np.zeros((*is_free.shape, 3), np.float32)
     for rows in rows_at_once(through.shape):
         for channel in range(3):  # short axes are slow
@@ -314,12 +311,11 @@ def _depth(parts: dict[str, Floats]) -> Floats:
     return np.divide(parts["depth"], opacity, out=np.zeros_like(opacity), where=opacity > 0)
 
 
-def _write(level: _Level, sums: Sums, shows_through: Floats) -> None:
+def _write(level: _Level, sums: Sums) -> None:
     """Put pixels that are filtered by themselves in the place of their single samples."""
     x, y = level.pixels.T
     made = {name: part[:, 0, 0] for name, part in level.parts.items()}
     sums.transmittance[y, x, 3:] = _depth(made)
-    shows_through[y, x] = made.pop("shows_through")
     for name, picture in _pictures(sums).items():
         picture[y, x] = made[name].reshape(len(x), *picture.shape[2:])
 
@@ -330,6 +326,7 @@ def _pictures(sums: Sums) -> dict[str, Floats]:
         "radiance": sums.radiance,
         "light_seen": sums.light_seen,
         "transmittance": sums.transmittance[..., :3],
+        "shows_through": sums.shows_through,
         "albedo": None if sums.of_solids is None else sums.albedo[..., :3],
         "emission": sums.emitted,
         "errors": sums.of_errors,
@@ -350,11 +347,7 @@ def _parts(sums: Sums) -> dict[str, Floats]:
         name: picture.reshape(*shape, math.prod(picture.shape[len(shape) :]))
         for name, picture in _pictures(sums).items()
     }
-    return parts | {
-        "opacity": opacity,
-        "depth": opacity * sums.transmittance[..., 3:],
-        "shows_through": _shows_through(sums),
-    }
+    return parts | {"opacity": opacity, "depth": opacity * sums.transmittance[..., 3:]}
 
 
 def _layers(added: Floats) -> Floats:
@@ -491,6 +484,7 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Float
     next_to = seen.radiance[:, _next_to_sides(math.isqrt(len(weights)))]
     nearest = None
     if seen.of_solids is not None:
+        seen = replace(seen, shows_through=_shows_through(seen))
         solids = np.concatenate([seen.of_solids, seen.albedo[..., 3:]], axis=-1)
         nearest = solids[np.arange(len(pixels)), solids[..., 3].argmin(axis=1)]
     flat = weights.reshape(len(weights), -1)
