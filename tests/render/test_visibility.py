@@ -12,7 +12,7 @@ from tfm_cl.device.cache import Cache
 from tfm_cl.errors import CancelledError
 from tfm_cl.interrupts import cancelled_by
 from tfm_cl.render.gbuffer import trace_gbuffer
-from tfm_cl.render.raster import Crop, in_blocks, pack
+from tfm_cl.render.raster import Crop, block_order, pack
 from tfm_cl.render.tracing import threads
 from tfm_cl.render.tracing.tracer import Tracer
 from tfm_cl.render.visibility import Visibility, clip_of
@@ -35,7 +35,8 @@ def tracer():
 @pytest.fixture(params=["crop", "samples"])
 def raster(request):
     x, y = np.meshgrid(np.arange(3, 29), np.arange(5, 37))
-    some = in_blocks(np.stack([x.ravel(), y.ravel()], axis=1)[::3])
+    some = np.stack([x.ravel(), y.ravel()], axis=1)[::3]
+    some = some[block_order(some)]
     return Crop((3, 5, 29, 37)) if request.param == "crop" else pack(some, 2, 8)
 
 

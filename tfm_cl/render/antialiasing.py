@@ -1,15 +1,16 @@
 """Anti-aliasing: pixels that differ from those beside them are sampled again, and all are filtered.
 
 One sample says enough where a picture is smooth: its second differences tell. Pixels whose samples differ, or
-differ from those across their border, get four times as many more: an edge passes there. A pixel is the mean
-of all samples that it has. Nothing depends on what lies further away than `MARGIN`: a crop shows what the
-whole frame would.
+differ from those across their border, get four times as many more: an edge passes there. Where the last of
+them show it leave a pixel, it is followed into the next. A pixel is the mean of all samples that it has.
+Nothing depends on what lies further away than `MARGIN`: a crop shows what the whole frame would.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
-from tfm_cl.render.raster import BLOCK, block_order, in_blocks, pack, pattern
+from tfm_cl.render.raster import BLOCK, block_order, pack, pattern
 from tfm_cl.render.rows import rows_at_once
 from tfm_cl.scene.pixel_filters import FILTERS
 
@@ -31,22 +32,31 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-BEND = 0.1
+BEND = 0.08
 """Second difference beyond which a pixel is sampled again: of RGB over the brightest near; of alpha."""
-SPREAD = 0.2
-"""Difference between samples, likewise, beyond which their pixels get four times as many more."""
+SPREAD = 0.4
+"""Difference between samples, likewise, beyond which their pixels get four times as many more.
+
+For as much of the error, they cost several times what the first four do.
+"""
+ACROSS = 0.3
+"""Difference, likewise, across the border of two pixels beyond which both do."""
+FOLLOWED = 3
+"""Pixels along which an edge is followed from one that has all samples."""
 AROUND = 8
 """Pixels to each side in which the brightest is looked for: what is dark beside it is hardly seen."""
 BLACK = 1e-4
 """Radiance below which nothing is seen."""
-MARGIN = 16
-"""Pixels around a crop that say something of it: `AROUND`, and one for each level, the filter, neighbours."""
+MARGIN = 20
+"""Pixels around a crop that say something of it: `AROUND`, `FOLLOWED`, and one for each level, filter."""
 MOST_SAMPLES = 1 << 20
 """That are held at once."""
 QUADRATURE = 64
 """Points along a side of a pixel at which filters are summed up."""
 SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Steps y, x to the four pixels beside one, each before its opposite."""
+SINGLE, FULL = -1, -2
+"""Instead of a pixel's number: it has one sample; it has all, or lies outside."""
 
 
 class _Level(NamedTuple):
@@ -62,6 +72,10 @@ class _Level(NamedTuple):
     """[n], densities read."""
     taken: NDArray[np.float32]
     """[n], samples that they are made of."""
+    spread: Floats
+    """[n], how far the last of these, and the single one, are from each other."""
+    borders: Floats
+    """[n, sides, 2, 4], the least and the most RGBA of the last ones next to each of `SIDES`."""
 
 
 @dataclass(frozen=True)
@@ -117,74 +131,92 @@ class Antialiasing:
         self, sums: Sums, crop: Rectangle, lanes: int, look: Callable[[Samples], Sums]
     ) -> list[_Level]:
         """Sample pixels again, in ever more samples; each pixel is of one level."""
-        scale = _scale(sums.radiance)
-        wanted = _bends(sums.radiance, scale)
-        corner, levels = np.array(crop[:2]), []
-        counts, is_single = sums.samples.copy(), ~wanted
-        before, per_pixel = self._single(sums, _in_blocks(wanted)), 2
-        while per_pixel**2 <= self.samples and len(before.pixels):
-            weights, nearest = self._weights.of_samples(per_pixel), _nearest_to_sides(per_pixel)
-            is_last = (2 * per_pixel) ** 2 > self.samples
-            found, wanted, outermost, done = [], np.zeros_like(wanted), [], 0
-            for pixels in _parts_of(before.pixels + corner, per_pixel):
-                samples = pack(pixels, per_pixel, lanes)
-                seen = look(samples).at(samples.index)
-                part = _level(pixels - corner, seen, weights)
-                found.append(_joined(_rows(before, slice(done, done + len(pixels))), part))
-                done += len(pixels)
-                x, y = part.pixels.T
-                counts[y, x] += part.counts
-                if not is_last:
-                    wanted[y, x] = _spread(seen.radiance, sums.radiance[y, x], scale[y, x]) > SPREAD
-                    outermost.append(seen.radiance[:, nearest])
-            if outermost:
-                sides = np.concatenate(outermost)
-                wanted |= _across(before.pixels, sides, sums.radiance, scale, is_single)
-            more = [self._single(sums, np.argwhere(wanted & is_single)[:, ::-1])]
-            is_single &= ~wanted
-            for part in _taken(found):
-                levels.append(_some(part, ~wanted, counts))
-                more.append(_some(part, wanted, counts))
-            before, per_pixel = _concatenated(more), 2 * per_pixel
-        return levels
+        single, scale = sums.radiance, _scale(sums.radiance)
+        numbers = np.pad(np.full(scale.shape, SINGLE, np.int32), 1, constant_values=FULL)
+        inside, full = numbers[1:-1, 1:-1], []
+        rest = taken = self._single(sums, scale, np.zeros((0, 2), np.int64))
+        for step, per_pixel in enumerate(self._steps):
+            wanted = _across(taken, rest, single, scale, numbers) if step else _bends(single, scale)
+            x, y = rest.pixels.T
+            more = wanted[y, x] | (rest.spread > SPREAD)
+            first = np.argwhere(wanted & (inside == SINGLE))[:, ::-1]
+            found = _concatenated([_rows(rest, more), self._single(sums, scale, first)])
+            if not len(found.pixels):
+                break
+            rest, found = _rows(rest, ~more), _rows(found, block_order(found.pixels))
+            taken = self._sampled(found, per_pixel, single, scale, crop, lanes, look)
+            if per_pixel == self._steps[-1]:
+                full.append(taken)
+                x, y = taken.pixels.T
+                inside[y, x] = FULL
+            else:
+                rest = _concatenated([rest, taken])
+            x, y = rest.pixels.T
+            inside[y, x] = np.arange(len(x))
+        return [*full, rest]
 
-    def _single(self, sums: Sums, pixels: NDArray[np.int64]) -> _Level:
+    @cached_property
+    def _steps(self) -> list[int]:
+        """Samples along a side of a pixel."""
+        levels = [2**k for k in range(1, self.samples.bit_length() // 2 + 1)]
+        return levels + FOLLOWED * levels[-1:]
+
+    def _sampled(
+        self,
+        found: _Level,
+        per_pixel: int,
+        single: Floats,
+        scale: Floats,
+        crop: Rectangle,
+        lanes: int,
+        look: Callable[[Samples], Sums],
+    ) -> _Level:
+        """Sample pixels, sorted by blocks, again, beside what they have."""
+        weights, corner = self._weights.of_samples(per_pixel), np.array(crop[:2])
+        taken, done = [], 0
+        for pixels in _parts_of(found.pixels + corner, per_pixel):
+            samples = pack(pixels, per_pixel, lanes)
+            seen = look(samples).at(samples.index)
+            before = _rows(found, slice(done, done + len(pixels)))
+            taken.append(_joined(before, _level(pixels - corner, seen, weights, single, scale)))
+            done += len(pixels)
+        return _concatenated(taken)
+
+    def _single(self, sums: Sums, scale: Floats, pixels: NDArray[np.int64]) -> _Level:
         """Return the single samples of some pixels."""
         index = pixels[:, 1:] * sums.samples.shape[1] + pixels[:, :1]
-        return _level(pixels, sums.at(index), self._weights.of_samples(1))
+        return _level(pixels, sums.at(index), self._weights.of_samples(1), sums.radiance, scale)
 
     def _put_together(self, sums: Sums, levels: list[_Level]) -> Sums:
-        """Filter single samples and levels."""
-        made = {name: self._filtered(part, name, levels) for name, part in _parts(sums).items()}
-        opacity = made["opacity"]
-        depth = np.divide(made["depth"], opacity, out=np.zeros_like(opacity), where=opacity > 0)
-        counts, albedo = sums.samples.copy(), None
-        solid = None
+        """Filter single samples and levels; what the sums hold may be written over."""
         if sums.of_solids is not None:
-            solid = _beside(sums.of_solids, sums.albedo[..., 3:])
+            # Others may read the G-buffer.
+            solids, albedo = sums.of_solids.copy(), sums.albedo.copy()
+            sums = replace(sums, of_solids=solids, of_albedo=albedo, shows_through=_shows_through(sums))
         for level in levels:
             x, y = level.pixels.T
-            counts[y, x] = level.counts
-            if solid is not None and level.nearest is not None:
-                solid[y, x] = level.nearest
-        if "albedo" in made and solid is not None:
-            albedo = _beside(made["albedo"], solid[..., 4:])
+            sums.samples[y, x] = level.counts
+            if level.nearest is not None:
+                sums.solid[y, x], sums.albedo[y, x, 3] = level.nearest[:, :4], level.nearest[:, 4]
+        if not self._weights.reach:
+            for level in levels:
+                _write(level, sums)
+            return sums
+        made = {name: self._filtered(part, name, levels) for name, part in _parts(sums).items()}
         return replace(
             sums,
             radiance=made["radiance"],
             light_seen=made["light_seen"],
-            transmittance=_beside(made["transmittance"], depth),
-            samples=counts,
+            transmittance=_beside(made["transmittance"], _depth(made)),
             emitted=made.get("emission"),
-            of_solids=None if solid is None else solid[..., :4],
-            of_albedo=albedo,
+            of_albedo=_beside(made["albedo"], sums.albedo[..., 3:]) if "albedo" in made else None,
             of_errors=made.get("errors"),
             of_lattice=made.get("lattice"),
             of_orders=made.get("orders"),
             of_emission_light=made.get("emission_light"),
             added=None if sums.added is None else _layers(made["added"]),
             of_orders_up_to=None if sums.of_orders_up_to is None else _layers(made["up to orders"]),
-            shows_through=made["shows_through"],
+            shows_through=made.get("shows_through"),
         )
 
     @cached_property
@@ -193,12 +225,10 @@ class Antialiasing:
 
     def _filtered(self, part: Floats, name: str, levels: list[_Level]) -> Floats:
         """Filter a part of the sums, [h, w, channels]."""
-        reach, out = self._weights.reach, _beside(part)
+        reach, out = self._weights.reach, part.copy()
         for level in levels:
             x, y = level.pixels.T
-            out[y, x] = 0 if reach else level.parts[name][:, 0, 0]
-        if not reach:
-            return out
+            out[y, x] = 0
         out = self._weights.spread(out)
         height, width = part.shape[:2]
         for level, dy, dx in product(levels, range(-reach, reach + 1), range(-reach, reach + 1)):
@@ -264,36 +294,60 @@ class _Weights:
         return picture
 
 
-def _parts(sums: Sums) -> dict[str, Floats]:
-    """Return what of the sums may be filtered, […, channels]."""
-    opacity: Floats = np.float32(1) - (_together(sums.transmittance) / np.float32(3))[..., None]
-    parts: dict[str, Floats] = {
+def _shows_through(sums: Sums) -> Floats:
+    """Return the transmittance where no solid is shown, […, 3]; holdouts do not count."""
+    is_free = np.isinf(sums.solid[..., 3]) | (sums.albedo[..., 3] > 0)
+    through = np.zeros((*is_free.shape, 3), np.float32)
+    for rows in rows_at_once(through.shape):
+        for channel in range(3):  # short axes are slow
+            seen = sums.transmittance[rows, ..., channel]
+            np.copyto(through[rows, ..., channel], seen, where=is_free[rows])
+    return through
+
+
+def _depth(parts: dict[str, Floats]) -> Floats:
+    """Return the distance of what media hide, […, 1]."""
+    opacity = parts["opacity"]
+    return np.divide(parts["depth"], opacity, out=np.zeros_like(opacity), where=opacity > 0)
+
+
+def _write(level: _Level, sums: Sums) -> None:
+    """Put pixels that are filtered by themselves in the place of their single samples."""
+    x, y = level.pixels.T
+    made = {name: part[:, 0, 0] for name, part in level.parts.items()}
+    sums.transmittance[y, x, 3:] = _depth(made)
+    for name, picture in _pictures(sums).items():
+        picture[y, x] = made[name].reshape(len(x), *picture.shape[2:])
+
+
+def _pictures(sums: Sums) -> dict[str, Floats]:
+    """Return what of the sums may be filtered, [h, w, …, channels], to be read and written."""
+    pictures = {
         "radiance": sums.radiance,
         "light_seen": sums.light_seen,
         "transmittance": sums.transmittance[..., :3],
-        "opacity": opacity,
-        "depth": opacity * sums.transmittance[..., 3:],
-        "shows_through": sums.transmittance[..., :3],
-    }
-    if sums.of_solids is not None:
-        is_free = np.isinf(sums.of_solids[..., 3:]) | (sums.albedo[..., 3:] > 0)
-        through = np.empty((*is_free.shape[:-1], 3), np.float32)
-        for rows in rows_at_once(through.shape):
-            through[rows] = np.where(is_free[rows], sums.transmittance[rows, :, :3], np.float32(0))
-        parts["shows_through"] = through
-        parts["albedo"] = sums.albedo[..., :3]
-    others = {
+        "shows_through": sums.shows_through,
+        "albedo": None if sums.of_solids is None else sums.albedo[..., :3],
         "emission": sums.emitted,
         "errors": sums.of_errors,
         "lattice": sums.of_lattice,
         "orders": sums.of_orders,
         "emission_light": sums.of_emission_light,
+        "added": None if sums.added is None else np.moveaxis(sums.added, 0, -2),
+        "up to orders": None if sums.of_orders_up_to is None else np.moveaxis(sums.of_orders_up_to, 0, -2),
     }
-    for name, several in (("added", sums.added), ("up to orders", sums.of_orders_up_to)):
-        if several is not None:
-            beside = several.shape[0] * several.shape[-1]
-            others[name] = np.moveaxis(several, 0, -2).reshape(*opacity.shape[:-1], beside)
-    return parts | {name: part for name, part in others.items() if part is not None}
+    return {name: picture for name, picture in pictures.items() if picture is not None}
+
+
+def _parts(sums: Sums) -> dict[str, Floats]:
+    """Return what is filtered, […, channels]."""
+    opacity: Floats = np.float32(1) - (_together(sums.transmittance) / np.float32(3))[..., None]
+    shape = opacity.shape[:-1]
+    parts = {
+        name: picture.reshape(*shape, math.prod(picture.shape[len(shape) :]))
+        for name, picture in _pictures(sums).items()
+    }
+    return parts | {"opacity": opacity, "depth": opacity * sums.transmittance[..., 3:]}
 
 
 def _layers(added: Floats) -> Floats:
@@ -348,57 +402,56 @@ def _beside(*parts: Floats) -> Floats:
     return copied
 
 
-def _spread(samples: Floats, single: Floats, scale: Floats) -> Floats:
-    """How far the samples of pixels, [n, samples, 4] and [n, 4], are from each other."""
-    width = np.maximum(samples.max(axis=1), single) - np.minimum(samples.min(axis=1), single)
+def _spread(low: Floats, high: Floats, scale: Floats) -> Floats:
+    """How far the samples of pixels are from each other, by the least and the most of them, [n, 4]."""
+    width = high - low
     return np.asarray(np.maximum(_together(width) / scale, width[:, 3]))
 
 
-def _nearest_to_sides(per_pixel: int) -> NDArray[np.intp]:
-    """Return which sample of a pixel is the nearest to each of its `SIDES`."""
-    return np.array([(pattern(per_pixel) @ (x, y)).argmax() for y, x in SIDES])
+def _range(samples: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the most of samples, […, samples, 4]; one by one: short axes are slow."""
+    one_by_one = np.moveaxis(samples, -2, 0)
+    return reduce(np.minimum, one_by_one), reduce(np.maximum, one_by_one)
 
 
-def _across(
-    pixels: NDArray[np.int64], outermost: Floats, single: Floats, scale: Floats, is_single: Mask
-) -> Mask:
-    """Find pixels that differ by more than `SPREAD` from those beside them, where they meet.
+def _next_to_sides(per_pixel: int) -> NDArray[np.intp]:
+    """Return which samples of a pixel are the quarter next to each of its `SIDES`, [sides, samples]."""
+    count = max(1, per_pixel**2 // 4)
+    return np.array([np.argsort(pattern(per_pixel) @ (-x, -y), kind="stable")[:count] for y, x in SIDES])
+
+
+def _across(new: _Level, others: _Level, single: Floats, scale: Floats, numbers: NDArray[np.int32]) -> Mask:
+    """Find pixels that differ by more than `ACROSS` from those beside them, where they meet.
 
     Parameters
     ----------
-    pixels
-        x, y [n, 2], all that were sampled.
-    outermost
-        [n, sides, 4], RGBA of their samples nearest to each of `SIDES`.
+    new
+        Pixels that have just been sampled: they, and those beside them, are found.
+    others
+        Those that may be sampled more, and have been.
     single
         Of one sample for each pixel of the crop, [h, w, 4].
     scale
         Of all pixels.
-    is_single
-        Those that have no more than that, which are found too.
+    numbers
+        [h + 2, w + 2], number in ``others`` of each pixel, with one around the crop; `SINGLE` or `FULL`.
     """
-    height, width = scale.shape
-    x, y = pixels.T
-    number = np.full((height + 2, width + 2), -1, np.int32)
-    number[y + 1, x + 1] = np.arange(len(pixels))
-    found = np.zeros_like(is_single)
+    found = np.zeros(scale.shape, dtype=bool)
+    x, y = new.pixels.T
     for side, (dy, dx) in enumerate(SIDES):
-        row, column = y + dy, x + dx
-        other = number[row + 1, column + 1]
-        inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
-        alone = np.zeros_like(inside)
-        alone[inside] = is_single[row[inside], column[inside]]
-        one = np.flatnonzero((other >= 0) | alone)
-        row, column, other, alone = row[one], column[one], other[one], alone[one]
-        there = np.where(alone[:, None], single[row, column], outermost[other, side ^ 1])
-        differs = _spread(outermost[one, side, None], there, scale[row, column]) > SPREAD
-        found[row[differs], column[differs]] = True
+        number = numbers[y + dy + 1, x + dx + 1]
+        one = np.flatnonzero(number != FULL)
+        row, column, number = y[one] + dy, x[one] + dx, number[one]
+        low = high = single[row, column]
+        several = np.flatnonzero(number != SINGLE)
+        if len(several):
+            low, high = low.copy(), high.copy()
+            low[several], high[several] = others.borders[number[several], side ^ 1].swapaxes(0, 1)
+        own_low, own_high = new.borders[one, side].swapaxes(0, 1)
+        low, high = np.minimum(low, own_low), np.maximum(high, own_high)
+        differs = _spread(low, high, scale[row, column]) > ACROSS
+        found[row[differs], column[differs]] = found[y[one][differs], x[one][differs]] = True
     return found
-
-
-def _in_blocks(wanted: Mask) -> NDArray[np.int64]:
-    """Return the pixels x, y [n, 2] of a mask, sorted by blocks."""
-    return in_blocks(np.argwhere(wanted)[:, ::-1])
 
 
 def _parts_of(pixels: NDArray[np.int64], per_pixel: int) -> Iterator[NDArray[np.int64]]:
@@ -411,7 +464,7 @@ def _parts_of(pixels: NDArray[np.int64], per_pixel: int) -> Iterator[NDArray[np.
         yield pixels[first:end]
 
 
-def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats) -> _Level:
+def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats, single: Floats, scale: Floats) -> _Level:
     """Put the samples of pixels together.
 
     Parameters
@@ -422,9 +475,16 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats) -> _Level:
         Their samples, [n, samples, …].
     weights
         Of the samples, as `_Weights.of_samples` returns them.
+    single, scale
+        As of `_across`.
     """
+    x, y = pixels.T
+    low, high = _range(seen.radiance)
+    low, high = np.minimum(low, single[y, x]), np.maximum(high, single[y, x])
+    next_to = seen.radiance[:, _next_to_sides(math.isqrt(len(weights)))]
     nearest = None
     if seen.of_solids is not None:
+        seen = replace(seen, shows_through=_shows_through(seen))
         solids = np.concatenate([seen.of_solids, seen.albedo[..., 3:]], axis=-1)
         nearest = solids[np.arange(len(pixels)), solids[..., 3].argmin(axis=1)]
     flat = weights.reshape(len(weights), -1)
@@ -437,13 +497,9 @@ def _level(pixels: NDArray[np.int64], seen: Sums, weights: Floats) -> _Level:
         nearest,
         seen.samples.sum(axis=1, dtype=np.uint32),
         np.full(len(pixels), len(weights), np.float32),
+        _spread(low, high, scale[y, x]),
+        np.stack(_range(next_to), axis=2),
     )
-
-
-def _taken(parts: list[_Level]) -> Iterator[_Level]:
-    """Take parts off a list, which holds them no longer."""
-    while parts:
-        yield parts.pop()
 
 
 def _rows(level: _Level, rows: slice | Mask | NDArray[np.intp]) -> _Level:
@@ -454,15 +510,9 @@ def _rows(level: _Level, rows: slice | Mask | NDArray[np.intp]) -> _Level:
         None if level.nearest is None else level.nearest[rows],
         level.counts[rows],
         level.taken[rows],
+        level.spread[rows],
+        level.borders[rows],
     )
-
-
-def _some(level: _Level, kept: Mask, counts: NDArray[np.uint32]) -> _Level:
-    """Return those of the pixels that are kept, with all densities that were read for them."""
-    x, y = level.pixels.T
-    part = _rows(level, kept[y, x])
-    x, y = part.pixels.T
-    return part._replace(counts=counts[y, x])
 
 
 def _joined(before: _Level, more: _Level) -> _Level:
@@ -473,17 +523,15 @@ def _joined(before: _Level, more: _Level) -> _Level:
     taken = before.taken + more.taken
     share: Floats = (more.taken / taken)[:, None, None, None]
     parts = {name: (1 - share) * part + share * more.parts[name] for name, part in before.parts.items()}
-    return _Level(more.pixels, parts, nearest, more.counts, taken)
+    return more._replace(parts=parts, nearest=nearest, counts=before.counts + more.counts, taken=taken)
 
 
 def _concatenated(levels: list[_Level]) -> _Level:
-    """Put parts of a level together, sorted by blocks."""
+    """Put parts of levels together, one behind the other."""
     nearest = [level.nearest for level in levels if level.nearest is not None]
-    together = _Level(
+    return _Level(
         np.concatenate([level.pixels for level in levels]),
         {name: np.concatenate([level.parts[name] for level in levels]) for name in levels[0].parts},
         np.concatenate(nearest) if nearest else None,
-        np.concatenate([level.counts for level in levels]),
-        np.concatenate([level.taken for level in levels]),
+        *(np.concatenate(of_all) for of_all in zip(*(level[3:] for level in levels), strict=True)),
     )
-    return _rows(together, block_order(together.pixels))

@@ -196,6 +196,8 @@ class Batches:
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
             self._shades_points = tracer.may_shade(looked_up)
             self.shadowed_in_media = tracer.may_shade(looked_up, within=scene.occupied_bounds)
+        self._of_last: dict[tuple[tuple[int, ...], bytes], dict[str, cl.Buffer]] = {}
+        """Shadow maps and textures on the device of the lights asked for last: other rays may ask again."""
         self._costs = self._costs_on(raster)
         # However many lights meet in a block, a launch ends soon.
         steps = decided(scene.march.steps) * (decided(scene.map.steps) if is_dual else 1)
@@ -304,8 +306,7 @@ class Batches:
             [lights]: those that solids keep from points that count; by default from any.
         """
         upload = self._launcher.upload
-        shadow = self._shadows(indices, self._shades_points if shadowed is None else shadowed)
-        texture = self._textures(indices)
+        on_device = self._shadows_and_textures(indices, self._shades_points if shadowed is None else shadowed)
         self._structs["first_map"][indices] = self._media.fields.count * np.arange(len(indices))
         lists_of_lights = self._primitives(indices)
         self._structs["bias"][indices] = self._biases(indices, maps)
@@ -318,8 +319,7 @@ class Batches:
             is_dual=self._is_dual,
             arguments={
                 "lights": upload("the lights", self._structs[indices]),
-                "shadow": upload("the shadow maps", shadow),
-                "texture": upload("the lights' textures", texture),
+                **on_device,
                 **(self._maps(maps) if maps else {}),
                 **lists_of_lights,
             },
@@ -395,6 +395,17 @@ class Batches:
         if own == 0.0 or not maps:
             return [own] * len(batch)
         return [own + maps[fields * i].grain for i in range(len(batch))]
+
+    def _shadows_and_textures(self, batch: list[int], shadowed: NDArray[np.bool_]) -> dict[str, cl.Buffer]:
+        """Put the shadow maps and the textures of a batch on the device."""
+        key = (*batch,), shadowed[batch].tobytes()
+        if key not in self._of_last:
+            self._of_last.clear()
+            self._of_last[key] = {
+                "shadow": self._launcher.upload("the shadow maps", self._shadows(batch, shadowed)),
+                "texture": self._launcher.upload("the lights' textures", self._textures(batch)),
+            }
+        return self._of_last[key]
 
     def _textures(self, batch: list[int]) -> NDArray[np.float32]:
         """Put the textures of a batch one after the other, [texels, 4]; each image once."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.interrupts import check_cancelled
 from tfm_cl.render.tracing.threads import CHUNK, in_chunks
+from tfm_cl.scene.transform import dots, lengths_of
 
 if TYPE_CHECKING:
     from tfm_cl.render.culling import BlockLists
@@ -109,7 +110,7 @@ def _turned_towards(
 ) -> NDArray[np.intp]:
     """Which of some pixels may face a light, both [n]; known before anything else of parallel ones."""
     normals = gbuffer.solid.reshape(-1, 4)[pixel, :3].astype(np.float64)
-    return np.flatnonzero(~regions.parallel[light] | ((regions.axis[light] * normals).sum(axis=1) < 0))
+    return np.flatnonzero(~regions.parallel[light] | (dots(regions.axis[light], normals) < 0))
 
 
 def _shadow_rays(
@@ -123,8 +124,8 @@ def _shadow_rays(
     points = gbuffer.points[number]
     apex, axis, parallel = regions.apex[light], regions.axis[light], regions.parallel[light]
     offset = points - apex
-    distance = np.linalg.norm(offset, axis=1)
-    within = (offset * axis).sum(axis=1) >= (np.cos(regions.angle[light]) - ON_EDGE) * distance
+    distance = lengths_of(offset)
+    within = dots(offset, axis) >= (np.cos(regions.angle[light]) - ON_EDGE) * distance
     reached = np.flatnonzero(parallel | (within & (distance < regions.reach[light]) & (distance > 0)))
     normals = gbuffer.solid.reshape(-1, 4)[pixel[reached], :3].astype(np.float64)
     direction = np.where(
@@ -132,8 +133,8 @@ def _shadow_rays(
         axis[reached],
         offset[reached] / np.where(parallel, 1, distance)[reached, None],
     )
-    facing = (direction * normals).sum(axis=1) < 0
+    facing = dots(direction, normals) < 0
     found = reached[facing]
     at = gbuffer.starts[number[found]]
-    length = np.where(parallel[found], np.inf, np.linalg.norm(at - apex[found], axis=1))
+    length = np.where(parallel[found], np.inf, lengths_of(at - apex[found]))
     return found, (at, -direction[facing], length)

@@ -213,7 +213,7 @@ def pack(pixels: NDArray[np.int64], per_pixel: int, lanes: int) -> Samples:
     Parameters
     ----------
     pixels
-        Sorted by block (`in_blocks`), each once.
+        Sorted by block (`block_order`), each once.
     per_pixel
         Samples along a side of a pixel.
     lanes
@@ -249,13 +249,8 @@ def pack(pixels: NDArray[np.int64], per_pixel: int, lanes: int) -> Samples:
     return Samples(places, np.repeat(block_of_cell[begins], blocks_of, axis=0), index, per_pixel)
 
 
-def in_blocks(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sort pixels x, y [n, 2] by the blocks they lie in, row by row."""
-    return pixels[block_order(pixels)]
-
-
 def block_order(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Return the order of `in_blocks`."""
+    """Return the order of pixels x, y [n, 2] by the blocks they lie in, row by row."""
     x, y = pixels.T
     return np.lexsort((x, y, x // BLOCK, y // BLOCK))
 

@@ -13,7 +13,7 @@ from tfm_cl.errors import SceneError, words
 from tfm_cl.model import Model, Point, Triple, Vec3, check_different
 from tfm_cl.model_fields import Accepts, Numbers, accepts, numbers
 from tfm_cl.scene.frames import Axis, as_direction, look_at
-from tfm_cl.scene.transform import Matrix, Rows
+from tfm_cl.scene.transform import Matrix, Rows, lengths_of
 
 MAX_PIXELS = 1 << 28
 """Largest number of pixels of an image: 16384 × 16384."""
@@ -307,5 +307,5 @@ class Camera(Model):
         x, y = ((x - width / 2) * pixel)[:, None], ((height / 2 - y) * pixel)[:, None]
         right, up, forward, position = self.world_from_camera[:3].T
         directions = x * right + y * up + forward
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        directions /= lengths_of(directions)[:, None]
         return np.broadcast_to(position, directions.shape), directions

@@ -61,6 +61,23 @@ def turned(vectors: NDArray[Float], axes: NDArray[Float]) -> NDArray[Float]:
     return product
 
 
+def dots(one: NDArray[Float], other: NDArray[Float]) -> NDArray[Float]:
+    """Return the scalar products [N] of vectors, both [N, 3] or one of them [3].
+
+    Component by component: along so short an axis NumPy's sums are several times as slow.
+    """
+    product: NDArray[Float] = one[..., 0] * other[..., 0]
+    product += one[..., 1] * other[..., 1]
+    product += one[..., 2] * other[..., 2]
+    return product
+
+
+def lengths_of(vectors: NDArray[Float]) -> NDArray[Float]:
+    """Return the lengths [N] of vectors [N, 3]."""
+    lengths: NDArray[Float] = np.sqrt(dots(vectors, vectors))
+    return lengths
+
+
 def corners_of(bounds: NDArray[np.float64] | Sequence[Sequence[float]]) -> NDArray[np.float64]:
     """Corners [8, 3] of a box [2, 3]."""
     return np.array(list(product(*np.asarray(bounds, dtype=np.float64).T)))

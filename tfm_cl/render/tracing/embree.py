@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tfm_cl.files.mesh_io.triangles import unit_or_zero
 from tfm_cl.render.tracing.textures import footprints, sampled
+from tfm_cl.scene.transform import dots, lengths_of
 
 if TYPE_CHECKING:
     from tfm_cl.files.mesh_io.triangles import Triangles
@@ -118,16 +119,17 @@ class Meshes:
         origins, directions = origins[rays], directions[rays]
         edges = corners[:, 1:] - corners[:, :1]
         normals = np.cross(edges[:, 0], edges[:, 1])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= lengths_of(normals)[:, None]
         reach = corners - origins[:, None]
-        slope = np.einsum("ij,ij->i", normals, directions)
-        height = np.einsum("ij,ij->i", normals, reach[:, 0])
-        along = np.einsum("ijk,ik->ij", reach, directions)
+        slope, height = dots(normals, directions), dots(normals, reach[:, 0])
+        along = [dots(reach[:, corner], directions) for corner in range(3)]
+        nearest = np.minimum(np.minimum(along[0], along[1]), along[2])
+        farthest = np.maximum(np.maximum(along[0], along[1]), along[2])
         coarse = starts[hit] + found["tfar"][hit].astype(np.float64) / self._scale
         exact = np.divide(height, slope, out=coarse, where=slope != 0)
         # At a grazing angle the exact point on the plane may lie beside the triangle that Embree hit after
         # rounding.
-        distances = np.clip(exact, np.maximum(along.min(axis=1), 0), np.maximum(along.max(axis=1), 0))
+        distances = np.clip(exact, np.maximum(nearest, 0), np.maximum(farthest, 0))
         u, v = found["u"][hit, None], found["v"][hit, None]
         colours = self._colours[self._colour_of[triangles]]
         # Differences, so that a colour that is the same at all corners stays exact.
@@ -174,9 +176,9 @@ class Meshes:
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
         """Rays that meet the meshes' sphere [M], the distances [M], and Embree's rays from there [M, 3]."""
         offset = origins - self._centre
-        middle = -np.einsum("ij,ij->i", offset, directions)
+        middle = -dots(offset, directions)
         passing = offset + middle[:, None] * directions
-        near = np.einsum("ij,ij->i", passing, passing) <= self._radius**2
+        near = dots(passing, passing) <= self._radius**2
         rays = np.flatnonzero(near & (middle >= -self._radius))
         starts = np.maximum(middle[rays] - self._radius, 0)
         entry = origins[rays] - self._zero + starts[:, None] * directions[rays]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ from tfm_cl.extras import needs
 from tfm_cl.render.tracing.textures import footprints, sampled
 from tfm_cl.render.tracing.threads import in_chunks
 from tfm_cl.scene.solids.base import AnalyticSolid, Solid
-from tfm_cl.scene.transform import corners_of
+from tfm_cl.scene.transform import corners_of, dots
 
 if TYPE_CHECKING:
     from tfm_cl.render.regions import LitRegions
@@ -52,17 +52,8 @@ class Hits:
     holdout: NDArray[np.bool_]
     """[N], whether the camera sees a hole there."""
 
-
-@dataclass(frozen=True)
-class _Found:
-    """`Hits` in float64."""
-
-    distance: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    flat: NDArray[np.float64]
-    albedo: NDArray[np.float64]
-    raised: NDArray[np.float64]
-    holdout: NDArray[np.bool_]
+    def __getitem__(self, part: slice) -> Hits:
+        return Hits(*(getattr(self, field.name)[part] for field in fields(self)))
 
 
 class Tracer:
@@ -161,13 +152,7 @@ class Tracer:
             holdout=np.zeros(rays.count, bool),
         )
 
-        def trace(part: slice) -> None:
-            found = self._nearest(*rays[part], spread)
-            hits.distance[part], hits.holdout[part] = found.distance, found.holdout
-            hits.normal[part], hits.flat[part] = found.normal, found.flat
-            hits.albedo[part], hits.raised[part] = found.albedo, found.raised
-
-        in_chunks(rays.count, trace)
+        in_chunks(rays.count, lambda part: self._find(hits[part], *rays[part], spread))
         return hits
 
     def distances(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.float32]:
@@ -249,36 +234,30 @@ class Tracer:
         """
         points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         size = 0.0 if self._meshes is None else self._meshes.size
-        exact = LIFT_EXACT * np.abs(points).max(axis=-1)
+        x, y, z = np.abs(np.moveaxis(points, -1, 0))
+        exact = LIFT_EXACT * np.maximum(np.maximum(x, y), z)
         offset = np.maximum(exact, LIFT * np.maximum(np.asarray(distances, dtype=np.float64), size))
         lifted: NDArray[np.float64] = points + offset[..., None] * normals
         return lifted
 
-    def _nearest(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64], spread: float
-    ) -> _Found:
-        """Trace one chunk of rays; like `Hits`, in float64."""
-        found = _Found(
-            np.full(len(origins), np.inf),
-            normal=np.zeros(origins.shape),
-            flat=np.zeros(origins.shape),
-            albedo=np.zeros(origins.shape),
-            raised=np.zeros(origins.shape),
-            holdout=np.zeros(len(origins), bool),
-        )
+    def _find(
+        self, found: Hits, origins: NDArray[np.float64], directions: NDArray[np.float64], spread: float
+    ) -> None:
+        """Trace one chunk of rays, whose hits there are none of yet."""
+        nearest = np.full(len(origins), np.inf)
         if self._seen_meshes is not None:
             met = self._seen_meshes.nearest(origins, directions, spread)
-            found.distance[met.rays], found.flat[met.rays] = met.distances, met.flat
+            nearest[met.rays], found.flat[met.rays] = met.distances, met.flat
             found.normal[met.rays], found.albedo[met.rays] = met.normals, met.albedo
             found.raised[met.rays], found.holdout[met.rays] = met.raised, met.holdout
         for solid in self._seen_shapes:
             start, towards = solid.object_rays(origins, directions)
             distance = solid.distances(start, towards)
-            closer = np.flatnonzero(distance < found.distance)
-            found.distance[closer] = distance[closer]
+            closer = np.flatnonzero(distance < nearest)
+            nearest[closer] = distance[closer]
             place = start[closer] + distance[closer, None] * towards[closer]
             normals = solid.world_normals(solid.normals(place))
-            normals[np.einsum("ij,ij->i", normals, directions[closer]) > 0] *= -1
+            normals[dots(normals, directions[closer]) > 0] *= -1
             found.normal[closer] = found.flat[closer] = normals
             found.raised[closer], found.holdout[closer] = 0, solid.holdout
             mapped = solid.mapped()
@@ -290,8 +269,8 @@ class Tracer:
             axes, offset = mapped.uv_from_world[:, :3], mapped.uv_from_world[:, 3]
             along = footprints(normals, directions[closer], spread * distance[closer])
             found.albedo[closer] = sampled(mapped.image, points @ axes.T + offset, along @ axes.T)
+        found.distance[:] = nearest
         found.normal[found.holdout] = found.albedo[found.holdout] = 0
-        return found
 
 
 def _embree(meshes: list[MeshSolid], origin: ArrayLike | None) -> Meshes:

@@ -20,7 +20,7 @@ from tfm_cl.model_fields import TEXT, Accepts, Numbers, accepts, numbers
 from tfm_cl.scene.frame_numbers import OfFrames
 from tfm_cl.scene.frames import Axis
 from tfm_cl.scene.movable import Movable
-from tfm_cl.scene.transform import IDENTITY, Transform, turned
+from tfm_cl.scene.transform import IDENTITY, Transform, dots, lengths_of, turned
 
 UPWARDS = 0.999
 """Cosine to the y axis from which a plane is level: -z is then up in its image, as seen from above."""
@@ -190,14 +190,17 @@ class AnalyticSolid(Solid):
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Transform world rays (origins and directions [N, 3]) to object space."""
-        axes = self._object_axes.T
         # Subtract the offset first: far from the world's origin this loses the least precision.
-        return turned(origins - self.world_from_object[:3, 3], axes), turned(directions, axes)
+        origins = origins - self.world_from_object[:3, 3]
+        if np.array_equal(self._object_axes, np.eye(3)):
+            return origins, directions
+        axes = self._object_axes.T
+        return turned(origins, axes), turned(directions, axes)
 
     def world_normals(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform object normals [N, 3] of any length to unit world normals (inverse transpose)."""
         world = turned(normals, self._object_axes)
-        unit: NDArray[np.float64] = world / np.linalg.norm(world, axis=1, keepdims=True)
+        unit: NDArray[np.float64] = world / lengths_of(world)[:, None]
         return unit
 
     @abstractmethod
@@ -249,8 +252,7 @@ class FlatSolid(OfFrames, AnalyticSolid):
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `AnalyticSolid.distances`; rays within the plane do not meet it."""
         normal = self._unit_normal
-        height = turned(self.object_plane()[0] - origins, normal[:, None])[:, 0]
-        slope = turned(directions, normal[:, None])[:, 0]
+        height, slope = dots(self.object_plane()[0] - origins, normal), dots(directions, normal)
         found = height * slope > 0
         result: NDArray[np.float64] = np.divide(height, slope, out=np.full(len(origins), np.inf), where=found)
         return result

@@ -41,7 +41,10 @@ class BoxSolid(AnalyticSolid):
         steps = np.where(np.abs(directions) < SMALLEST, SMALLEST, directions)
         with np.errstate(over="ignore"):
             low, high = (self.from_ - origins) / steps, (self.to - origins) / steps
-        enter, leave = np.minimum(low, high).max(axis=1), np.maximum(low, high).min(axis=1)
+        # Component by component: short axes are slow to reduce.
+        into, out = np.minimum(low, high).T, np.maximum(low, high).T
+        enter = np.maximum(np.maximum(into[0], into[1]), into[2])
+        leave = np.minimum(np.minimum(out[0], out[1]), out[2])
         nearest = np.where(enter > 0, enter, leave)
         return np.where((enter <= leave) & (nearest > 0), nearest, np.inf)
 

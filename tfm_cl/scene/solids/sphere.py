@@ -10,6 +10,7 @@ from tfm_cl.files.mesh_io.triangles import DEFAULT_ALBEDO
 from tfm_cl.limits import LARGEST_COORDINATE
 from tfm_cl.model import Vec3
 from tfm_cl.scene.solids.base import Albedo, AnalyticSolid
+from tfm_cl.scene.transform import dots, lengths_of
 
 
 class SphereSolid(AnalyticSolid):
@@ -29,12 +30,12 @@ class SphereSolid(AnalyticSolid):
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Roots of the quadratic without cancellation (Haines et al., Ray Tracing Gems, chapter 7)."""
         offset = origins - self.centre
-        square = np.einsum("ij,ij->i", directions, directions)
-        half = np.einsum("ij,ij->i", directions, offset)  # of the linear coefficient
+        square = dots(directions, directions)
+        half = dots(directions, offset)  # of the linear coefficient
         # The distance at which the ray passes the centre; this avoids a difference of large squares.
         passing = offset - (half / square)[:, None] * directions
-        discriminant = self.radius**2 - np.einsum("ij,ij->i", passing, passing)
-        far = np.linalg.norm(offset, axis=1)
+        discriminant = self.radius**2 - dots(passing, passing)
+        far = lengths_of(offset)
         constant = (far - self.radius) * (far + self.radius)
         root = np.sqrt(np.maximum(discriminant, 0) * square)
         larger = -half - np.copysign(root, half)  # the one of the two sums that does not cancel
