@@ -279,7 +279,12 @@ def _parts(sums: Sums) -> dict[str, Floats]:
         is_free = np.isinf(sums.of_solids[..., 3:]) | (sums.albedo[..., 3:] > 0)
         through = np.empty((*is_free.shape[:-1], 3), np.float32)
         for rows in rows_at_once(through.shape):
-            through[rows] = np.where(is_free[rows], sums.transmittance[rows, :, :3], np.float32(0))
+            through[rows] = sums.transmittance[rows, :, :3]
+            # What haze hides of solids, the background shows: then they are not opaque.
+            left = np.float32(1) - sums.radiance[rows, :, 3:]
+            before = through[rows].mean(axis=-1, keepdims=True)
+            hazy = np.divide(left, before, out=np.zeros_like(left), where=before > 0)
+            through[rows] *= np.where(is_free[rows], np.float32(1), hazy)
         parts["shows_through"] = through
         parts["albedo"] = sums.albedo[..., :3]
     others = {
