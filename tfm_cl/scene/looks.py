@@ -83,6 +83,8 @@ HAZE = 10.0
 """Distance over which the ground fades, over that to what the camera looks at: its horizon is no edge."""
 PARTS = 16
 """Of the sky, each with a map of its own."""
+PARTS_OVER_GROUND = 32
+"""The same where there is a ground, on which the shadow of each of 16 is seen by itself."""
 OCTAVES = 4
 """Of multiple scattering, which costs next to nothing."""
 KELVIN = 400.0
@@ -175,7 +177,8 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
     # What is no table is refused with the rest of the file.
     camera = values["camera"] if isinstance(values.get("camera"), dict) else {}
     up = _up(given.get("camera.up", camera.get("up")))
-    sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "samples": PARTS, "up": up}
+    sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "up": up}
+    sky["samples"] = PARTS_OVER_GROUND if stage.has_ground else PARTS
     values["light"] = [{"type": "sky", **sky}]
     if "solid" not in values and stage.has_ground and _is_level(up):
         values["solid"] = [{"shape": "ground", "albedo": GROUND}]
