@@ -48,7 +48,7 @@ __kernel void deep_pass(VIEW view, PLACES, MEDIUM media, BODY bodies, GRID_ARGUM
   const Ints gone = ints(0);
   (void)sums;
 #endif
-  deep_end(&deep, gone, shows, seen.end);
+  deep_end(&deep, gone, shows, seen.end, seen_through_haze(view, seen.end));
   if (!stores)
     store_counts((__global uint *)counts, pixel_index(view, pixels), pixels.wanted, deep.count);
 }

@@ -21,6 +21,12 @@ TFM_INLINE Ints pixel_index(VIEW view, Pixels pixels)
   return (pixels.y - view->crop[1]) * (view->crop[2] - view->crop[0]) + (pixels.x - view->crop[0]);
 }
 
+/* How much haze leaves of solids at these distances; 0 beyond all. */
+TFM_INLINE Floats seen_through_haze(VIEW view, Floats distance)
+{
+  return distance < MAXFLOAT ? transmittance_of(view->haze * distance) : floats(0.0f);
+}
+
 /* Of every kernel with camera rays. */
 #define PLACES __global const float2 *places
 

@@ -168,7 +168,9 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
 #if TFM_SHADOW
   Floats reflects[4];
   load_float4(albedo, pixel_index(view, pixels), pixels.wanted & pixels.inside, 0.0f, reflects);
-  seen.alpha = ((end < INFINITY) & (reflects[3] == 0.0f)) ? floats(1.0f) : seen.alpha;
+  const Floats clear = seen_through_haze(view, end);
+  const Ints hides = (end < INFINITY) & (reflects[3] == 0.0f);
+  seen.alpha = hides ? 1.0f - (1.0f - seen.alpha) * (1.0f - clear) : seen.alpha;
 #else
   (void)end;
   (void)pixels;
@@ -182,7 +184,7 @@ TFM_INLINE Seen camera_sums_end(VIEW view, MEDIUM media, const CameraSums *sums,
     seen.colour[c] = media->albedo[c] * (1.0f - seen.through[c]);
 #endif
 #if TFM_SHADOW
-    seen.colour[c] += seen.through[c] * reflects[c];
+    seen.colour[c] += seen.through[c] * clear * reflects[c];
 #endif
     seen.colour[c] *= view->ambient[c];
 #if TFM_LIGHT_LAYERS

@@ -154,8 +154,8 @@ TFM_INLINE DeepRay deep_begin(VIEW view, Ray ray, float tolerance, __global floa
   return deep;
 }
 
-/* gone: rays of which the march counts nothing as left. solid: those that end at a solid, at a distance. */
-TFM_INLINE void deep_end(DeepRay *deep, Ints gone, Ints solid, Floats distance)
+/* gone: rays of which the march counts nothing as left. solid: those that end at a solid, at a distance, of some opacity. */
+TFM_INLINE void deep_end(DeepRay *deep, Ints gone, Ints solid, Floats distance, Floats opacity)
 {
   const Ints ends = deep->open;
   const Floats whole = gone ? floats(DEEP_MOST) : deep->last_depth, adds = deep_adds(deep, deep->last, whole);
@@ -168,7 +168,7 @@ TFM_INLINE void deep_end(DeepRay *deep, Ints gone, Ints solid, Floats distance)
     deep_close(deep, splits, deep->last, least(rest, floats(DEEP_MOST)));
   }
   deep_close(deep, ends & !splits, deep->last, adds);
-  deep_emit(deep, solid, distance, distance, floats(1.0f));
+  deep_emit(deep, solid, distance, distance, opacity);
 }
 
 #endif

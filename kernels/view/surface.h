@@ -9,7 +9,7 @@
 typedef struct {
   Vec3 point, normal; /* world; the normal is towards the camera */
   Floats distance;    /* from the camera; INFINITY without a solid */
-  Floats albedo[3];
+  Floats albedo[3];   /* as far as haze lets it be seen */
   Ints shown; /* mask: there is one */
 } Surface;
 
@@ -26,8 +26,9 @@ TFM_INLINE Surface surface_at(VIEW view, __global const float4 *solid, __global 
   surface.distance = shown[3];
   surface.point = ray_at(ray, surface.shown ? shown[3] : floats(0.0f));
   surface.normal = vec3(shown[0], shown[1], shown[2]);
+  const Floats clear = seen_through_haze(view, surface.distance);
   for (int c = 0; c < 3; ++c)
-    surface.albedo[c] = reflects[c];
+    surface.albedo[c] = clear * reflects[c];
   return surface;
 }
 

@@ -130,6 +130,7 @@ KEYS = [
     ("camera.up", "1,0,0", [1, 0, 0]),
     ("camera.matrix", str(MOVED), [MOVED[row : row + 4] for row in (0, 4, 8, 12)]),
     ("camera.sensor_width", "24", 24),
+    ("camera.haze", "30", 30),
     ("march.max_stretch", "8", 8),
     ("march.skip_empty", "false", False),
     ("march.attenuation", "paper", "paper"),

@@ -35,7 +35,11 @@ POINTS = tfm.Points([[0.3, 0.2, 0.1], [-0.4, 0.1, -0.3]], [0.5, 0.4], 1.5)
 CASES = {
     "colours": SMALL,
     "dense": GREY.replace(medium=tfm.Medium(sigma_s=40.0)),
-    "all kinds, solids": SMALL.replace(volume=[SMALL.volume, BALL.with_medium(BROWN), FOG], solids=SOLIDS),
+    "all kinds, solids": SMALL.replace(
+        volume=[SMALL.volume, BALL.with_medium(BROWN), FOG],
+        solids=SOLIDS,
+        camera=SMALL.camera.replace(haze=10.0),
+    ),
     "holdouts": GREY.replace(solids=HELD_OUT),
     "a grid in a box": GREY.replace(volume=[GREY.volume, BOX]),
     "two bodies apart": GREY.replace(volume=[BALL, BOX.replace(from_=(-0.9, -0.5, -2), to=(0.4, 0.7, -1.7))]),

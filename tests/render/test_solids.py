@@ -163,6 +163,30 @@ def test_a_holdout_is_a_hole_and_what_is_invisible_a_shadow(renderer):
     assert change.max() > 0.02
 
 
+def test_haze_leaves_of_solids_what_it_says_and_shows_the_background_for_the_rest(renderer):
+    scene, background, haze = solid_scene("seen and unseen", "spot"), np.array((1, 2, 4)), 5.0
+    clear = renderer.render(scene)
+    hazy = scene.replace(camera=scene.camera.replace(haze=haze))
+    found = renderer.render(hazy, background=background)
+    distance = clear.aovs["solid_distance"]
+    lone = (distance > 0) & (clear.aovs["transmittance"] == 1).all(axis=-1)
+    left = np.exp(-distance[lone] / haze)[:, None]
+    bare = found.foreground[lone]
+    assert lone.sum() > 10
+    assert np.abs(bare - left * clear.image[lone]).max() < PASS
+    assert np.abs(found.image[lone][:, :3] - bare[:, :3] - (1 - left) * background).max() < 4 * PASS
+    solid = distance > 0
+    assert (found.foreground[~solid] == clear.image[~solid]).all()
+    assert (found.aovs["albedo"] == clear.aovs["albedo"]).all()
+    expected, _ = reference.render_with_aovs(hazy, "tfm", shadows="map")
+    assert np.abs(found.foreground - expected).max() < MAP_PASS * max(1, expected.max())
+    # Where several samples were asked for, and one is enough, the background is what it was.
+    finer = renderer.render(hazy, background=background, samples=4)
+    same = solid & (finer.foreground == found.foreground).all(axis=-1)
+    assert same.sum() > 10
+    assert np.abs(finer.image[same] - found.image[same]).max() < 4 * PASS
+
+
 def test_a_background_is_seen_as_far_as_the_reference_lets_it_through(renderer):
     scene, background = solid_scene("mesh inside", "spot"), (1, 2, 4)  # a picture of the tests above
     result = renderer.render(scene, background=background)

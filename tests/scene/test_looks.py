@@ -67,6 +67,9 @@ def test_a_look_sets_a_stage(tmp_path, look):
     (sky,) = scene.lights
     assert (sky.type, file.image.background) == ("sky", "environment")
     assert len(scene.solids) == LOOKS[look].has_ground
+    assert sky.samples == (32 if scene.solids else 16)
+    away = np.linalg.norm(np.subtract(scene.camera.from_, scene.camera.to))
+    assert scene.camera.haze == (pytest.approx(10 * away, rel=0.01) if scene.solids else None)
     assert plan(scene, file=file).told["look"] == look
 
 

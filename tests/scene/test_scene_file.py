@@ -69,6 +69,7 @@ from = [0, 0, 5]
 to = [1, 0, 0]
 up = [0, 0, 1]
 fov = 30
+haze = 50
 res = [64, 48]
 
 [[light]]
@@ -213,7 +214,9 @@ def test_every_key_arrives(folder):
         emission=(2.0, 1.0, 0.25),
         **fire,
     )
-    assert scene.camera == tfm.Camera(from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, res=(64, 48))
+    assert scene.camera == tfm.Camera(
+        from_=(0, 0, 5), to=(1, 0, 0), up=(0, 0, 1), fov=30, haze=50, res=(64, 48)
+    )
     spot = tfm.SpotLight(
         from_=(3, 4, 2),
         to=(0, 0, 0),

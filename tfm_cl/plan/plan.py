@@ -26,6 +26,7 @@ from tfm_cl.scene.optical_depth import why_density
 from tfm_cl.scene.solids.ground import GroundSolid
 
 if TYPE_CHECKING:
+    from tfm_cl.scene.camera import Camera
     from tfm_cl.scene.scene import Scene
     from tfm_cl.scene.scene_file import SceneFile
     from tfm_cl.scene.settings import MapSettings
@@ -46,6 +47,12 @@ PLACED = {
 }
 """Keys of a light that is placed, and why they are what they are."""
 
+OF_CAMERA = {
+    "from": "what has density fills the frame",
+    "to": PLACED["to"],
+    "haze": "the ground fades before its horizon",
+}
+"""Keys of a camera that is placed, likewise."""
 GROUND = {
     "up": "the world's axis nearest to camera.up; y with camera.matrix",
     "height": "the lowest of what has density and of solids",
@@ -296,10 +303,7 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
                 Decision(volume.density_scale, why_density(scene.medium_of(volume).typical_depth)),
             )
     yield from _chosen(scene)
-    camera = scene.camera.to_dict()
-    for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
-        if key not in file.camera and "matrix" not in file.camera:
-            yield f"camera.{key}", Decision(camera[key], why)
+    yield from of_camera(scene.camera, file)
     yield from _grounded(scene, file)
     if file.image.exposure == "auto":
         yield "image.exposure", Decision(None, WHY_AUTOMATIC)
@@ -308,6 +312,14 @@ def _placed(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:
         for key, why in PLACED.items():
             if key in light and key not in file.placed_light:
                 yield f"light.{key}", Decision(light[key], why)
+
+
+def of_camera(camera: Camera, file: SceneFile, note: str = "") -> Iterator[tuple[str, Decision]]:
+    """Yield what a file leaves open of a camera; ``note``: what is to be said of each reason."""
+    table = camera.to_dict()
+    for key, why in OF_CAMERA.items():
+        if key not in file.camera and "matrix" not in file.camera and table[key] is not None:
+            yield f"camera.{key}", Decision(table[key], f"{why}{note}")
 
 
 def _grounded(scene: Scene, file: SceneFile) -> Iterator[tuple[str, Decision]]:

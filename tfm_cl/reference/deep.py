@@ -39,13 +39,15 @@ class Curve(NamedTuple):
     """``[points]``: -log of the mean over the colours."""
     solid: float
     """Z of the solid that it ends at, and shows; infinite without."""
+    opacity: float = 1.0
+    """Of that, as far as haze lets it be seen."""
 
     def transmittance(self, z: Floats) -> Floats:
         """Return what is left at some depths."""
         if not len(self.distance):
             return np.ones_like(z)
         through: Floats = np.exp(-np.interp(z, self.distance, self.depth))
-        return np.where(z >= self.solid, 0, through)
+        return np.where(z >= self.solid, (1 - self.opacity) * through, through)
 
 
 def curves(scene: Scene, crop: Crop | None = None) -> list[Curve]:
@@ -73,10 +75,11 @@ def curves(scene: Scene, crop: Crop | None = None) -> list[Curve]:
                 points[ray] += [(begin[i], before[ray]), (middle, min(after[i], MOST))]
         before[step.rays] = after
     solid = np.where(surfaces.holdout, np.inf, surfaces.distance) * per_distance
+    clear = scene.camera.seen_of(np.where(np.isfinite(solid), surfaces.distance, 0))
     found = [np.array(some).reshape(-1, 2).T for some in points]
     return [
-        Curve(distance * per, depth, float(end))
-        for (distance, depth), per, end in zip(found, per_distance, solid, strict=True)
+        Curve(distance * per, depth, float(end), float(opacity))
+        for (distance, depth), per, end, opacity in zip(found, per_distance, solid, clear, strict=True)
     ]
 
 
@@ -125,7 +128,7 @@ def fit(curve: Curve, tolerance: float, cutoff: float) -> Iterator[tuple[float, 
             adds = max(whole - depth, 0.0)
         yield begin, end, -math.expm1(-adds)
     if math.isfinite(curve.solid):
-        yield curve.solid, curve.solid, 1.0
+        yield curve.solid, curve.solid, curve.opacity
 
 
 def _points(curve: Curve) -> Iterator[tuple[float, float]]:

@@ -285,8 +285,10 @@ def _trace(
         parts["orders"] = _scattered_again(later, matter, rays, crossing, decided(scene.march.steps))
     radiance: Floats = np.sum([*parts.values()], axis=0)
     shows_solid = np.isfinite(surfaces.distance) & ~surfaces.holdout
+    hazy = 1 - scene.camera.seen_of(np.where(shows_solid, surfaces.distance, 0))
+    left = seen.transmittance.mean(axis=-1) * np.where(shows_solid, hazy, 1)
     return {
-        "image": np.column_stack([radiance, np.where(shows_solid, 1, 1 - seen.transmittance.mean(axis=-1))]),
+        "image": np.column_stack([radiance, 1 - left]),
         "depth": seen.depth,
         "transmittance": seen.transmittance,
         "light_transmittance": np.divide(reached, weight, out=np.zeros_like(reached), where=weight > 0),

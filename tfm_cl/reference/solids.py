@@ -56,7 +56,7 @@ class Surfaces(NamedTuple):
     normal: Floats
     """``[rays, 3]``, unit, for shading; 0 on holdouts."""
     albedo: Floats
-    """``[rays, 3]``; 0 on holdouts."""
+    """``[rays, 3]``, as far as haze lets it be seen; 0 on holdouts."""
     starts: Floats
     """``[rays, 3]`` where shadow rays start, world."""
     holdout: NDArray[np.bool_]
@@ -104,7 +104,8 @@ class Obstacles:
         met = np.isfinite(distance)
         points = rays.at(np.where(met, distance, 0)) + raised
         starts = self._tracer.lifted(points, flat, np.where(met, distance, 0))
-        return Surfaces(distance, normal, albedo, starts, hits.holdout)
+        clear = self._scene.camera.seen_of(np.where(met, distance, 0))
+        return Surfaces(distance, normal, albedo * clear[:, None], starts, hits.holdout)
 
     def visibility(self, light: Light, points: Floats) -> Floats:
         """As `solid_visibility`, of a fitted light."""

@@ -295,13 +295,16 @@ class _Weights:
 
 
 def _shows_through(sums: Sums) -> Floats:
-    """Return the transmittance where no solid is shown, […, 3]; holdouts do not count."""
+    """Return how much of a background is seen, […, 3]: of solids but holdouts, what haze hides of them."""
     is_free = np.isinf(sums.solid[..., 3]) | (sums.albedo[..., 3] > 0)
-    through = np.zeros((*is_free.shape, 3), np.float32)
+    through = np.empty((*is_free.shape, 3), np.float32)
     for rows in rows_at_once(through.shape):
+        seen = sums.transmittance[rows]
+        left, before = np.float32(1) - sums.radiance[rows, ..., 3], _together(seen) / np.float32(3)
+        hidden = np.divide(left, before, out=np.zeros_like(left), where=before > 0)
+        np.copyto(hidden, np.float32(1), where=is_free[rows])
         for channel in range(3):  # short axes are slow
-            seen = sums.transmittance[rows, ..., channel]
-            np.copyto(through[rows, ..., channel], seen, where=is_free[rows])
+            np.multiply(seen[..., channel], hidden, out=through[rows, ..., channel])
     return through
 
 

@@ -132,7 +132,7 @@ class RenderResult:
         """Return the picture over another background.
 
         Each channel is that without a background plus the background's times the ``transmittance``; no
-        background is seen through solids, but for holdouts.
+        background is seen through solids, but for holdouts and `Camera.haze`.
 
         Parameters
         ----------
@@ -166,13 +166,14 @@ class RenderResult:
 
     @property
     def background_share(self) -> NDArray[np.float32]:
-        """How much of a background each pixel shows, [H, W, 3]: none through solids, but for holdouts."""
+        """How much of a background each pixel shows, [H, W, 3]: through solids what haze hides of them."""
         if self.shows_through is not None:
             return self.shows_through
         share = self.aovs["transmittance"]
         if "solid_distance" in self.aovs:
-            share = share.copy()
-            share[self.aovs["solid_distance"] > 0] = 0
+            share, distance = share.copy(), self.aovs["solid_distance"]
+            solid = distance > 0
+            share[solid] *= (1 - self.scene.camera.seen_of(distance[solid]))[:, None]
         return share
 
     def picture(self, *, transparent: bool = False) -> NDArray[np.float32]:

@@ -103,6 +103,7 @@ class Camera(Model):
                 "fovx hfov xfov horizontalfov fovhorizontal"
             ),
             "focal_length": "focal lens focallengthmm",
+            "haze": "aerialperspective fogdistance mist visibility",
             "sensor_width": "sensor sensorsize filmwidth horizontalaperture filmback gate",
             "matrix": "transform toworld worldfromcamera cameratoworld worldmatrix rotation",
             "leave it out: the camera is a pinhole, and all is in focus": (
@@ -141,6 +142,12 @@ class Camera(Model):
         default=SENSOR_WIDTH,
         gt=0,
         description="with focal_length: width of what the picture's width shows of the sensor, millimetres",
+    )
+    haze: float | None = Field(
+        default=None,
+        gt=0,
+        description="distance, world units, over which solids fade into the background, as in hazy air: "
+        "exp(-distance / haze) is seen of them; none: they do not",
     )
     res: Accepts[Sequence[int], Annotated[tuple[int, int], BeforeValidator(_resolution)]] = Field(
         default=(1280, 720), validate_default=True, description="width and height in pixels"
@@ -238,6 +245,10 @@ class Camera(Model):
         ).copy()  # far away 1 in front would be rounded
         matrix[:3, 3] = position
         return matrix
+
+    def seen_of(self, distance: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Return which part `haze` leaves of what is at finite distances, world units."""
+        return np.ones_like(distance) if self.haze is None else np.exp(-distance / self.haze)
 
     @property
     def pixel_width(self) -> float:

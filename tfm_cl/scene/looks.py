@@ -48,12 +48,14 @@ class Look:
     """Intensity of sky and sun."""
     samples: int = 16
     """Of a pixel, where it shows edges."""
+    view: str = "filmic"
+    """How a PNG shows it."""
     medium: Values | None = None
     """In the place of the preset's."""
 
 
 LOOKS = {
-    "fire": Look("fire|flame|explo|burn|torch", elevation=1.0, has_ground=True, daylight=0.1),
+    "fire": Look("fire|flame|explo|burn|torch", elevation=1.0, has_ground=True, daylight=0.25, view="aces"),
     "cloud": Look("cloud|cumul|strat|nimb|cirr", elevation=20.0, azimuth=-110.0, turbidity=2.2, height=-0.2),
     "smoke": Look("smoke|plume|fume|soot", elevation=40.0, has_ground=True),
     "steam": Look("steam|vapou?r|breath", elevation=40.0, has_ground=True),
@@ -77,8 +79,12 @@ FILLED = 0.8
 """Part of the frame's height or width that what is seen fills."""
 GROUND = 0.1
 """Albedo, of dark earth or asphalt: what stands on it is brighter."""
+HAZE = 10.0
+"""Distance over which the ground fades, over that to what the camera looks at: its horizon is no edge."""
 PARTS = 16
 """Of the sky, each with a map of its own."""
+PARTS_OVER_GROUND = 32
+"""The same where there is a ground, on which the shadow of each of 16 is seen by itself."""
 OCTAVES = 4
 """Of multiple scattering, which costs next to nothing."""
 KELVIN = 400.0
@@ -171,11 +177,12 @@ def dress(values: Values, look: str, path: Path, given: Values) -> None:
     # What is no table is refused with the rest of the file.
     camera = values["camera"] if isinstance(values.get("camera"), dict) else {}
     up = _up(given.get("camera.up", camera.get("up")))
-    sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "samples": PARTS, "up": up}
+    sky |= {"intensity": stage.daylight, "ground_albedo": GROUND, "up": up}
+    sky["samples"] = PARTS_OVER_GROUND if stage.has_ground else PARTS
     values["light"] = [{"type": "sky", **sky}]
     if "solid" not in values and stage.has_ground and _is_level(up):
         values["solid"] = [{"shape": "ground", "albedo": GROUND}]
-    shown = {"background": "environment", "samples": stage.samples, "view": "filmic", "exposure": "auto"}
+    shown = {"background": "environment", "samples": stage.samples, "view": stage.view, "exposure": "auto"}
     if isinstance(values.setdefault("image", {}), dict):
         values["image"] = shown | values["image"]
 
@@ -214,7 +221,10 @@ def _keys(section: str, given: Values) -> set[str]:
 
 def framing(look: str) -> Values:
     """Return how `tfm_cl.scene.placement.camera_for` places a camera that is left out."""
-    return {} if look == PLAIN else {"filled": FILLED, "height": LOOKS[look].height}
+    if look == PLAIN:
+        return {}
+    stage = LOOKS[look]
+    return {"filled": FILLED, "height": stage.height, "hazy": HAZE if stage.has_ground else None}
 
 
 def _flame(values: Values, path: Path, given: Values) -> Values:

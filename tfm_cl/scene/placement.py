@@ -53,6 +53,7 @@ def camera_for(
     /,
     filled: float | None = None,
     height: float = TOWARDS_CAMERA[1],
+    hazy: float | None = None,
     **given: Any,
 ) -> Camera:
     """Make a camera from the keys given; it looks at the occupied bounds, which fill the frame.
@@ -66,9 +67,13 @@ def camera_for(
         without wisps, in its middle; None: the corners of the bounds fill all of it.
     height
         Of the camera above them, over its distance in front of them.
+    hazy
+        What `Camera.haze` is, over the distance to what it looks at, unless it is given; None: there is none.
     """
-    if "matrix" in given or ("from" in given and "to" in given):
+    if "matrix" in given:
         return Camera(**given)
+    if "from" in given and "to" in given:
+        return _hazy(Camera(**given), hazy)
     centre, radius = _sphere(bodies)
     asked = set(given)
     given.setdefault("to", _point(centre, radius))
@@ -87,7 +92,13 @@ def camera_for(
         given["from"] = _along(_vector(given["to"]), towards, away, radius)
         if filled is not None:
             given |= _closer(bodies, Camera(**given), filled, fixed="to" in asked)
-    return Camera(**given)
+    return _hazy(Camera(**given), hazy)
+
+
+def _hazy(camera: Camera, hazy: float | None) -> Camera:
+    if hazy is None or "haze" in camera.model_fields_set:
+        return camera
+    return camera.replace(haze=float(f"{hazy * np.linalg.norm(np.subtract(camera.to, camera.from_)):.3g}"))
 
 
 def _closer(bodies: "Sequence[Outlined]", camera: Camera, filled: float, *, fixed: bool) -> dict[str, Triple]:

@@ -25,7 +25,7 @@ from tfm_cl.files.patterns import FilePattern
 from tfm_cl.model import decided
 from tfm_cl.plan import octaves, surroundings
 from tfm_cl.plan.options import grids
-from tfm_cl.plan.plan import GROUND, PLACED, Decision, Decisions, Plan, plan, told_of
+from tfm_cl.plan.plan import GROUND, PLACED, Decision, Decisions, Plan, of_camera, plan, told_of
 from tfm_cl.scene import looks, placement
 from tfm_cl.scene.bodies.base import MarchedBody
 from tfm_cl.scene.bodies.homogeneous import Homogeneous
@@ -380,10 +380,7 @@ def _placed(samples: Sequence[_Sample]) -> Iterator[tuple[str, Decision]]:
     """Yield what is placed: around what has density in any of the frames."""
     file, seen = samples[0].file, [body for sample in samples for body in sample.seen]
     camera = placement.camera_for(seen, **looks.framing(file.look.name), **file.camera)
-    table = camera.to_dict()
-    for key, why in (("from", "what has density fills the frame"), ("to", PLACED["to"])):
-        if key not in file.camera and "matrix" not in file.camera:
-            yield f"camera.{key}", Decision(table[key], f"{why}, in all frames")
+    yield from of_camera(camera, file, ", in all frames")
     if file.light is None:
         table = placement.light_for(seen, camera, **file.placed_light).to_dict()
         for key, why in PLACED.items():

@@ -29,6 +29,7 @@ VIEW = Struct(
             "float", "rgb_from_field", 9, "3x3 row major: extinction, RGB, of a density of 1 of each field"
         ),
         Field("float", "ambient", 3, "radiance from everywhere, RGB"),
+        Field("float", "haze", 1, "extinction of the air before solids, per world unit"),
     ),
 )
 

@@ -63,6 +63,7 @@ def view_struct(
     matrix[:, : fields.count] = fields.rgb_from_field
     view["rgb_from_field"] = matrix.ravel()
     view["ambient"] = scene.ambient.radiance
+    view["haze"] = 0.0 if camera.haze is None else 1.0 / camera.haze
     return view
 
 
