@@ -196,6 +196,7 @@ class Batches:
             self._is_shadowed = tracer.may_shade(looked_up, np.asarray(scene.camera.from_))
             self._shades_points = tracer.may_shade(looked_up)
             self.shadowed_in_media = tracer.may_shade(looked_up, within=scene.occupied_bounds)
+        self._variants: dict[int, LightVariant] = {}
         self._of_last: dict[tuple[tuple[int, ...], bytes], dict[str, cl.Buffer]] = {}
         """Shadow maps and textures on the device of the lights asked for last: other rays may ask again."""
         self._costs = self._costs_on(raster)
@@ -235,7 +236,9 @@ class Batches:
         found: dict[LightVariant, list[int]] = {}
         for index in lights:
             if all_of_them or self.is_seen(index):
-                found.setdefault(LightVariant.of(self._scene.lights[index], self._scene), []).append(index)
+                if index not in self._variants:
+                    self._variants[index] = LightVariant.of(self._scene.lights[index], self._scene)
+                found.setdefault(self._variants[index], []).append(index)
         yield from sorted(found.items(), key=lambda item: not item[0].shares_samples)
 
     def cut(self, lights: Sequence[int]) -> Iterator[list[int]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +139,7 @@ class _Shared:
     touched: NDArray[np.int64]
     """Pixels that each light may change, [lights, 4]."""
     batches: Batches | None = None
+    sources: Sources | None = None
     lattice: Lattice | None = None
     emitted: EmissionLattice | None = None
     around: list[_Around] | None = None
@@ -209,7 +210,7 @@ class Frame:
         gbuffer = self.visibility.gbuffer(self.scene, whole)
         shared = _Shared(self._touched(gbuffer))
         first = self._work(whole, gbuffer, shared, method, maps, asked, layers)
-        shared.batches = first.batches
+        shared.batches, shared.sources = first.batches, first.sources
         if deep is not None:
             shared.deep = self._deep(first, wanted, deep)
         of_first = self._passes(first, shared)
@@ -267,9 +268,6 @@ class Frame:
         reads_maps = method == "tfm" and self.media.fields.count > 0
         is_dual = method == "dual" and self.media.fields.count > 0
         reads_given = method == "tfm" and maps is not None
-        structs = light_structs(scene, scene.lights)
-        if layers:
-            structs["layer"][: len(layers)] = layers
         count = 0 if layers is None else 1 + max(layers, default=0)
         allocate = partial(buffers.allocate, launcher, raster, gbuffer, emits=scene.emits)
         return _Work(
@@ -296,7 +294,7 @@ class Frame:
                 self.media,
                 self.visibility,
                 gbuffer,
-                structs,
+                self._structs(layers),
                 shared.touched,
                 raster,
                 resolve(scene.map) if reads_maps else None,
@@ -307,8 +305,17 @@ class Frame:
             is_first=not raster.is_listed,
             passes=launcher.in_turn(),
             # Last: its look at the light's rays is waited for, and the light pass is to follow at once.
-            sources=self.maps.sources(scene, self.media, maps) if reads_maps or reads_given else None,
+            sources=self.maps.sources(scene, self.media, maps)
+            if (reads_maps or reads_given) and shared.sources is None
+            else shared.sources,
         )
+
+    def _structs(self, layers: list[int] | None) -> NDArray[Any]:
+        """Return the lights' structs, with the layers that they belong to."""
+        structs = light_structs(self.scene, self.scene.lights)
+        if layers:
+            structs["layer"][: len(layers)] = layers
+        return structs
 
     def _view(self, scene: Scene, media: MediaOnDevice, raster: Raster) -> cl.Buffer:
         struct = view_struct(scene, media.fields, raster.bounds, is_listed=raster.is_listed)
