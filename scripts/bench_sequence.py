@@ -2,6 +2,7 @@
 
 - Overhead: frames per second of a sequence of 128³ voxels (VDB) at 640×360, beside the device seconds of its
   passes, once the program has started; with one process and with two; and where but the camera moves. What
+  the device does ahead for the next frame, its voxels and looks at its lights' rays, is no pass of any. What
   else runs on the machine changes that, but hardly the CPU time of a frame, of all threads.
 - Steadiness: a volume that moves by an eighth of a voxel from frame to frame, beside the dual march in twice
   the steps, whose pictures are its own: how far differences of successive frames are from those of these.

@@ -196,12 +196,15 @@ def test_what_is_prepared_meanwhile_is_rendered_alike(session, renderer, on_devi
     assert looked.count("reads_0") == (0 if scene.solids else len(scene.lights) * len(later))
 
 
-def test_a_frame_is_read_while_the_device_makes_the_next(session):
+@pytest.mark.quick("smoke")
+@pytest.mark.parametrize("scene", [SCENE, BESIDE_BALL.replace(lights=[SPOT])], ids=["smoke", "beside a ball"])
+def test_a_frame_is_read_while_the_device_makes_the_next(session, scene):
     """A CPU's driver reads when all has ended that was begun before, on whichever queue."""
-    long = SCENE.replace(camera=SCENE.camera.replace(res=(160, 160)), march=SCENE.march.replace(steps=400))
-    ends = [session.begin(scene) for scene in (SCENE, long)]
+    long = scene.replace(camera=SCENE.camera.replace(res=(160, 160)), march=SCENE.march.replace(steps=400))
+    ends = [session.begin(one) for one in (scene, long)]
     ends[0]()
     still = [event for event, _ in session._launcher._under_way.values()]
+    assert still
     assert still[-1].command_execution_status > cl.command_execution_status.COMPLETE
     ends[1]()
     assert still[-1].command_execution_status == cl.command_execution_status.COMPLETE

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import Running
     from tfm_cl.render.buffers import FrameBuffers
     from tfm_cl.render.culling import Rectangle
 
@@ -22,8 +23,8 @@ def see(
     frame: FrameBuffers,
     *,
     has_solids: bool,
-) -> float:
-    """Store what the camera sees without lights; returns device seconds.
+) -> Running:
+    """Begin to store what the camera sees without lights.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def see(
     defines = media.defines | media.channels(textured=False) | {"TFM_SHADOW": int(has_solids)}
     defines |= frame.defines
     kernel = launcher.kernels.kernel("camera_pass", "camera_pass.cl", media.headers, defines)
-    return launcher.run_windows(
+    return launcher.start_windows(
         kernel,
         bounds,
         steps + met.longest,

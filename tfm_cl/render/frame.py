@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.cache import Cache
     from tfm_cl.device.launch import Launcher, Progress
     from tfm_cl.device.media import MediaOnDevice
-    from tfm_cl.device.running import InTurn
+    from tfm_cl.device.running import InTurn, Running
     from tfm_cl.files.image_io.image import DeepSamples
     from tfm_cl.maps.transmittance_map import TransmittanceMap
     from tfm_cl.render.antialiasing import Antialiasing
@@ -303,7 +303,8 @@ class Frame:
             reads_maps=reads_maps,
             light_steps=decided(scene.map.steps) if is_dual else 1,
             is_first=not raster.is_listed,
-            passes=launcher.in_turn(),
+            # Of one batch of lights, and the next: solids have a pass of their own.
+            passes=launcher.in_turn(2 if gbuffer is None else 3),
             # Last: its look at the light's rays is waited for, and the light pass is to follow at once.
             sources=self.maps.sources(scene, self.media, maps)
             if (reads_maps or reads_given) and shared.sources is None
@@ -338,7 +339,7 @@ class Frame:
             shared.around = self._around(work, at_points)
         self._scatter(work, sorted(others), work.frame, self._on_shared_samples(work, shared))
         if not work.camera_is_seen:
-            work.seconds += self._see(work, work.frame, has_solids=work.gbuffer is not None)
+            work.passes.add(self._see(work, work.frame, has_solids=work.gbuffer is not None))
             work.camera_is_seen = True
         if at_points:
             self._light_from_all_around(work, shared, at_points)
@@ -359,7 +360,7 @@ class Frame:
         """Look lights up on a lattice, and march the camera's rays through it."""
         steps, without = decided(self.scene.march.steps), work.without_lattice
         if without is not None:
-            self._see(work, without, has_solids=False)
+            self._see(work, without, has_solids=False).wait()
         fills = not lattice.is_full
         looks_again = fills or work.errors is not None or without is not None
         for variant, members in work.batches.groups(lattice.lights) if looks_again else ():
@@ -405,14 +406,14 @@ class Frame:
         if self.scene.flames and not self.scene.primitives and lights:
             # Flames only emit: the camera meets them once, and what is taken for lights need not read them.
             if not work.camera_is_seen:
-                work.seconds += self._see(work, frame, has_solids=work.gbuffer is not None)
+                work.passes.add(self._see(work, frame, has_solids=work.gbuffer is not None))
                 work.camera_is_seen = True
             scatters = self._dark
             met, frame = Met(scatters.arguments), frame.without_emission()
         octaves = max(medium.octaves for medium in self.scene.media)
         if work.layers is not None and octaves > 1 and lights and not work.camera_is_seen:
             # What octaves add to the layer of a light is known when the camera's rays are.
-            work.seconds += self._see(work, frame, has_solids=work.gbuffer is not None)
+            work.passes.add(self._see(work, frame, has_solids=work.gbuffer is not None))
             work.camera_is_seen = True
         samples = decided(self.scene.march.steps) * work.light_steps
         serves_camera = self._one_light_reaches_all()
@@ -446,8 +447,8 @@ class Frame:
                 )
                 work.camera_is_seen = True
                 if work.gbuffer is not None:
-                    work.seconds += reflect(
-                        launcher, media, work.met, view, batch, work.light_steps, frame, done
+                    work.passes.add(
+                        reflect(launcher, media, work.met, view, batch, work.light_steps, frame, done)
                     )
                 self._sum_errors(work, batch, maps)
 
@@ -478,9 +479,8 @@ class Frame:
                     lattice.add(self._arrived(work, lattice, {variant: [indices]}), variant, indices)
                 if reflects:
                     batch = work.batches.batch(variant, indices, self._maps_of(work, indices), whole=False)
-                    work.seconds += reflect(
-                        self.launcher, self.media, work.met, work.view, batch, work.light_steps, frame, tell
-                    )
+                    rays = self.launcher, self.media, work.met, work.view, batch, work.light_steps
+                    work.passes.add(reflect(*rays, frame, tell))
         steps = decided(self.scene.march.steps)
         work.seconds += lattice.see(work.view, work.raster.bounds, steps, frame, tell)
         if fills:
@@ -503,7 +503,7 @@ class Frame:
         tell, without = _reporter(self.progress, "view pass, surroundings"), work.without_lattice
         frame = work.frame.without_emission() if self.scene.emits else work.frame
         if without is not None:
-            self._see(work, without, has_solids=work.gbuffer is not None)
+            self._see(work, without, has_solids=work.gbuffer is not None).wait()
         alone = None if without is None else buffers.rgb_so_far(self.launcher, without)
         looks_again = any((work.gbuffer, work.errors, without))
         for variant, members in work.batches.groups(lights) if looks_again else ():
@@ -512,7 +512,7 @@ class Frame:
                 batch = work.batches.batch(variant, indices, maps, whole=False)
                 if work.gbuffer is not None:
                     rays = self.launcher, self.media, work.met, work.view, batch, work.light_steps
-                    work.seconds += reflect(*rays, work.frame, tell)
+                    work.passes.add(reflect(*rays, work.frame, tell))
                 self._sum_errors(work, batch, maps)
                 if without is not None:
                     self._add(work, batch, without)
@@ -736,7 +736,7 @@ class Frame:
         work.warnings[message] = None
         return None
 
-    def _see(self, work: _Work, frame: buffers.FrameBuffers, *, has_solids: bool) -> float:
+    def _see(self, work: _Work, frame: buffers.FrameBuffers, *, has_solids: bool) -> Running:
         steps = decided(self.scene.march.steps)
         return see(
             self.launcher,

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from tfm_cl.device.field import Met
     from tfm_cl.device.launch import Launcher
     from tfm_cl.device.media import MediaOnDevice
+    from tfm_cl.device.running import Running
     from tfm_cl.render.batches import Batch
     from tfm_cl.render.buffers import FrameBuffers
 
@@ -23,15 +24,15 @@ def reflect(
     samples: int,
     frame: FrameBuffers,
     done: Callable[[float], None],
-) -> float:
-    """Add what solids reflect, after the camera's transmittance is there; returns device seconds.
+) -> Running:
+    """Begin to add what solids reflect; passes that leave the camera's transmittance were started before.
 
     Parameters are those of `tfm_cl.render.scatter.scatter`.
     """
     headers, defines = batch.variant(media)
     defines |= frame.defines
     kernel = launcher.kernels.kernel("surface_pass", "surface_pass.cl", headers, defines)
-    return launcher.run_windows(
+    return launcher.start_windows(
         kernel,
         batch.window,
         samples * batch.most_in_a_block + met.longest,
