@@ -14,8 +14,8 @@
 
 /* Light from all around is seen from the same samples. */
 #if TFM_AROUND
-#if !TFM_SHARED || TFM_BODIES || TFM_DEEP_COLOURS
-#error "TFM_AROUND needs TFM_SHARED, and neither TFM_BODIES nor deep colours"
+#if !TFM_SHARED || TFM_BODIES
+#error "TFM_AROUND needs TFM_SHARED, and no TFM_BODIES"
 #endif
 #define AROUND_ARGUMENTS , ORDERS orders, __global const float *scattered, int surrounding, int surrounding_layer
 #else

@@ -334,7 +334,17 @@ TFM_INLINE void scatter_in_grids(const Scene *scene, const Lights *lights, Ray r
 #if TFM_AROUND
     for (int k = 0; k < count; ++k) {
       of_both_steps(around, &walk, list.n[k], &radiances, &of_steps);
+#if TFM_DEEP_COLOURS
+      Floats adds[3];
+      for (int c = 0; c < 3; ++c)
+        adds[c] = -of_points.colour[c];
+#endif
       surroundings_step(&of_points, &radiances, lights_around, media, &step[k], opacities[k], weights[k]);
+#if TFM_DEEP_COLOURS
+      for (int c = 0; c < 3; ++c)
+        adds[c] += of_points.colour[c];
+      deep_add(&sums->deep, place_of(&walk, list.n[k]).t, adds);
+#endif
     }
 #endif
 #endif

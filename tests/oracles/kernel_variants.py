@@ -437,7 +437,7 @@ WITH_SURROUNDINGS: Choices = SURROUNDED_LIT | {
     "bodies": [name for name in SURROUNDED["bodies"] if "box" not in name],
     "shared": (1,),
     "layers": (0, 1),
-    "colours of samples": (0,),
+    **DEEP,
     "around": (1,),
 }
 AT_POINTS: Choices = {"shared": (0,), "basis": EVALUATED}

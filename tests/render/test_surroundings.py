@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import make_scene
-from tolerances import PASS
+from tolerances import FLOAT32, PASS
 
 import tfm_cl as tfm
 from tfm_cl import reference
@@ -155,6 +155,18 @@ def test_one_march_serves_the_camera_a_sun_and_the_sky(renderer, monkeypatch):
         SurroundingsLattice, "see", lambda *_, **__: pytest.fail("the sky is marched by itself")
     )
     assert renderer.render(beneath_a_sky()).image.max() > 0
+
+
+@pytest.mark.slow
+def test_deep_samples_have_what_that_march_finds(renderer, monkeypatch):
+    monkeypatch.setattr(
+        SurroundingsLattice, "see", lambda *_, **__: pytest.fail("the sky is marched by itself")
+    )
+    scene = beneath_a_sky(medium=WAVES.replace(octaves=1))
+    result = renderer.render(scene, deep=0.01, deep_colour=True)
+    np.testing.assert_array_equal(result.image, renderer.render(scene).image)
+    flat, colours = result.deep.flattened()[..., :3], result.image[..., :3]
+    assert np.abs(flat - colours).max() < 20 * FLOAT32 * colours.max()  # sums in another order
 
 
 @pytest.mark.slow

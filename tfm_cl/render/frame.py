@@ -385,7 +385,7 @@ class Frame:
         """Return light from all around that lights which share the camera's samples may serve; None: none."""
         if shared.around is None or len(shared.around) > 1:
             return None
-        if self.scene.homogeneous or work.frame.deep or work.without_lattice is not None:
+        if self.scene.homogeneous or work.without_lattice is not None:
             return None
         ((lattice, scattered, lights, layer),) = shared.around
         return lattice.on_shared_samples(scattered, len(lights), layer)
