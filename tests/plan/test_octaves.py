@@ -44,7 +44,7 @@ MEASURED = [
     (7.13, 0.85, 0.9, 0.39),
     (7.13, 0.85, 0.99, 0.89),
 ]
-"""Mean depth, g, albedo, and what absorption leaves of the second to 40th orders of scattering (to the 64th, of
+"""Mean depth, g, albedo, and what absorption leaves of the second to 40th orders of scattering (64th, of
 0.99): three clouds, lit from the side or from behind the camera."""
 
 
