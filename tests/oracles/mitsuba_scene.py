@@ -87,7 +87,11 @@ class MitsubaScene:
         camera = scene.camera
         description = {
             "type": "scene",
-            "integrator": {"type": "volpath", "max_depth": 1 if backlit else 1 + orders_of(scene)},
+            "integrator": {
+                "type": "volpath",
+                "max_depth": 1 if backlit else 1 + orders_of(scene),
+                "hide_emitters": not backlit,
+            },
             "sensor": {
                 "type": "perspective",
                 "to_world": mi.ScalarTransform4f().look_at(camera.from_, camera.to, camera.up),
@@ -422,7 +426,10 @@ def rgb(values):
 
 
 def emitter(light):
-    """Mitsuba's description of a `tfm_cl` spot, point or sun."""
+    """Mitsuba's description of a `tfm_cl` spot, point, sun, or radiance from everywhere."""
+    if light.type == "environment":
+        assert not light.texture, "Mitsuba's are Z up"
+        return {"type": "constant", "radiance": rgb(light.intensity)}
     if light.type == "sun":
         direction = np.subtract(light.to, light.from_).tolist()
         return {"type": "directional", "direction": direction, "irradiance": rgb(light.intensity)}

@@ -30,6 +30,33 @@ def test_it_grows_with_the_optical_depth_and_falls_with_absorption():
     assert number(WHITE.replace(phase="hg:0.9")) < number(WHITE)  # at a depth of about 1
 
 
+MEASURED = [
+    (0.37, 0.0, 0.9, 0.88),
+    (3.01, 0.0, 0.9, 0.71),
+    (3.01, 0.0, 0.7, 0.40),
+    (7.13, 0.0, 0.9, 0.56),
+    (0.72, 0.85, 0.9, 0.85),
+    (1.42, 0.85, 0.9, 0.66),
+    (3.01, 0.85, 0.9, 0.65),
+    (3.01, 0.85, 0.7, 0.30),
+    (3.97, 0.85, 0.9, 0.56),
+    (7.83, 0.85, 0.9, 0.42),
+    (7.13, 0.85, 0.9, 0.39),
+    (7.13, 0.85, 0.99, 0.89),
+]
+"""Mean depth, g, albedo, and what absorption leaves of the second to 40th orders of scattering (64th, of
+0.99): three clouds, lit from the side or from behind the camera."""
+
+
+@pytest.mark.parametrize(("depth", "g", "albedo", "left"), MEASURED)
+def test_absorption_takes_of_octaves_what_it_takes_of_orders(depth, g, albedo, left):
+    def brightness(albedo):
+        medium = WHITE.replace(phase=f"hg:{g}", sigma_s=albedo, sigma_a=1 - albedo)
+        return sum(octaves.KEYS["contribution"](depth, medium) ** i for i in (1, 2, 3))
+
+    assert brightness(albedo) / brightness(1) == pytest.approx(left, abs=0.11)
+
+
 def test_what_is_deeper_is_more_even_up_to_a_depth():
     scales = (0.1, 1, 10, 1000, 2000)
     *eccentricity, deepest, still = (

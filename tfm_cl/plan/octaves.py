@@ -33,8 +33,12 @@ BRIGHTNESS, AHEAD, AHEAD_TWICE = 0.67, 0.29, -0.85
 ATTENUATION, ECCENTRICITY = 0.6, 0.7
 DEEPEST = 17.0
 """Mean depth up to which media were compared: what is deeper is taken for as deep."""
-TIMES_SCATTERED = 1.1
-"""As often, at an optical depth of 1, was the light of the octaves scattered; it grows with its root."""
+TIMES_SCATTERED, TIMES_AHEAD = 0.77, 0.62
+"""As often, for each optical depth, was the light of the octaves scattered besides once; and what adds to it,
+times g: what goes ahead is scattered more often before it leaves."""
+SPREAD = 2.0
+"""Of how often that was, of which light some parts were scattered rarely, and others many times: the shape of
+a gamma distribution."""
 SHALLOWEST = 1e-9
 """Optical depth that counts as none."""
 SHARED = "medium"
@@ -116,9 +120,15 @@ def _contribution(depth: float, medium: Medium) -> float:
     g = _ahead(medium)
     white = BRIGHTNESS * np.exp(AHEAD * g + AHEAD_TWICE * g**2)
     white *= _over_that(depth) ** _powers(depth, g).brightness
-    # Light loses the albedo each time that it is scattered: more often in what is deeper.
-    left = float(medium.albedo.mean()) ** (TIMES_SCATTERED * float(np.sqrt(depth)))
-    return _over_the_one_before(left * float(white), medium.octaves)
+    return _over_the_one_before(_left(depth, medium) * float(white), medium.octaves)
+
+
+def _left(depth: float, medium: Medium) -> float:
+    """Return what absorption leaves: the mean of albedoⁿ, where light was scattered n times."""
+    times = 1 + (TIMES_SCATTERED + TIMES_AHEAD * _ahead(medium)) * depth
+    with np.errstate(divide="ignore"):  # an albedo of 0 leaves nothing
+        lost = -np.log(medium.albedo.mean())
+    return float((1 + times * lost / SPREAD) ** -SPREAD)
 
 
 def _attenuation(depth: float, medium: Medium) -> float:
