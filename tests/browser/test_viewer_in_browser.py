@@ -652,6 +652,17 @@ def test_a_table_of_a_phase_function_is_chosen_and_sent(viewer):
     path.fill("/elsewhere/d.dat")
     path.press("Enter")
     assert told() == chosen | {"file": "/elsewhere/d.dat"}
+    # The listing is there before the dialog is open: its first file has the focus all the same.
+    page.evaluate(
+        """(message) => {
+          document.querySelector('[aria-label="phase file: choose a file"]').click();
+          hear.message(message);
+        }""",
+        {"type": "listing", "kind": "phase", "path": "", "folders": [], "files": ["e.txt"]},
+    )
+    until(page, "document.activeElement.textContent === 'e.txt'")
+    page.keyboard.press("Enter")
+    assert told() == chosen | {"file": f"{HOSTILE}/e.txt"}
     path.fill("")
     path.press("Enter")
     assert told() == {"type": "table", "values": [1, 1]}

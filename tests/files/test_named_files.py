@@ -5,6 +5,7 @@ import os
 
 import pytest
 
+from tfm_cl.files.mesh_io import gltf_limits, obj_library
 from tfm_cl.files.named_files import named_by
 from tfm_cl.scene.scene_file import SceneFile
 
@@ -60,6 +61,37 @@ def test_names_are_read_again_when_a_file_changes(tmp_path):
     assert named_by(path)[0].name == "a.bin"
     path.write_text(gltf("b.bin"))
     assert named_by(path)[0].name == "b.bin"
+
+
+def test_images_are_named_again_when_only_the_materials_change(tmp_path):
+    (tmp_path / "a.obj").write_text("mtllib a.mtl")
+    for image in ("oak.png", "pine.png"):
+        (tmp_path / "a.mtl").write_text(f"newmtl m\nmap_Kd {image}\n")
+        assert [path.name for path in named_by(tmp_path / "a.obj")] == ["a.mtl", image]
+
+
+@pytest.mark.parametrize("before", range(5))
+def test_the_name_of_materials_is_found_wherever_a_part_of_the_file_ends(tmp_path, monkeypatch, before):
+    monkeypatch.setattr(obj_library, "AT_ONCE", 5)
+    (tmp_path / "a.obj").write_text("#" * before + "\nv 0 0 0\nmtllib wood.mtl\nmtllib other.mtl\n")
+    assert [path.name for path in named_by(tmp_path / "a.obj")] == ["wood.mtl"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes in folders")
+@pytest.mark.parametrize("name", ["a.obj", "a.gltf", "a.nhdr"])
+def test_what_is_no_plain_file_is_not_opened(tmp_path, name):
+    os.mkfifo(tmp_path / "pipe.mtl")
+    (tmp_path / "b.obj").write_text("mtllib pipe.mtl")
+    os.mkfifo(tmp_path / name)
+    assert named_by(tmp_path / name) == ()  # and does not wait for who writes it
+    assert [path.name for path in named_by(tmp_path / "b.obj")] == ["pipe.mtl"]
+
+
+def test_a_file_that_is_too_large_for_a_mesh_is_not_read(tmp_path):
+    with (tmp_path / "a.gltf").open("wb") as file:
+        file.write(gltf("a.bin").encode())
+        file.truncate(gltf_limits.MAX_BYTES + 1)  # of holes
+    assert named_by(tmp_path / "a.gltf") == ()
 
 
 def test_a_scene_tells_them_too(tmp_path):

@@ -436,6 +436,15 @@ def failing(name):
         yield
 
 
+@pytest.mark.parametrize("kernel", ["light_ranges", "fill_records"])
+def test_what_fails_ahead_is_made_again_in_turn(session, renderer, kernel):
+    session.render(SCENE)
+    other = SCENE.replace(volume=other_grid())
+    with failing(kernel):
+        assert session.prepare(other)
+    np.testing.assert_array_equal(session.render(other).image, renderer.render(other).image)
+
+
 ON_LATTICE = SCENE.replace(
     lights=[tfm.SunLight(from_=(2.2, 3.0, 1.2), to=(0, 0, 0))], map=SCENE.map.replace(lookup="lattice")
 )

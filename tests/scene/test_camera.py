@@ -114,3 +114,14 @@ def test_what_is_no_camera_is_one_line(keys, message):
     with pytest.raises(SceneError, match=f"^{message}") as raised:
         tfm.Camera(**keys)
     assert "\n" not in raised.value.args[0]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("haze", "seen"), [(None, 1), (5e-324, 0), (1e-42, 0), (2.0, np.exp(-1)), (1e300, 1)]
+)
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_any_haze_leaves_a_part(haze, seen, kind):
+    found = tfm.Camera(**PLACE, haze=haze).seen_of(np.array([2.0], kind))
+    assert found.dtype == kind
+    assert found == pytest.approx(seen, rel=1e-6)  # float32

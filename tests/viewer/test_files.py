@@ -6,6 +6,7 @@ import pytest
 
 from tfm_cl.errors import InputError
 from tfm_cl.files.phase_table import MAX_BYTES
+from tfm_cl.sequence.shot import Shot
 from tfm_cl.viewer.files import MOST_NAME, Files
 
 links = pytest.mark.skipif(os.name == "nt", reason="links need rights there")
@@ -170,6 +171,32 @@ def test_a_scene_reads_nothing_else(files, folder):
     refusal(lambda: files.check([other]))
     files.trust([], lambda path: path == other)
     files.check([other])
+
+
+@pytest.mark.parametrize("is_relative", [True, False])
+def test_data_of_other_frames_are_read_where_those_of_the_first_are(files, folder, is_relative):
+    beside = folder.parent / "folder-2"
+    for number in (1, 2):
+        header = "NRRD0004\ntype: float\ndimension: 3\nsizes: 4 4 4\nencoding: raw\nendian: little\n"
+        (beside / f"a.000{number}.nhdr").write_text(f"{header}data file: a.000{number}.raw\n")
+    where = ".." if is_relative else folder.parent.as_posix()
+    (folder / "a.toml").write_text(f'[volume]\nfile = "{where}/folder-2/a.####.nhdr"\n')
+    shot = Shot(folder / "a.toml")
+    first, second = (shot.scene_file(number) for number in (1, 2))
+    assert [path.name for path in second.files()] == ["a.0002.nhdr", "a.0002.raw"]
+    refusal(lambda: files.check(second.files()))
+    files.trust(first.files(), first.is_file_of_a_frame)
+    files.check(second.files())
+    refusal(lambda: files.check([beside / "a.0002.raw"]))  # by itself
+    refusal(lambda: files.check([*second.files(), beside / "secret.vdb"]))
+
+
+@links
+def test_what_a_file_in_the_folder_names_is_not_trusted_for_that(files, folder):
+    (folder / "a.obj").write_text("mtllib ball.mtl")
+    (folder / "ball.mtl").symlink_to(folder.parent / "secret.vdb")
+    files.trust([folder / "a.obj"])
+    assert "outside" in refusal(lambda: files.check([folder / "a.obj", folder / "ball.mtl"]))
 
 
 def test_an_upload_is_there_when_it_is_whole(files, folder):

@@ -25,7 +25,7 @@ class Running:
     Attributes
     ----------
     has_failed
-        Whether it was waited for in vain: what it was to make may be anything.
+        Whether it was waited for, or read, in vain: what it was to make may be anything.
     """
 
     def __init__(self, end: Callable[[], float]) -> None:
@@ -47,6 +47,11 @@ class Running:
             self._seconds = end()
             self.has_failed = False
         return self._seconds
+
+    def give_up(self) -> None:
+        """Wait for it, so that it is known whether it failed."""
+        with contextlib.suppress(DeviceError):
+            self.wait()
 
 
 class Finding(Generic[T]):
@@ -77,14 +82,14 @@ class Finding(Generic[T]):
         """
         if self._read is not None:
             self.running.wait()
+            failed, self.running.has_failed = self.running.has_failed, True  # until it is read, too
             self._found = self._read()
-            self._read = None
+            self._read, self.running.has_failed = None, failed
         return self._found
 
     def give_up(self) -> None:
-        """Wait for it without reading it: then it is known whether it failed."""
-        with contextlib.suppress(DeviceError):
-            self.running.wait()
+        """Wait for it without reading it."""
+        self.running.give_up()
 
 
 class InTurn:

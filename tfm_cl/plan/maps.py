@@ -11,6 +11,7 @@ import numpy as np
 
 from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
 from tfm_cl.device.frame import world_from_device
+from tfm_cl.errors import DeviceError
 from tfm_cl.maps.bases import BASES
 from tfm_cl.maps.bases.curves import Curves
 from tfm_cl.maps.bases.given import functions_in, functions_text
@@ -215,6 +216,8 @@ class _Rays:
         self._shadow_res = scene.shadow.res if scene.solids else 0
         self._samplings = launcher.in_turn(AHEAD)
         self.probed: list[list[Running]] = [[] for _ in scene.lights]
+        self._of_others: list[Finding[Probe]] = []
+        """Looks that were begun ahead."""
 
     @property
     def has_ranges(self) -> bool:
@@ -264,15 +267,26 @@ class _Rays:
         for number in range(len(sizes)):
             for following in range(number + len(begun), min(number + AHEAD, len(sizes))):
                 begun.append(self._begun(following, sizes[following], cut, steps))
-            yield number, begun.popleft().found
+            yield number, self._found(begun.popleft(), number, sizes[number], cut, steps)
+
+    def _found(self, begun: Finding[Probe], number: int, size: int, cut: float, steps: int) -> Probe:
+        """Read what was found; where that failed beside another frame, look once more."""
+        try:
+            return begun.found
+        except DeviceError:
+            if begun not in self._of_others:
+                raise
+        return self._begun(number, size, cut, steps).found
 
     def _begun(self, number: int, size: int, cut: float, steps: int) -> Finding[Probe]:
         key = self.look_key(number, size, cut, steps)
 
         def begin() -> Finding[Probe]:
-            if (found := self._taken(key)) is None:
-                found = self.look(number, size, cut, steps)
-                self.probed[number].append(found.running)
+            if (found := self._taken(key)) is not None:
+                self._of_others.append(found)
+                return found
+            found = self.look(number, size, cut, steps)
+            self.probed[number].append(found.running)
             return found
 
         return self._cache.get(

@@ -73,6 +73,10 @@ class Media:
         if _grids(scene):
             self._last_bricks = bricks_key = _bricks_key(scene)
             ahead = self._ahead.pop(bricks_key, None)
+            if ahead is not None:
+                ahead.bricks.filling.give_up()
+                if ahead.bricks.filling.has_failed:
+                    ahead = None  # what failed beside another frame may not fail now
             bricks = self._cache.get(
                 "bricks",
                 bricks_key,

@@ -248,7 +248,11 @@ class Camera(Model):
 
     def seen_of(self, distance: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """Return which part `haze` leaves of what is at finite distances, world units."""
-        return np.ones_like(distance) if self.haze is None else np.exp(-distance / self.haze)
+        if self.haze is None:
+            return np.ones_like(distance)
+        with np.errstate(over="ignore", divide="ignore"):  # float32 may not have it
+            seen: NDArray[np.floating[Any]] = np.exp(-distance / self.haze)
+        return seen
 
     @property
     def pixel_width(self) -> float:

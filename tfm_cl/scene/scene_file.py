@@ -621,9 +621,8 @@ class SceneFile:
 
     def is_file_of_a_frame(self, path: Path) -> bool:
         """Tell whether a file, there or not yet, is one that another frame would read."""
-        folders = {file.folder: real_path(file.folder) for file in self.patterns}
         return any(
-            (whole := FilePattern.of(folders[file.folder] / file.pattern.text)) is not None
+            (whole := FilePattern.of(real_path(file.folder / file.pattern.text))) is not None
             and whole.frame_of(real_path(path)) is not None
             for file in self.patterns
         )

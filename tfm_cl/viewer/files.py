@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, Literal, get_args
 
 from tfm_cl.errors import InputError
 from tfm_cl.files import curves_io, phase_table, points_io, volume_io
+from tfm_cl.files.named_files import named_by
 from tfm_cl.files.paths import is_file, name_of, real_path, reason_of, replacing
 
 MOST_UPLOAD = 2 << 30
@@ -113,15 +114,21 @@ class Files:
     def check(self, paths: Iterable[Path]) -> None:
         """Refuse files of a scene that lie outside the folder, unless they are trusted.
 
+        So is what is named, in its folder or below, by a trusted one before it: the data of another frame.
+
         Raises
         ------
         InputError
             The first of them.
         """
+        named: set[Path] = set()
         for path in paths:
             real = real_path(path)
-            known = real.is_relative_to(self.folder) or real in self._trusted
-            if not (known or any(trusts(path) for trusts in self._also)):
+            if real.is_relative_to(self.folder):
+                continue  # who looks at the viewer may have written it
+            if real in self._trusted or any(trusts(path) for trusts in self._also):
+                named |= {real_path(further) for further in named_by(path)}
+            elif real not in named:
                 raise InputError(f"{path.name}: lies outside the viewer's folder; copy it there first")
 
     def listing(self, name: str, kind: Kind = "scene") -> dict[str, Any]:

@@ -5,6 +5,7 @@ ask for terabytes. (glTF 2.0, 3.6: https://registry.khronos.org/glTF/specs/2.0/)
 """
 
 import json
+import os
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import unquote
@@ -19,6 +20,8 @@ WIDEST = 4
 """Bytes of the widest component type."""
 MAX_ENTRIES = 1_000_000
 """Largest number of entries in any of the file's lists."""
+MAX_BYTES = 1 << 30
+"""Of a file that is looked through for names: larger ones are no meshes that are read."""
 
 
 def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> dict[str, Any]:
@@ -78,6 +81,8 @@ def named_files(path: Path) -> list[str]:
         It cannot be read, or is not glTF.
     """
     with path.open("rb") as stream:
+        if stream.seek(0, os.SEEK_END) > MAX_BYTES:
+            raise ValueError("it is too large")
         header = _header(stream)
     entries = [*header.get("buffers", []), *header.get("images", [])]
     uris = [entry["uri"] for entry in entries if "uri" in entry and not entry["uri"].startswith("data:")]

@@ -25,7 +25,7 @@ class FilesDialog {
     this.does = does;
     this.#list("");
     this.list.replaceChildren(make("li", { className: "note", textContent: "Reading the folder …" }));
-    openOver(this.dialog);
+    openOver(this.dialog).then(() => this.#focus()); // if the listing was there first
   }
 
   choose(path) {
@@ -49,6 +49,10 @@ class FilesDialog {
     const up = path ? [entry("folder", "..", list(path.split("/").slice(0, -1).join("/")))] : [];
     this.list.replaceChildren(...up, ...folders.map((name) => entry("folder", name, list(within(name)))), ...files.map((name) => entry("file", name, () => this.choose(within(name)))));
     if (this.list.childElementCount === 0) this.list.append(make("li", { className: "note", textContent: this.none }));
+    this.#focus();
+  }
+
+  #focus() {
     if (this.dialog.open) this.list.querySelector("button")?.focus();
   }
 
@@ -163,7 +167,7 @@ function openOver(element) {
       observer.disconnect();
       const sides = { above: seen.top, after: window.innerWidth - seen.right, below: window.innerHeight - seen.bottom, before: seen.left };
       if (seen.height > 0) for (const [side, size] of Object.entries(sides)) element.style.setProperty(`--${side}`, `${Math.max(size, 0)}px`);
-      if (!element.open) element.showModal();
+      if (element.isConnected && !element.open) element.showModal();
       opened();
     }).observe(element.closest(".tfm-viewer"));
   });
