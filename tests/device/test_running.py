@@ -20,7 +20,7 @@ def test_what_could_not_be_made_or_read_has_failed(end, read):
 
 def test_what_failed_is_not_well_again_because_it_can_be_read():
     finding = Finding(Running(fail), lambda: 3, 8)
-    finding.give_up()
+    finding.running.give_up()
     assert finding.found == 3
     assert finding.running.has_failed
 

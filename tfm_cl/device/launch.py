@@ -374,7 +374,7 @@ class Launcher:
         """Wait for all that was started: when work is given up, others may take its memory."""
         _wait_for(self.queue, self._under_way)
         for finding in [*self._findings]:
-            finding.give_up()
+            finding.running.give_up()
 
     def cancel(self) -> None:
         """Let the next launch, or `check`, raise `CancelledError`; from any thread."""

@@ -87,10 +87,6 @@ class Finding(Generic[T]):
             self._read, self.running.has_failed = None, failed
         return self._found
 
-    def give_up(self) -> None:
-        """Wait for it without reading it."""
-        self.running.give_up()
-
 
 class InTurn:
     """Work of which few pieces are under way: during one, the host prepares the next.

@@ -29,7 +29,6 @@ those in the files that have these."""
 KEPT = 256
 """Files whose names are kept until they change: they are asked for again at each frame and edit."""
 
-
 UNREADABLE = (
     InputError,
     OSError,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
+from tfm_cl.device.ahead import keep_ahead
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.errors import DeviceError
 from tfm_cl.maps.bases import BASES
@@ -84,9 +84,8 @@ class Planner:
             for sizes, cut, steps in rays.looks:
                 for number, size in enumerate(sizes):
                     looked[rays.look_key(number, size, cut, steps)] = rays.look(number, size, cut, steps)
-        keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
         self._prepared += 1
-        self._ahead[self._prepared] = looked
+        keep_ahead(self._ahead, self._prepared, looked)
 
     def forget_prepared(self) -> None:
         """Forget what was prepared, and not planned."""

@@ -53,6 +53,7 @@ OF_CAMERA = {
     "haze": "the ground fades before its horizon",
 }
 """Keys of a camera that is placed, likewise."""
+
 GROUND = {
     "up": "the world's axis nearest to camera.up; y with camera.matrix",
     "height": "the lowest of what has density and of solids",

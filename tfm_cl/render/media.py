@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
+from tfm_cl.device.ahead import keep_ahead
 from tfm_cl.device.bricks import build_bricks
 from tfm_cl.device.frame import world_from_device
 from tfm_cl.device.margins import camera_margin, light_margin
@@ -122,8 +122,7 @@ class Media:
         bricks = build_bricks(beside, leaves, _what(grids), scene.march.voxels)
         margin = _margin(scene)
         media = media_on_device(beside, scene, bricks, None, margin)
-        keep_newest(self._ahead, MOST_AHEAD - 1)  # others are of frames that were not rendered after all
-        self._ahead[key] = _Ahead(bricks, _media_key(scene, margin), media)
+        keep_ahead(self._ahead, key, _Ahead(bricks, _media_key(scene, margin), media))
         return True, media
 
     def _primitives(self, scene: Scene) -> PrimitivesOnDevice:

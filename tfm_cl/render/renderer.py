@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tfm_cl.device.ahead import MOST_AHEAD, keep_newest
+from tfm_cl.device.ahead import keep_ahead
 from tfm_cl.device.cache import BUDGET, Cache
 from tfm_cl.device.device import choose_device
 from tfm_cl.device.frame import check_distances
@@ -463,8 +463,7 @@ class Renderer:
             is_there, media = self._media.prepare(self._beside, prepared.points)
             if media is not None and method == "tfm":
                 self._maps.prepare(self._beside, prepared.points, media)
-            keep_newest(self._prepared, MOST_AHEAD - 1)  # others were not rendered after all
-            self._prepared[id(scene)] = prepared
+            keep_ahead(self._prepared, id(scene), prepared)
             return is_there
         return False
 

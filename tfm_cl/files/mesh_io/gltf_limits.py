@@ -21,7 +21,7 @@ WIDEST = 4
 MAX_ENTRIES = 1_000_000
 """Largest number of entries in any of the file's lists."""
 MAX_BYTES = 1 << 30
-"""Of a file that is looked through for names: larger ones are no meshes that are read."""
+"""Largest number of bytes of a mesh file, and of all the files it refers to together."""
 
 
 def check_gltf(path: Path, stream: IO[bytes], largest: int, most_faces: int) -> dict[str, Any]:

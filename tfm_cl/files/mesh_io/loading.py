@@ -29,7 +29,7 @@ from trimesh.visual.color import to_rgba
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from tfm_cl.errors import SceneError
-from tfm_cl.files.mesh_io.gltf_limits import check_gltf
+from tfm_cl.files.mesh_io.gltf_limits import MAX_BYTES, check_gltf
 from tfm_cl.files.mesh_io.gltf_materials import NOTHING, TextureUse, respelled, texture_uses
 from tfm_cl.files.mesh_io.triangles import (
     DEFAULT_ALBEDO,
@@ -42,9 +42,6 @@ from tfm_cl.files.mesh_io.triangles import (
 from tfm_cl.files.mipmap import Mipmap
 from tfm_cl.files.paths import check_readable, is_file, real_path
 from tfm_cl.files.srgb import decoded, linear_from_srgb
-
-MAX_BYTES = 1 << 30
-"""Largest number of bytes of a mesh file, and of all the files it refers to together."""
 
 MAX_PARTS = 1_000_000
 """Largest number of parts in a file."""
